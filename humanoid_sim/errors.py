@@ -1,0 +1,42 @@
+"""The package's exceptions.
+
+`HumanoidSimError` is the root. `InputError` is for what a user gave (a file, an option, a field): programs print its
+one line and exit with status 2. Everything else that escapes a program is a bug.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+__all__ = ["FieldError", "HumanoidSimError", "InputError", "MissingPackageError", "RobotError", "known_names"]
+
+
+class HumanoidSimError(Exception):
+    """Root of every exception that this package raises on purpose."""
+
+
+class FieldError(HumanoidSimError, ValueError):
+    """A value given to one of the package's types is wrong; the message starts with `Type.field`."""
+
+
+class InputError(HumanoidSimError):
+    """A user's input is wrong: one line with the file or option, the field, the value and what is accepted."""
+
+
+class MissingPackageError(InputError):
+    """An optional package is not installed; the message holds the install command."""
+
+    def __init__(self, package: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs the package '{package}', which is not installed: pip install 'humanoid_sim[{extra}]'"
+        )
+
+
+class RobotError(HumanoidSimError):
+    """A robot cannot be activated; the message lists everything that is wrong with it."""
+
+
+def known_names(what: str, name: str, known: Iterable[str]) -> str:
+    """The body of an "unknown name" message: `unknown joint 'x'; known: a, b`."""
+    listed = ", ".join(known) or "none"
+    return f"unknown {what} '{name}'; known: {listed}"

@@ -1,0 +1,185 @@
+"""Modes, intents, safety and the records that cross the boundary of the control stack.
+
+Numeric values are frozen: they are those of `humanoid_control_msgs` on the wire and in recordings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum, IntFlag
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import MITCommand, MITState
+
+__all__ = [
+    "OK",
+    "ControlMode",
+    "FaultReport",
+    "Intent",
+    "Mode",
+    "PolicyStep",
+    "RemoteCommand",
+    "SafetyFlag",
+    "SafetyLevel",
+    "SafetyStatus",
+    "StandbyState",
+    "TickInput",
+    "TickOutput",
+]
+
+
+class Mode(IntEnum):
+    """`ControlMode.mode`: what the robot is doing."""
+
+    ZERO_TORQUE = 0
+    DAMPING = 1
+    STANDBY = 2
+    LOCOMOTION = 3
+    REMOTE = 4
+
+
+class SafetyLevel(IntEnum):
+    """`SafetyStatus.level`."""
+
+    OK = 0
+    WARNING = 1
+    FAULT = 2
+    CRITICAL = 3
+
+
+class SafetyFlag(IntFlag):
+    """Bits of `SafetyStatus.flags`."""
+
+    NONE = 0
+    BUS_OFF = 1 << 0
+    RX_TIMEOUT = 1 << 1
+    TX_QUEUE_OVERRUN = 1 << 2
+    MOTOR_FAULT = 1 << 3
+    TEMPERATURE_LIMIT = 1 << 4
+    INVALID_FRAME = 1 << 5
+
+
+class Intent(Enum):
+    """What an operator asks for. The value is the name of the ROS 2 service and of the command-line word."""
+
+    DAMP = "damp"
+    LOAD_A = "load_a"
+    LOAD_B = "load_b"
+    START_LOCOMOTION = "start_locomotion"
+    START_REMOTE = "start_remote"
+    QUIT = "quit"
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyStatus:
+    """The health of one source (a bus, the simulator), or of all of them merged."""
+
+    level: SafetyLevel = SafetyLevel.OK
+    flags: SafetyFlag = SafetyFlag.NONE
+    source: str = ""
+    message: str = ""
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "level", SafetyLevel(self.level))
+        except ValueError:
+            known = ", ".join(f"{level.name} {level.value}" for level in SafetyLevel)
+            raise FieldError(f"SafetyStatus.level: is {self.level!r}, expected one of {known}") from None
+        if not isinstance(self.flags, int) or not 0 <= self.flags < 1 << 32:
+            raise FieldError(f"SafetyStatus.flags: is {self.flags!r}, expected an unsigned 32-bit mask")
+        object.__setattr__(self, "flags", SafetyFlag(self.flags))
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether the level is OK; flags alone do not decide."""
+        return self.level is SafetyLevel.OK
+
+
+OK = SafetyStatus()
+"""Nothing is wrong, and nobody in particular says so."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlMode:
+    """Who is in control, and the latest thing an operator should know about it."""
+
+    mode: Mode
+    controller_name: str
+    status_message: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StandbyState:
+    """How far a standby controller has come."""
+
+    current_segment: int
+    """Index into the pose sequence."""
+    total_segments: int
+    progress: float
+    """[0, 1] within the current segment."""
+    is_finished: bool
+    """The command is at the final pose and the final gains."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RemoteCommand:
+    """A command from outside the control loop, its joint names already checked, stamped when it arrived."""
+
+    command: MITCommand
+    arrival_time: float
+    """s, robot's clock. The sender's clock plays no part."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolicyStep:
+    """One inference: what the policy saw and what it answered."""
+
+    frame: int
+    """Index of the reference frame that was shown."""
+    observation: npt.NDArray[np.float32]
+    """Shape (N,), the terms in their order."""
+    action: npt.NDArray[np.float32]
+    """Shape (M,), raw: neither scaled nor offset."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultReport:
+    """A controller that failed in this tick, and who took over."""
+
+    controller: str
+    fallback: str
+    message: str
+    is_bug: bool = False
+    """The controller raised instead of returning a fault."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TickInput:
+    """Everything that one tick may depend on."""
+
+    state: MITState
+    safety: tuple[SafetyStatus, ...] = ()
+    """One status per source."""
+    intents: tuple[Intent, ...] = ()
+    """All of this tick, in order of arrival."""
+    remote: RemoteCommand | None = None
+    """The latest accepted remote command, if there ever was one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TickOutput:
+    """Everything that one tick decides."""
+
+    command: MITCommand
+    control_mode: ControlMode
+    standby: StandbyState | None = None
+    """Set in STANDBY."""
+    quit: bool = False
+    faults: tuple[FaultReport, ...] = ()
+    refusals: tuple[str, ...] = ()
+    """Why intents of this tick took no effect."""
+    policy_step: PolicyStep | None = None
+    """Set in the ticks in which the policy ran."""

@@ -1,0 +1,207 @@
+"""The joint surface: what a robot reports, what it is told, and the MIT control law between the two.
+
+Simulator, emulated motors and real motors share these two types and this one law. Arrays are copied at construction
+and read-only afterwards; change a value with `dataclasses.replace`. Every per-joint array is `(..., n)`: one robot, or
+a batch of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import FieldError
+
+__all__ = ["COMMAND_FIELDS", "Extern", "FloatArray", "MITCommand", "MITState", "frozen_array", "mit_torque"]
+
+FloatArray = npt.NDArray[np.float64]
+
+COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
+"""The five MIT fields in their frozen order (`humanoid_control_msgs/MITCommand`)."""
+
+
+def frozen_array(owner: str, name: str, value: npt.ArrayLike) -> FloatArray:
+    """A read-only float64 copy of `value`, shape unchanged.
+
+    Raises:
+        FieldError: if `value` is not an array of real numbers; the message starts with `owner.name`.
+    """
+    try:
+        array = np.array(value)
+    except ValueError as error:
+        raise FieldError(f"{owner}.{name}: not a rectangular array of numbers ({error})") from None
+    if array.dtype != np.float64:
+        if array.dtype.kind not in "fiu":
+            raise FieldError(f"{owner}.{name}: dtype is {array.dtype}, expected real numbers (float64)")
+        array = array.astype(np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def _freeze(instance: object, name: str, shape: tuple[int, ...] | None, layout: str) -> FloatArray:
+    """Freeze one field of a frozen dataclass in place and check its shape."""
+    owner = type(instance).__name__
+    array = frozen_array(owner, name, getattr(instance, name))
+    if shape is None:
+        if array.ndim == 0:
+            raise FieldError(f"{owner}.{name}: is a scalar, expected shape {layout}")
+    elif array.shape != shape:
+        raise FieldError(f"{owner}.{name}: shape is {array.shape}, expected {shape}, that is {layout}")
+    object.__setattr__(instance, name, array)
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extern:
+    """A named live input that is no joint state: pressed piano keys, a velocity command."""
+
+    value: FloatArray
+    """Shape (k,), in the term's own unit."""
+    arrival_time: float
+    """s, robot's clock, when the value was received."""
+    timeout: float = float("inf")
+    """s after `arrival_time` from which the value counts as zero."""
+
+    def __post_init__(self) -> None:
+        _freeze(self, "value", None, "(k,)")
+
+    def at(self, time: float) -> FloatArray:
+        """The value at `time` (s, robot's clock): zeros once it is older than `timeout`, or its age is no number."""
+        if 0.0 <= max(time - self.arrival_time, 0.0) <= self.timeout:
+            return self.value
+        return np.zeros_like(self.value)
+
+
+_NO_EXTERN: Mapping[str, Extern] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MITState:
+    """What a robot reports at one instant; the layout is frozen, because trained policies depend on it."""
+
+    time: float | FloatArray
+    """s, robot's clock. Scalar for one robot; shape (...) for a batch whose clocks differ."""
+    joint_position: FloatArray
+    """Shape (..., n), rad, joint frame. NaN: this joint has never been heard."""
+    joint_velocity: FloatArray
+    """Shape (..., n), rad/s, joint frame."""
+    joint_effort: FloatArray
+    """Shape (..., n), N·m, measured or simulated."""
+    joint_age: FloatArray
+    """Shape (..., n), s since the joint was last heard; a silent joint keeps its last values and ages."""
+    imu_quaternion: FloatArray
+    """Shape (..., 4), w x y z, body frame in the world frame."""
+    imu_angular_velocity: FloatArray
+    """Shape (..., 3), rad/s, body frame."""
+    imu_linear_acceleration: FloatArray
+    """Shape (..., 3), m/s², body frame, gravity included: (0, 0, +9.81) at rest and upright."""
+    extern: Mapping[str, Extern] = field(default_factory=lambda: _NO_EXTERN)
+    """Named live arrays with their arrival time and timeout."""
+
+    def __post_init__(self) -> None:
+        shape = _freeze(self, "joint_position", None, "(..., n)").shape
+        _freeze(self, "joint_velocity", shape, "(..., n)")
+        _freeze(self, "joint_effort", shape, "(..., n)")
+        _freeze(self, "joint_age", shape, "(..., n)")
+        batch = shape[:-1]
+        _freeze(self, "imu_quaternion", (*batch, 4), "(..., 4)")
+        _freeze(self, "imu_angular_velocity", (*batch, 3), "(..., 3)")
+        _freeze(self, "imu_linear_acceleration", (*batch, 3), "(..., 3)")
+        if type(self.time) is not float:
+            time = frozen_array("MITState", "time", self.time)
+            if time.ndim and time.shape != batch:
+                raise FieldError(f"MITState.time: shape is {time.shape}, expected () or {batch}, that is (...)")
+            object.__setattr__(self, "time", time if time.ndim else float(time))
+        if self.extern is not _NO_EXTERN:
+            for name, value in self.extern.items():
+                if not isinstance(value, Extern):
+                    raise FieldError(f"MITState.extern['{name}']: is a {type(value).__name__}, expected an Extern")
+            object.__setattr__(self, "extern", MappingProxyType(dict(self.extern)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = [getattr(self, f.name) for f in fields(self)]
+        return type(self), (*values[:-1], dict(self.extern))
+
+    @property
+    def joint_count(self) -> int:
+        """n, the number of joints."""
+        return int(self.joint_position.shape[-1])
+
+    @classmethod
+    def unknown(cls, joint_count: int, time: float = 0.0) -> Self:
+        """The state before anything was heard: NaN positions, infinite age, an upright IMU at rest."""
+        zeros = np.zeros(joint_count)
+        return cls(
+            time=time,
+            joint_position=np.full(joint_count, np.nan),
+            joint_velocity=zeros,
+            joint_effort=zeros,
+            joint_age=np.full(joint_count, np.inf),
+            imu_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+            imu_angular_velocity=np.zeros(3),
+            imu_linear_acceleration=np.array([0.0, 0.0, 9.81]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MITCommand:
+    """What a controller tells every joint, every tick. Field names and order are frozen."""
+
+    position: FloatArray
+    """Shape (..., n), rad, joint frame."""
+    velocity: FloatArray
+    """Shape (..., n), rad/s, joint frame."""
+    effort: FloatArray
+    """Shape (..., n), N·m, feed-forward."""
+    stiffness: FloatArray
+    """Shape (..., n), N·m/rad, K_p."""
+    damping: FloatArray
+    """Shape (..., n), N·m·s/rad, K_d."""
+
+    def __post_init__(self) -> None:
+        shape = _freeze(self, "position", None, "(..., n)").shape
+        for name in COMMAND_FIELDS[1:]:
+            _freeze(self, name, shape, "(..., n)")
+
+    @property
+    def joint_count(self) -> int:
+        """n, the number of joints."""
+        return int(self.position.shape[-1])
+
+    @classmethod
+    def zeros(cls, *shape: int) -> Self:
+        """A command of zeros in every field, shape (..., n)."""
+        zeros = np.zeros(shape)
+        return cls(zeros, zeros, zeros, zeros, zeros)
+
+    def is_finite(self) -> bool:
+        """Whether every value of every field is a finite number."""
+        return all(bool(np.isfinite(getattr(self, name)).all()) for name in COMMAND_FIELDS)
+
+
+def mit_torque(state: MITState, command: MITCommand, effort_limit: npt.ArrayLike) -> FloatArray:
+    """Torque of the MIT law, saturated: `clip(K_p (q_cmd - q) + K_d (qd_cmd - qd) + tau_ff, ±effort_limit)`.
+
+    The same law runs in the motors' firmware (MIT Cheetah; Katz 2018, "A low cost modular actuator for dynamic
+    robots").
+
+    Args:
+        state: the joints' position and velocity, shape (..., n).
+        command: shape (..., n), broadcast against the state.
+        effort_limit: N·m, positive, shape (n,) or scalar; infinity for none.
+
+    Returns:
+        Shape (..., n), N·m, joint frame.
+    """
+    torque = (
+        command.stiffness * (command.position - state.joint_position)
+        + command.damping * (command.velocity - state.joint_velocity)
+        + command.effort
+    )
+    limit = np.asarray(effort_limit, dtype=np.float64)
+    return np.clip(torque, -limit, limit)
