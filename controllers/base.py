@@ -1,0 +1,63 @@
+"""What a controller is: a frozen configuration with two pure functions, and errors that are values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+from humanoid_sim.messages import PolicyStep, StandbyState, TickInput
+from humanoid_sim.mit import MITCommand
+
+__all__ = [
+    "DAMPING",
+    "REMOTE_POLICY",
+    "RL_POLICY",
+    "STANDBY_A",
+    "STANDBY_B",
+    "ZERO_TORQUE",
+    "Controller",
+    "Fault",
+    "Memory",
+]
+
+ZERO_TORQUE = "zero_torque_controller"
+DAMPING = "damping_controller"
+STANDBY_A = "standby_controller_a"
+STANDBY_B = "standby_controller_b"
+RL_POLICY = "rl_policy_controller"
+REMOTE_POLICY = "remote_policy_controller"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memory:
+    """What a controller carries from one tick to the next, and what it reports beside its command."""
+
+    standby: StandbyState | None = None
+    policy_step: PolicyStep | None = None
+    """Set only in the tick in which the policy ran."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fault:
+    """A controller cannot go on: returned in place of a result, so that its fallback takes over in the same tick."""
+
+    message: str
+    policy_step: PolicyStep | None = None
+    """What the policy saw and answered, if that is what went wrong."""
+
+
+class Controller(Protocol):
+    """One way of commanding every joint."""
+
+    fallback: ClassVar[str | None]
+    """Name of the controller that takes over when this one fails; None for the one that cannot."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names in the order of every per-joint array."""
+
+    def activate(self, tick_input: TickInput) -> Any | Fault:
+        """The memory to start from. Called in the tick of the transition, before the first `update`."""
+
+    def update(self, memory: Any, tick_input: TickInput) -> tuple[Any, MITCommand] | Fault:
+        """The next memory, and a command for every joint."""

@@ -1,0 +1,70 @@
+"""DAMPING: soft under gravity, viscous against motion. Where every other mode falls back to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from humanoid_sim.controllers.base import ZERO_TORQUE, Fault, Memory
+from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
+from humanoid_sim.messages import TickInput
+from humanoid_sim.mit import FloatArray, MITCommand
+
+__all__ = ["DampingController", "DampingMemory", "damped_command"]
+
+
+def damped_command(position: FloatArray, damping: FloatArray) -> MITCommand:
+    """K_p 0 and K_d `damping` at `position`, which is 0 where it is not known.
+
+    At K_p 0 the position exerts no torque; it is there because a command is always complete and finite.
+    """
+    zeros = np.zeros_like(damping)
+    known = np.where(np.isfinite(position), position, 0.0)
+    return MITCommand(position=known, velocity=zeros, effort=zeros, stiffness=zeros, damping=damping)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DampingMemory(Memory):
+    """The command, fixed at activation."""
+
+    command: MITCommand | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DampingController:
+    """Captures the joint positions at activation and holds them with damping only."""
+
+    fallback: ClassVar[str] = ZERO_TORQUE
+
+    joints: tuple[str, ...]
+    damping: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Shape (n,), N·m·s/rad; empty: `damping_scalar` for every joint."""
+    damping_scalar: float = 1.0
+    """N·m·s/rad"""
+
+    def __post_init__(self) -> None:
+        owner = "DampingController"
+        object.__setattr__(self, "joints", joint_tuple(owner, self.joints))
+        scalar = number(owner, "damping_scalar", self.damping_scalar)
+        values = self.damping if np.size(self.damping) else scalar
+        object.__setattr__(self, "damping", per_joint(owner, "damping", values, self.joints, minimum=0.0))
+
+    def activate(self, tick_input: TickInput) -> DampingMemory | Fault:
+        """Capture the positions.
+
+        Faults only if no joint was ever heard: one silent wrist must not make thirteen healthy motors limp.
+        """
+        position = tick_input.state.joint_position
+        if position.shape != self.damping.shape:
+            return Fault(f"state has {position.shape} joint positions, expected {self.damping.shape}")
+        if not np.isfinite(position).any():
+            return Fault("no joint position is known")
+        return DampingMemory(command=damped_command(position, self.damping))
+
+    def update(self, memory: DampingMemory, tick_input: TickInput) -> tuple[DampingMemory, MITCommand] | Fault:  # noqa: ARG002
+        """The captured command; it depends on no later state."""
+        if memory.command is None:
+            return Fault("not activated")
+        return memory, memory.command

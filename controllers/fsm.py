@@ -1,0 +1,187 @@
+"""The five-mode state machine: one pure function from what is and what is asked to who is in control next."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
+from humanoid_sim.messages import OK, Intent, Mode, SafetyFlag, SafetyStatus
+
+__all__ = ["MODES", "RULES", "Decision", "Rule", "choose_intent", "describe_safety", "merge_safety", "transition"]
+
+MODES: Mapping[str, Mode] = MappingProxyType(
+    {
+        ZERO_TORQUE: Mode.ZERO_TORQUE,
+        DAMPING: Mode.DAMPING,
+        STANDBY_A: Mode.STANDBY,
+        STANDBY_B: Mode.STANDBY,
+        RL_POLICY: Mode.LOCOMOTION,
+        REMOTE_POLICY: Mode.REMOTE,
+    }
+)
+"""The mode that each controller is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """When an intent is granted."""
+
+    modes: frozenset[Mode]
+    """From these modes only."""
+    target: str | None
+    """The controller that it leads to; None: quit."""
+    standby_finished: bool = False
+    """Only once the standby controller has arrived."""
+
+    @property
+    def requirement(self) -> str:
+        """What is required, in words: `ZERO_TORQUE or DAMPING`, `finished STANDBY`."""
+        names = " or ".join(mode.name for mode in sorted(self.modes))
+        return f"finished {names}" if self.standby_finished else names
+
+
+_STANDBY = frozenset({Mode.STANDBY})
+_DAMPING = frozenset({Mode.DAMPING})
+
+RULES: Mapping[Intent, Rule] = MappingProxyType(
+    {
+        Intent.DAMP: Rule(frozenset(Mode), DAMPING),
+        Intent.LOAD_A: Rule(_DAMPING, STANDBY_A),
+        Intent.LOAD_B: Rule(_DAMPING, STANDBY_B),
+        Intent.START_LOCOMOTION: Rule(_STANDBY, RL_POLICY, standby_finished=True),
+        Intent.START_REMOTE: Rule(_STANDBY, REMOTE_POLICY, standby_finished=True),
+        Intent.QUIT: Rule(frozenset({Mode.ZERO_TORQUE, Mode.DAMPING}), None),
+    }
+)
+
+_MOVING = frozenset({Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE})
+_ALWAYS_HEARD = frozenset({Intent.DAMP, Intent.QUIT})
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What `transition` decides."""
+
+    controller: str | None = None
+    """The controller to activate; None: the present one stays."""
+    quit: bool = False
+    message: str = ""
+    """Why control changes."""
+    refusal: str = ""
+    """Why the intent takes no effect."""
+
+
+def merge_safety(statuses: Sequence[SafetyStatus]) -> SafetyStatus:
+    """All sources as one: the highest level, flags or-ed, sources and messages of whatever is not OK."""
+    if not statuses:
+        return OK
+    level = max(status.level for status in statuses)
+    flags = SafetyFlag.NONE
+    for status in statuses:
+        flags |= status.flags
+    bad = [status for status in statuses if not status.is_ok]
+    source = ", ".join(dict.fromkeys(status.source for status in bad if status.source))
+    message = "; ".join(dict.fromkeys(status.message for status in bad if status.message))
+    return SafetyStatus(level, flags, source, message)
+
+
+def describe_safety(safety: SafetyStatus) -> str:
+    """One line for an operator: `safety FAULT MOTOR_FAULT from can0: left_elbow_pitch over-current`."""
+    words = ["safety", safety.level.name]
+    if safety.flags:
+        words.append("|".join(flag.name or hex(flag.value) for flag in safety.flags) or hex(safety.flags))
+    if safety.source:
+        words += ["from", safety.source]
+    line = " ".join(words)
+    return f"{line}: {safety.message}" if safety.message else line
+
+
+def choose_intent(intents: Sequence[Intent]) -> tuple[Intent | None, tuple[Intent, ...]]:
+    """The one intent of a tick that counts, and the others: DAMP wins, then QUIT, then the first."""
+    if not intents:
+        return None, ()
+    chosen = next((wanted for wanted in (Intent.DAMP, Intent.QUIT) if wanted in intents), intents[0])
+    return chosen, tuple(dict.fromkeys(intent for intent in intents if intent is not chosen))
+
+
+def transition(
+    current: str,
+    safety: SafetyStatus,
+    intent: Intent | None,
+    standby_finished: bool,
+    available: Container[str],
+) -> Decision:
+    """Who is in control next.
+
+    ================= ============================ ==============================
+    intent            from                         to
+    ================= ============================ ==============================
+    DAMP              any                          `damping_controller`
+    LOAD_A, LOAD_B    DAMPING                      `standby_controller_a`, `_b`
+    START_LOCOMOTION  STANDBY and finished         `rl_policy_controller`
+    START_REMOTE      STANDBY and finished         `remote_policy_controller`
+    QUIT              ZERO_TORQUE, DAMPING         quit
+    ================= ============================ ==============================
+
+    Everything else is refused. Safety comes before intents: any status but OK moves STANDBY, LOCOMOTION and REMOTE to
+    DAMPING and refuses every intent but DAMP and QUIT while it lasts. It never moves ZERO_TORQUE up, and nothing
+    recovers by itself. Where there is no damping controller, ZERO_TORQUE stands in.
+
+    Args:
+        current: name of the controller in control.
+        safety: all sources merged.
+        intent: the tick's one intent, if any.
+        standby_finished: the standby controller's command has arrived at its final pose and gains.
+        available: names of the controllers that exist.
+    """
+    mode = MODES[current]
+    if not safety.is_ok:
+        return _unsafe(mode, current, safety, intent, available)
+    if intent is None:
+        return Decision()
+    rule = RULES[intent]
+    refusal = _refusal(intent, rule, mode, current, standby_finished, available)
+    if refusal:
+        return Decision(refusal=refusal)
+    if rule.target is None:
+        return Decision(quit=True, message=f"{intent.name} requested")
+    if intent is Intent.DAMP:
+        return _damp(current, f"{intent.name} requested", available)
+    return Decision(rule.target, message=f"{intent.name} requested")
+
+
+def _unsafe(
+    mode: Mode, current: str, safety: SafetyStatus, intent: Intent | None, available: Container[str]
+) -> Decision:
+    reason = describe_safety(safety)
+    refusal = "" if intent is None or intent in _ALWAYS_HEARD else f"{intent.name} refused: {reason}"
+    if intent is Intent.QUIT:
+        refusal = _refusal(intent, RULES[intent], mode, current, False, available)
+    if mode in _MOVING:
+        demoted = _damp(current, reason, available)
+        return Decision(demoted.controller, message=demoted.message, refusal=refusal)
+    if intent is Intent.DAMP:
+        return _damp(current, f"{intent.name} requested", available)
+    return Decision(quit=intent is Intent.QUIT, message="QUIT requested" * (intent is Intent.QUIT), refusal=refusal)
+
+
+def _damp(current: str, reason: str, available: Container[str]) -> Decision:
+    if DAMPING not in available:
+        return Decision(ZERO_TORQUE, message=f"{reason}; {DAMPING} is not available")
+    if current == DAMPING:
+        return Decision()
+    return Decision(DAMPING, message=reason)
+
+
+def _refusal(
+    intent: Intent, rule: Rule, mode: Mode, current: str, standby_finished: bool, available: Container[str]
+) -> str:
+    if mode not in rule.modes:
+        return f"{intent.name} refused: requires {rule.requirement}, mode is {mode.name}"
+    if rule.standby_finished and not standby_finished:
+        return f"{intent.name} refused: requires {rule.requirement}, {current} has not finished"
+    if rule.target is not None and intent is not Intent.DAMP and rule.target not in available:
+        return f"{intent.name} refused: {rule.target} is not available"
+    return ""

@@ -1,0 +1,89 @@
+"""Gamepad buttons to intents: bindings as data, Xbox layout by default."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import Intent
+
+__all__ = ["JoyBindings", "pressed_intents"]
+
+
+@dataclass(frozen=True, slots=True)
+class JoyBindings:
+    """Button indices as in `sensor_msgs/Joy`: A 0, B 1, X 2, Y 3, L1 4, R1 5, BACK 6, START 7."""
+
+    damp_button: int = 2
+    quit_button: int = 6
+    load_combo_a: tuple[int, ...] = (4, 0)
+    load_combo_b: tuple[int, ...] = (4, 1)
+    start_combo_locomotion: tuple[int, ...] = (5, 0)
+    start_combo_remote: tuple[int, ...] = (5, 1)
+
+    def __post_init__(self) -> None:
+        combos = self.combos()
+        for name, combo in combos.items():
+            if not combo or any(isinstance(b, bool) or not isinstance(b, int) or b < 0 for b in combo):
+                raise FieldError(f"JoyBindings.{_FIELDS[name]}: is {combo}, expected button indices >= 0")
+            if len(set(combo)) != len(combo):
+                raise FieldError(f"JoyBindings.{_FIELDS[name]}: is {combo}, expected each button once")
+        for first, second in ((a, b) for a in combos for b in combos if a is not b):
+            if set(combos[first]) <= set(combos[second]):
+                raise FieldError(
+                    f"JoyBindings.{_FIELDS[first]}: {combos[first]} is pressed whenever {_FIELDS[second]} "
+                    f"{combos[second]} is, expected combinations that exclude each other"
+                )
+
+    def combos(self) -> dict[Intent, tuple[int, ...]]:
+        """The buttons of each intent, all of which must be down."""
+        return {
+            Intent.DAMP: (self.damp_button,),
+            Intent.QUIT: (self.quit_button,),
+            Intent.LOAD_A: tuple(self.load_combo_a),
+            Intent.LOAD_B: tuple(self.load_combo_b),
+            Intent.START_LOCOMOTION: tuple(self.start_combo_locomotion),
+            Intent.START_REMOTE: tuple(self.start_combo_remote),
+        }
+
+    def check(self, button_count: int) -> None:
+        """Refuse a gamepad that lacks a bound button: an operator must not find out while pressing DAMP.
+
+        Raises:
+            FieldError: naming the binding and the buttons that exist.
+        """
+        for intent, combo in self.combos().items():
+            if max(combo) >= button_count:
+                raise FieldError(
+                    f"JoyBindings.{_FIELDS[intent]}: is {combo}, but the gamepad has buttons 0 to {button_count - 1}"
+                )
+
+
+_FIELDS = {
+    Intent.DAMP: "damp_button",
+    Intent.QUIT: "quit_button",
+    Intent.LOAD_A: "load_combo_a",
+    Intent.LOAD_B: "load_combo_b",
+    Intent.START_LOCOMOTION: "start_combo_locomotion",
+    Intent.START_REMOTE: "start_combo_remote",
+}
+
+
+def pressed_intents(
+    bindings: JoyBindings, buttons: Sequence[bool | int], before: Sequence[bool | int]
+) -> tuple[Intent, ...]:
+    """The intents whose last missing button went down between two readings of the buttons.
+
+    Holding a combination does not repeat it. A gamepad that was just connected has `before = ()`: whatever is already
+    held down is not taken for a press, except DAMP.
+    """
+    now = {i for i, down in enumerate(buttons) if down}
+    then = {i for i, down in enumerate(before) if down}
+    intents = []
+    for intent, combo in bindings.combos().items():
+        held = set(combo) <= now
+        was_held = set(combo) <= then
+        if held and not was_held and (len(before) > 0 or intent is Intent.DAMP):
+            intents.append(intent)
+    return tuple(intents)

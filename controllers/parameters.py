@@ -1,0 +1,78 @@
+"""Validation of parameters and commands; parameters in one message form, `Controller.parameter: what is wrong`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, frozen_array
+
+__all__ = ["command_problem", "joint_tuple", "number", "per_joint"]
+
+
+def joint_tuple(owner: str, joints: Sequence[str], name: str = "joints") -> tuple[str, ...]:
+    """Joint names as a tuple; at least one, none twice."""
+    if isinstance(joints, str):
+        raise FieldError(f"{owner}.{name}: is the string {joints!r}, expected a sequence of joint names")
+    result = tuple(joints)
+    if not result:
+        raise FieldError(f"{owner}.{name}: is empty, expected at least one joint name")
+    for joint in result:
+        if not isinstance(joint, str) or not joint:
+            raise FieldError(f"{owner}.{name}: holds {joint!r}, expected joint names")
+    twice = sorted({joint for joint in result if result.count(joint) > 1})
+    if twice:
+        raise FieldError(f"{owner}.{name}: names {', '.join(twice)} more than once")
+    return result
+
+
+def number(owner: str, name: str, value: float, minimum: float = 0.0, *, above: bool = False) -> float:
+    """A finite number that is at least (or, with `above`, greater than) `minimum`."""
+    accepted = f"a finite number {'>' if above else '>='} {minimum:g}"
+    if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+        raise FieldError(f"{owner}.{name}: is {value!r}, expected {accepted}")
+    if not np.isfinite(value) or value < minimum or (above and value == minimum):
+        raise FieldError(f"{owner}.{name}: is {value}, expected {accepted}")
+    return float(value)
+
+
+def per_joint(
+    owner: str,
+    name: str,
+    values: npt.ArrayLike,
+    joints: tuple[str, ...],
+    *,
+    minimum: float = -np.inf,
+) -> FloatArray:
+    """Read-only array of shape (n,) from one finite number per joint, or from one for all of them."""
+    array = frozen_array(owner, name, values)
+    if array.ndim == 0:
+        array = frozen_array(owner, name, np.full(len(joints), array))
+    if array.shape != (len(joints),):
+        raise FieldError(f"{owner}.{name}: has shape {array.shape}, expected ({len(joints)},), one value per joint")
+    wrong = ~np.isfinite(array) | (array < minimum)
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        accepted = "a finite number" if minimum == -np.inf else f"a finite number >= {minimum:g}"
+        raise FieldError(f"{owner}.{name}: is {array[i]} for {joints[i]}, expected {accepted}")
+    return array
+
+
+def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:
+    """What keeps a command from being sent: a wrong shape, a value that is not finite, a negative gain; else ''."""
+    if command.position.shape != (len(joints),):
+        return f"command has shape {command.position.shape}, expected ({len(joints)},)"
+    if command.is_finite() and (command.stiffness >= 0.0).all() and (command.damping >= 0.0).all():
+        return ""
+    for name in COMMAND_FIELDS:
+        values: FloatArray = getattr(command, name)
+        is_gain = name in ("stiffness", "damping")
+        wrong = ~np.isfinite(values) | (is_gain & (values < 0.0))
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            accepted = "a finite number >= 0" if is_gain else "a finite number"
+            return f"command's {name} of {joints[i]} is {values[i]}, expected {accepted}"
+    raise AssertionError("unreachable: one of the fields is wrong")

@@ -1,0 +1,97 @@
+"""The motion reference of a policy: tables indexed by an integer frame, loaded whole before activation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import FieldError
+
+__all__ = ["MotionReference", "build_reference", "no_reference"]
+
+Float32Array = npt.NDArray[np.float32]
+Frame = int | npt.NDArray[np.integer]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionReference:
+    """Reference terms by name, one row per policy step."""
+
+    frame_count: int
+    """At least 1."""
+    terms: Mapping[str, Float32Array]
+    """Each of shape (frame_count, width), in the term's own unit."""
+
+    def __post_init__(self) -> None:
+        if self.frame_count < 1:
+            raise FieldError(f"MotionReference.frame_count: is {self.frame_count}, expected at least 1")
+        frozen = {}
+        for name, values in self.terms.items():
+            table = np.array(values, dtype=np.float32)
+            if table.ndim != 2 or table.shape[0] != self.frame_count:
+                raise FieldError(
+                    f"MotionReference.terms['{name}']: has shape {table.shape}, expected ({self.frame_count}, width)"
+                )
+            if not np.isfinite(table).all():
+                row = int(np.argmax(~np.isfinite(table).all(axis=1)))
+                raise FieldError(f"MotionReference.terms['{name}']: frame {row} is not finite")
+            table.setflags(write=False)
+            frozen[name] = table
+        object.__setattr__(self, "terms", MappingProxyType(frozen))
+
+    def clamp(self, frame: Frame) -> Frame:
+        """The frame itself, or the last one from the end of the motion on: there it is held."""
+        if isinstance(frame, int):
+            return min(frame, self.frame_count - 1)
+        return np.minimum(frame, self.frame_count - 1)
+
+    def term(self, name: str, frame: Frame) -> Float32Array:
+        """Row of a term, shape (..., width) for frames of shape (...)."""
+        row: Float32Array = self.terms[name][self.clamp(frame)]
+        return row
+
+    def progress(self, frame: Frame) -> float | npt.NDArray[np.float64]:
+        """Frame over last frame, [0, 1]; 1 for a motion of one frame."""
+        last = max(self.frame_count - 1, 1)
+        clamped = self.clamp(frame)
+        return clamped / last if self.frame_count > 1 else np.ones_like(clamped, dtype=np.float64)
+
+
+def no_reference() -> MotionReference:
+    """The reference of a policy that follows none."""
+    return MotionReference(1, {})
+
+
+def build_reference(contract: PolicyContract, frames: npt.ArrayLike) -> MotionReference:
+    """Cut the frames of a motion file into the terms of the contract's task.
+
+    Args:
+        contract: `tracking`: b bodies; `piano`: key states with `lookahead_steps`.
+        frames: shape (f, width). Tracking: `[positions 3 b | orientations 6 b]`, m and rotation-matrix entries, base
+            frame. Piano: key states, 0 or 1.
+
+    Raises:
+        FieldError: if the width does not fit the task.
+    """
+    table = np.asarray(frames, dtype=np.float32)
+    if table.ndim != 2 or not table.size:
+        raise FieldError(f"motion: has shape {table.shape}, expected (frames, width), at least one of each")
+    if contract.task_type == "tracking":
+        bodies = len(contract.body_names)
+        if table.shape[1] != 9 * bodies:
+            raise FieldError(
+                f"motion: frames are {table.shape[1]} wide, expected {9 * bodies}, "
+                f"9 for each of the policy's {bodies} bodies ({', '.join(contract.body_names)})"
+            )
+        terms = {"motion_body_pos_b": table[:, : 3 * bodies], "motion_body_ori_b": table[:, 3 * bodies :]}
+        return MotionReference(len(table), terms)
+    if contract.task_type == "piano":
+        steps = np.arange(len(table))[:, None] + np.asarray(contract.lookahead_steps, dtype=np.intp)
+        future = table[np.minimum(steps, len(table) - 1)].reshape(len(table), -1)
+        return MotionReference(len(table), {"target_keys": table, "target_keys_future": future})
+    raise FieldError(f"motion: a policy of task_type '{contract.task_type}' follows no motion")

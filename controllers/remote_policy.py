@@ -1,0 +1,112 @@
+"""REMOTE: apply the commands of an outside source, and damp the robot when that source falls silent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+
+from humanoid_sim.controllers.base import DAMPING, Fault, Memory
+from humanoid_sim.controllers.damping import damped_command
+from humanoid_sim.controllers.parameters import command_problem, joint_tuple, number, per_joint
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import RemoteCommand, TickInput
+from humanoid_sim.mit import FloatArray, MITCommand
+
+__all__ = ["RemoteMemory", "RemotePolicyController", "StaleCommandPolicy"]
+
+StaleCommandPolicy = Literal["passive", "hold"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RemoteMemory(Memory):
+    """Which command is in force, and since when."""
+
+    activation_time: float = 0.0
+    """s, robot's clock."""
+    ignored_stamp: float = float("nan")
+    """Arrival time of the command that was already there at activation."""
+    now: float = 0.0
+    """s, the latest robot time seen: a clock that jumps back does not make an old command young."""
+    stamp: float = float("nan")
+    """Arrival time of the command in force, as given; tells one command from the next."""
+    arrival: float = float("-inf")
+    """s, its arrival for the purpose of staleness: not later than the tick that saw it first."""
+    command: MITCommand | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RemotePolicyController:
+    """Applies the latest accepted `RemoteCommand` while it is fresh.
+
+    Staleness is measured from arrival on the robot's clock. Commands that arrived before activation are never applied.
+    """
+
+    fallback: ClassVar[str] = DAMPING
+
+    joints: tuple[str, ...]
+    stale_command_policy: StaleCommandPolicy = "passive"
+    """`passive`: K_p 0 and `damping` at the live position. `hold`: the last command stays in force."""
+    stale_command_timeout_ms: float = 100.0
+    damping: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Shape (n,), N·m·s/rad, of the passive hold; empty: `damping_scalar` for every joint."""
+    damping_scalar: float = 6.0
+    """N·m·s/rad"""
+
+    def __post_init__(self) -> None:
+        owner = "RemotePolicyController"
+        set_field = object.__setattr__
+        set_field(self, "joints", joint_tuple(owner, self.joints))
+        accepted = get_args(StaleCommandPolicy)
+        if self.stale_command_policy not in accepted:
+            raise FieldError(
+                f"{owner}.stale_command_policy: is {self.stale_command_policy!r}, expected {' or '.join(accepted)}"
+            )
+        timeout = number(owner, "stale_command_timeout_ms", self.stale_command_timeout_ms, above=True)
+        set_field(self, "stale_command_timeout_ms", timeout)
+        scalar = number(owner, "damping_scalar", self.damping_scalar)
+        values = self.damping if np.size(self.damping) else scalar
+        set_field(self, "damping", per_joint(owner, "damping", values, self.joints, minimum=0.0))
+
+    def activate(self, tick_input: TickInput) -> RemoteMemory | Fault:
+        """Start the clock from which commands count."""
+        time = tick_input.state.time
+        if not np.isfinite(time).all():
+            return Fault(f"time is {time}, expected a finite number")
+        seen = float("nan") if tick_input.remote is None else tick_input.remote.arrival_time
+        return RemoteMemory(activation_time=float(time), now=float(time), ignored_stamp=seen)
+
+    def update(self, memory: RemoteMemory, tick_input: TickInput) -> tuple[RemoteMemory, MITCommand] | Fault:
+        """The command in force, or the damped hold in its place."""
+        state = tick_input.state
+        if not np.isfinite(state.time).all():
+            return Fault(f"time is {state.time}, expected a finite number")
+        if state.joint_position.shape != self.damping.shape:
+            return Fault(f"state has {state.joint_position.shape} joint positions, expected {self.damping.shape}")
+        now = max(memory.now, float(state.time))
+        stamp, arrival, command = memory.stamp, memory.arrival, memory.command
+        remote = tick_input.remote
+        if remote is not None and self._counts(remote, memory):
+            problem = command_problem(remote.command, self.joints)
+            if problem:
+                return Fault(f"remote {problem}")
+            if remote.arrival_time != stamp:
+                stamp, arrival = remote.arrival_time, min(remote.arrival_time, now)
+            command = remote.command
+        memory = RemoteMemory(
+            activation_time=memory.activation_time,
+            ignored_stamp=memory.ignored_stamp,
+            now=now,
+            stamp=stamp,
+            arrival=arrival,
+            command=command,
+        )
+        fresh = now - arrival <= self.stale_command_timeout_ms * 1e-3
+        if command is not None and (fresh or self.stale_command_policy == "hold"):
+            return memory, command
+        return memory, damped_command(state.joint_position, self.damping)
+
+    @staticmethod
+    def _counts(remote: RemoteCommand, memory: RemoteMemory) -> bool:
+        return remote.arrival_time > memory.activation_time and remote.arrival_time != memory.ignored_stamp

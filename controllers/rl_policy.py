@@ -1,0 +1,148 @@
+"""LOCOMOTION: run a learned policy at its own rate and hold its command in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.action import ActionMap, action_command, resolve_action
+from humanoid_sim.controllers.base import DAMPING, Fault, Memory
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.observation import ObservationContext, ObservationLayout, pack, resolve_observation
+from humanoid_sim.controllers.parameters import joint_tuple, number
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import PolicyStep, TickInput
+from humanoid_sim.mit import MITCommand
+
+__all__ = ["Policy", "RLPolicyController", "RLPolicyMemory"]
+
+Float32Array = npt.NDArray[np.float32]
+
+Policy = Callable[[Float32Array, int], npt.ArrayLike]
+"""`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
+
+_RATE_TOLERANCE = 1e-6
+"""Relative. Periods are decimal fractions that binary numbers round; a real mismatch is far larger."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RLPolicyMemory(Memory):
+    """Where in the motion and between two inferences the policy is."""
+
+    frame: int = 0
+    """The reference frame that the next inference shows."""
+    held_ticks: int = 0
+    """Ticks since the last inference; at `decimation` the next one is due."""
+    last_action: Float32Array = field(default_factory=lambda: np.empty(0, dtype=np.float32))
+    """Shape (m,), raw; zeros at activation."""
+    command: MITCommand | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RLPolicyController:
+    """Observation → policy → action → command, once every `policy_dt`.
+
+    A non-finite observation or action, a wrong size, an action beyond its limit, or a policy that raises is a fault,
+    never a command.
+    """
+
+    fallback: ClassVar[str] = DAMPING
+
+    joints: tuple[str, ...]
+    contract: PolicyContract
+    reference: MotionReference
+    policy: Policy
+    control_period: float
+    """s between two ticks; `policy_dt` is a whole multiple of it."""
+    action_limit: float = 100.0
+    """Largest magnitude of a raw action. Trained policies stay within a few units; beyond this one has diverged."""
+    extern: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    """Name and width of the live observation terms."""
+    decimation: int = field(init=False)
+    """Ticks per inference."""
+    layout: ObservationLayout = field(init=False, repr=False)
+    action_map: ActionMap = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        owner = "RLPolicyController"
+        set_field = object.__setattr__
+        set_field(self, "joints", joint_tuple(owner, self.joints))
+        set_field(self, "control_period", number(owner, "control_period", self.control_period, above=True))
+        set_field(self, "action_limit", number(owner, "action_limit", self.action_limit, above=True))
+        ratio = self.contract.policy_dt / self.control_period
+        decimation = round(ratio)
+        if decimation < 1 or abs(ratio - decimation) > _RATE_TOLERANCE * ratio:
+            raise FieldError(
+                f"{owner}.control_period: is {self.control_period:g} s, "
+                f"expected policy_dt ({self.contract.policy_dt:g} s) to be a whole multiple of it"
+            )
+        set_field(self, "decimation", decimation)
+        set_field(self, "action_map", resolve_action(self.contract, self.joints))
+        layout = resolve_observation(self.contract, self.joints, self.reference, self.extern)
+        set_field(self, "layout", layout)
+
+    def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
+        """Frame 0, no last action, and an inference due at once."""
+        expected = (len(self.joints),)
+        if tick_input.state.joint_position.shape != expected:
+            return Fault(f"state has {tick_input.state.joint_position.shape} joint positions, expected {expected}")
+        return RLPolicyMemory(
+            held_ticks=self.decimation, last_action=np.zeros(self.contract.action_count, dtype=np.float32)
+        )
+
+    def update(self, memory: RLPolicyMemory, tick_input: TickInput) -> tuple[RLPolicyMemory, MITCommand] | Fault:
+        """The command of a new inference when one is due, else the last one."""
+        if memory.command is not None and memory.held_ticks < self.decimation:
+            held = RLPolicyMemory(
+                frame=memory.frame,
+                held_ticks=memory.held_ticks + 1,
+                last_action=memory.last_action,
+                command=memory.command,
+            )
+            return held, memory.command
+        step = self._infer(memory, tick_input)
+        if isinstance(step, Fault):
+            return step
+        command = action_command(self.action_map, step.action)
+        advanced = RLPolicyMemory(
+            policy_step=step,
+            frame=memory.frame + 1,
+            held_ticks=1,
+            last_action=step.action,
+            command=command,
+        )
+        return advanced, command
+
+    def _infer(self, memory: RLPolicyMemory, tick_input: TickInput) -> PolicyStep | Fault:
+        context = ObservationContext(tick_input.state, memory.last_action, self.reference, memory.frame)
+        observation = pack(self.layout, context)
+        observation.setflags(write=False)
+        if not np.isfinite(observation).all():
+            i = int(np.argmax(~np.isfinite(observation)))
+            return Fault(f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number")
+        try:
+            action = np.array(self.policy(observation, memory.frame), dtype=np.float32)
+        except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
+            return Fault(f"policy failed: {error}")
+        action.setflags(write=False)
+        step = PolicyStep(memory.frame, observation, action)
+        problem = self._action_problem(action)
+        return Fault(problem, step) if problem else step
+
+    def _action_problem(self, action: Float32Array) -> str:
+        if action.shape != (self.contract.action_count,):
+            return f"action has shape {action.shape}, expected ({self.contract.action_count},)"
+        wrong = ~(np.abs(action) <= self.action_limit)
+        if not wrong.any():
+            return ""
+        i = int(np.argmax(wrong))
+        return (
+            f"action of {self.contract.action_joint_names[i]} is {action[i]}, "
+            f"expected a magnitude <= {self.action_limit:g}"
+        )

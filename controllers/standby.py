@@ -1,0 +1,135 @@
+"""STANDBY: walk from wherever the joints are through a sequence of poses, gains ramped in during the first segment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.base import DAMPING, Fault, Memory
+from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import StandbyState, TickInput
+from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
+
+__all__ = ["StandbyController", "StandbyMemory"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandbyMemory(Memory):
+    """Where the walk began, and how far it has come."""
+
+    start: FloatArray = field(default_factory=lambda: np.empty(0))
+    """Shape (n,), rad, the positions captured at activation."""
+    elapsed: float = 0.0
+    """s of trajectory."""
+    time: float = 0.0
+    """s, robot's clock at the previous tick."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandbyController:
+    """Linear interpolation through pose segments; K_p and K_d rise from 0 to their targets during segment 0.
+
+    It is finished when the *command* is at the final pose and gains: under gravity the joints sag below it for ever.
+    """
+
+    fallback: ClassVar[str] = DAMPING
+
+    joints: tuple[str, ...]
+    target_stiffness: FloatArray
+    """Shape (n,) or scalar, N·m/rad."""
+    target_damping: FloatArray
+    """Shape (n,) or scalar, N·m·s/rad."""
+    segment_durations: FloatArray
+    """Shape (s,), s, each > 0."""
+    pose_segments: FloatArray
+    """Shape (s, n), rad, the pose at the end of each segment."""
+    max_time_step: float = 0.05
+    """s of trajectory that one tick may cover: after a stall of the host the arms go on, they do not jump."""
+
+    def __post_init__(self) -> None:
+        owner = "StandbyController"
+        set_field = object.__setattr__
+        set_field(self, "joints", joint_tuple(owner, self.joints))
+        for name in ("target_stiffness", "target_damping"):
+            set_field(self, name, per_joint(owner, name, getattr(self, name), self.joints, minimum=0.0))
+        set_field(self, "max_time_step", number(owner, "max_time_step", self.max_time_step, above=True))
+        durations = frozen_array(owner, "segment_durations", self.segment_durations)
+        if durations.ndim != 1 or not durations.size:
+            raise FieldError(f"{owner}.segment_durations: has shape {durations.shape}, expected one or more durations")
+        for i, duration in enumerate(durations):
+            number(owner, f"segment_durations[{i}]", float(duration), above=True)
+        set_field(self, "segment_durations", durations)
+        set_field(self, "pose_segments", self._checked_poses(self.pose_segments, durations))
+
+    def _checked_poses(self, poses: npt.ArrayLike, durations: FloatArray) -> FloatArray:
+        owner = "StandbyController"
+        rows: list[FloatArray] = []
+        for i, row in enumerate(np.asarray(poses, dtype=object)):
+            pose = frozen_array(owner, f"pose_segments[{i}]", list(np.atleast_1d(row)))
+            if pose.shape != (len(self.joints),):
+                raise FieldError(f"{owner}.pose_segments[{i}]: has shape {pose.shape}, expected ({len(self.joints)},)")
+            rows.append(per_joint(owner, f"pose_segments[{i}]", pose, self.joints))
+        if len(rows) != len(durations):
+            raise FieldError(
+                f"{owner}.pose_segments: has {len(rows)} poses, expected {len(durations)}, one per segment duration"
+            )
+        return frozen_array(owner, "pose_segments", np.stack(rows))
+
+    def activate(self, tick_input: TickInput) -> StandbyMemory | Fault:
+        """Capture the positions; every joint must be known, because from here on every joint is driven."""
+        state = tick_input.state
+        problem = self._problem(tick_input)
+        if problem:
+            return Fault(problem)
+        return StandbyMemory(
+            standby=StandbyState(0, len(self.segment_durations), 0.0, False),
+            start=state.joint_position,
+            time=float(state.time),
+        )
+
+    def update(self, memory: StandbyMemory, tick_input: TickInput) -> tuple[StandbyMemory, MITCommand] | Fault:
+        """Advance along the trajectory by the time that has passed."""
+        problem = self._problem(tick_input)
+        if problem:
+            return Fault(problem)
+        time = float(tick_input.state.time)
+        elapsed = memory.elapsed + min(max(time - memory.time, 0.0), self.max_time_step)
+        standby, position, ramp = self._at(elapsed, memory.start)
+        zeros = np.zeros(len(self.joints))
+        command = MITCommand(
+            position=position,
+            velocity=zeros,
+            effort=zeros,
+            stiffness=self.target_stiffness * ramp,
+            damping=self.target_damping * ramp,
+        )
+        return StandbyMemory(standby=standby, start=memory.start, elapsed=elapsed, time=time), command
+
+    def _problem(self, tick_input: TickInput) -> str:
+        state = tick_input.state
+        if state.joint_position.shape != (len(self.joints),):
+            return f"state has {state.joint_position.shape} joint positions, expected ({len(self.joints)},)"
+        unknown = ~np.isfinite(state.joint_position)
+        if unknown.any():
+            i = int(np.argmax(unknown))
+            return f"position of {self.joints[i]} is {state.joint_position[i]}, expected a finite number"
+        if not np.isfinite(state.time).all():
+            return f"time is {state.time}, expected a finite number"
+        return ""
+
+    def _at(self, elapsed: float, start: FloatArray) -> tuple[StandbyState, FloatArray, float]:
+        """Progress, position (n,) and gain ramp [0, 1] after `elapsed` s of trajectory."""
+        total = len(self.segment_durations)
+        begin = 0.0
+        for i, duration in enumerate(self.segment_durations):
+            if elapsed < begin + duration:
+                progress = float((elapsed - begin) / duration)
+                previous = start if i == 0 else self.pose_segments[i - 1]
+                position = previous + (self.pose_segments[i] - previous) * progress
+                return StandbyState(i, total, progress, False), position, progress if i == 0 else 1.0
+            begin += float(duration)
+        return StandbyState(total - 1, total, 1.0, True), self.pose_segments[-1], 1.0

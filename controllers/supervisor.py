@@ -1,0 +1,159 @@
+"""The whole control stack as one pure function: `step(memory, tick_input) -> (memory, tick_output)`.
+
+Whatever fails inside a tick, the command that leaves it is finite, complete and from exactly one controller, and the
+tick in which a controller fails already carries its fallback's command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from humanoid_sim.controllers.base import DAMPING, ZERO_TORQUE, Controller, Fault, Memory
+from humanoid_sim.controllers.fsm import MODES, choose_intent, merge_safety, transition
+from humanoid_sim.controllers.parameters import command_problem, joint_tuple
+from humanoid_sim.errors import FieldError, known_names
+from humanoid_sim.messages import ControlMode, FaultReport, Intent, PolicyStep, TickInput, TickOutput
+from humanoid_sim.mit import MITCommand
+
+__all__ = ["Supervisor", "SupervisorMemory"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SupervisorMemory:
+    """Who is in control, what that controller remembers, and the latest word to the operator."""
+
+    controller: str
+    controller_memory: Any
+    """None: to be activated in the next tick."""
+    status_message: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outcome:
+    """Which controller's command leaves, and what failed on the way to it."""
+
+    controller: str
+    memory: Any
+    command: MITCommand
+    faults: tuple[FaultReport, ...]
+    policy_step: PolicyStep | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Supervisor:
+    """Transition, activation, update and the fallback chain inside one tick."""
+
+    joints: tuple[str, ...]
+    controllers: Mapping[str, Controller]
+    """By name; `zero_torque_controller` and `damping_controller` are required, the others are as available."""
+    _zero: MITCommand = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", joint_tuple("Supervisor", self.joints))
+        for name, controller in self.controllers.items():
+            if name not in MODES:
+                raise FieldError(f"Supervisor.controllers: {known_names('controller', name, MODES)}")
+            if tuple(controller.joints) != self.joints:
+                raise FieldError(
+                    f"Supervisor.controllers['{name}']: joints are {', '.join(controller.joints)}, "
+                    f"expected {', '.join(self.joints)}"
+                )
+        for name in (ZERO_TORQUE, DAMPING):
+            if name not in self.controllers:
+                raise FieldError(f"Supervisor.controllers: {name} is missing, expected it always")
+        for name in self.controllers:
+            self._check_fallbacks(name)
+        object.__setattr__(self, "controllers", MappingProxyType(dict(self.controllers)))
+        object.__setattr__(self, "_zero", MITCommand.zeros(len(self.joints)))
+
+    def _check_fallbacks(self, name: str) -> None:
+        """Every chain of fallbacks ends at ZERO_TORQUE."""
+        chain = [name]
+        while chain[-1] != ZERO_TORQUE:
+            fallback = self.controllers[chain[-1]].fallback or ZERO_TORQUE
+            if fallback not in self.controllers or fallback in chain:
+                raise FieldError(
+                    f"Supervisor.controllers['{name}']: fallbacks are {' -> '.join([*chain, fallback])}, "
+                    f"expected a chain of available controllers that ends at {ZERO_TORQUE}"
+                )
+            chain.append(fallback)
+
+    def initial(self) -> SupervisorMemory:
+        """The start: ZERO_TORQUE."""
+        return SupervisorMemory(ZERO_TORQUE, None, "started")
+
+    def step(self, memory: SupervisorMemory, tick_input: TickInput) -> tuple[SupervisorMemory, TickOutput]:
+        """One tick. Neither argument is changed; the same arguments give bit-identical results."""
+        safety = merge_safety(tick_input.safety)
+        intent, superseded = choose_intent(tick_input.intents)
+        standby = getattr(memory.controller_memory, "standby", None)
+        finished = standby is not None and standby.is_finished
+        decision = transition(memory.controller, safety, intent, finished, self.controllers)
+
+        switch = decision.controller is not None
+        wanted = decision.controller or memory.controller
+        outcome = self._run(wanted, None if switch else memory.controller_memory, tick_input)
+
+        refusals = (decision.refusal,) if decision.refusal else ()
+        refusals += tuple(
+            f"{other.name} refused: {intent.name} came in the same tick" for other in superseded if intent
+        )
+        words = [decision.message, *(_describe(fault) for fault in outcome.faults), *refusals]
+        status = "; ".join(word for word in words if word) or memory.status_message
+        output = TickOutput(
+            command=outcome.command,
+            control_mode=ControlMode(MODES[outcome.controller], outcome.controller, status),
+            standby=getattr(outcome.memory, "standby", None),
+            quit=decision.quit,
+            faults=outcome.faults,
+            refusals=refusals,
+            policy_step=outcome.policy_step,
+        )
+        return SupervisorMemory(outcome.controller, outcome.memory, status), output
+
+    def _run(self, name: str, controller_memory: Any, tick_input: TickInput) -> _Outcome:
+        """Run a controller, or the first of its fallbacks that does not fail."""
+        faults: list[FaultReport] = []
+        policy_step: PolicyStep | None = None
+        while True:
+            result, is_bug = self._attempt(self.controllers[name], controller_memory, tick_input)
+            if not isinstance(result, Fault):
+                new_memory, command = result
+                step = getattr(new_memory, "policy_step", None) or policy_step
+                return _Outcome(name, new_memory, command, tuple(faults), step)
+            policy_step = policy_step or result.policy_step
+            fallback = self.controllers[name].fallback or ZERO_TORQUE
+            faults.append(FaultReport(name, fallback, result.message, is_bug))
+            if name == ZERO_TORQUE:
+                # Cannot happen with this package's controller; a foreign one in its place may do anything.
+                return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), policy_step)
+            name, controller_memory = fallback, None
+
+    def _attempt(
+        self, controller: Controller, controller_memory: Any, tick_input: TickInput
+    ) -> tuple[tuple[Any, MITCommand] | Fault, bool]:
+        """A controller's result, with everything that must not leave it turned into a fault; and whether it raised."""
+        try:
+            if controller_memory is None:
+                controller_memory = controller.activate(tick_input)
+                if isinstance(controller_memory, Fault):
+                    return controller_memory, False
+            result = controller.update(controller_memory, tick_input)
+            if isinstance(result, Fault):
+                return result, False
+            problem = command_problem(result[1], self.joints)
+            return (Fault(problem, getattr(result[0], "policy_step", None)), False) if problem else (result, False)
+        except Exception as error:  # a bug; contained here because the robot needs a command in this tick
+            return Fault(f"{type(error).__name__}: {error}"), True
+
+
+def _superseded(other: Intent, chosen: Intent | None) -> str:
+    return f"{other.name} refused: {chosen.name} came in the same tick" if chosen else ""
+
+
+def _describe(fault: FaultReport) -> str:
+    kind = "raised" if fault.is_bug else "failed"
+    return f"{fault.controller} {kind}: {fault.message}; {fault.fallback} takes over"
