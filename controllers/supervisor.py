@@ -97,9 +97,8 @@ class Supervisor:
         wanted = decision.controller or memory.controller
         outcome = self._run(wanted, None if switch else memory.controller_memory, tick_input)
 
-        refusals = (decision.refusal,) if decision.refusal else ()
-        refusals += tuple(
-            f"{other.name} refused: {intent.name} came in the same tick" for other in superseded if intent
+        refusals = tuple(
+            text for text in (decision.refusal, *(_superseded(other, intent) for other in superseded)) if text
         )
         words = [decision.message, *(_describe(fault) for fault in outcome.faults), *refusals]
         status = "; ".join(word for word in words if word) or memory.status_message
