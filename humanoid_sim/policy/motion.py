@@ -1,0 +1,191 @@
+"""Reference motions on disk: one episode as an MCAP file of `std_msgs/msg/Float32MultiArray`, one message per frame.
+
+A tracking frame is `[positions 3·B | orientations 6·B]` in the base frame, metres; an orientation is the first two
+columns of its rotation matrix, flattened row by row. A piano frame is the goal state of the keys, 0 or 1. Files of
+other writers are read too; the metadata record `motion` (robot, body_names, policy_dt, task_type) is then missing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from mcap.records import Channel, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.recording.cdr import CdrError
+from humanoid_sim.recording.ros_messages import decode_float32_array, encode_float32_array
+from humanoid_sim.recording.schemas import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
+from humanoid_sim.recording.stream import McapStream, Message
+from humanoid_sim.recording.whole_file import whole_file
+
+__all__ = ["Motion", "read_motion", "write_motion"]
+
+_TOPIC = "/motion"
+_LIBRARY = "humanoid_sim"
+_NANOSECONDS = 1e9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """One episode of a reference motion, checked and read-only."""
+
+    frames: npt.NDArray[np.float32]
+    """Shape (F, width), one row per policy step, F ≥ 1; finite."""
+    body_names: tuple[str, ...]
+    """The B tracked bodies in the order of the frame; empty without bodies, or if the file does not say."""
+    policy_dt: float
+    """s between two frames."""
+    task_type: str = "tracking"
+    """`tracking`, `piano` or `locomotion`; empty if the file does not say."""
+    robot: str = ""
+    """The robot that the motion was made for; empty if the file does not say."""
+
+    def __post_init__(self) -> None:
+        frames = np.array(self.frames, dtype=np.float32)
+        if frames.ndim != 2 or 0 in frames.shape:
+            raise FieldError(f"Motion.frames: shape is {frames.shape}, expected (F, width), both at least 1")
+        bad = np.argwhere(~np.isfinite(frames))
+        if len(bad):
+            frame, index = (int(value) for value in bad[0])
+            raise FieldError(f"Motion.frames: value {index} of frame {frame} is {frames[frame, index]}, not finite")
+        bodies = len(self.body_names)
+        if bodies and self.task_type == "tracking" and frames.shape[1] != 9 * bodies:
+            raise FieldError(
+                f"Motion.frames: {frames.shape[1]} values per frame, expected {9 * bodies}, that is 9 for each of "
+                f"{bodies} bodies"
+            )
+        if not (np.isfinite(self.policy_dt) and self.policy_dt > 0.0):
+            raise FieldError(f"Motion.policy_dt: is {self.policy_dt}, expected a positive number of seconds")
+        frames.setflags(write=False)
+        object.__setattr__(self, "frames", frames)
+        object.__setattr__(self, "body_names", tuple(self.body_names))
+        object.__setattr__(self, "policy_dt", float(self.policy_dt))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first frame to the last, s."""
+        return (len(self.frames) - 1) * self.policy_dt
+
+
+def read_motion(path: str | os.PathLike[str]) -> Motion:
+    """Read and check a motion file.
+
+    Raises:
+        InputError: one line with the file and what is wrong with it.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            rows, times, metadata = _read_rows(path, McapStream(file))
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a directory, expected a motion file (.mcap)") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    names = metadata.get("body_names", "")
+    try:
+        return Motion(
+            frames=np.stack(rows),
+            body_names=tuple(name.strip() for name in names.split(",")) if names.strip() else (),
+            policy_dt=_policy_dt(metadata, times),
+            task_type=metadata.get("task_type", ""),
+            robot=metadata.get("robot", ""),
+        )
+    except FieldError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _read_rows(path: Path, stream: McapStream) -> tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]:
+    """The frames in file order, their log times in ns, and the metadata record `motion`."""
+    schemas: dict[int, str] = {}
+    channels: dict[int, Channel] = {}
+    metadata: dict[str, str] = {}
+    rows: list[npt.NDArray[np.float32]] = []
+    times: list[int] = []
+    for record in stream:
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            _check_channel(path, record, schemas, channels)
+            channels[record.id] = record
+        elif isinstance(record, Metadata) and record.name == "motion":
+            metadata = record.metadata
+        elif isinstance(record, Message):
+            frame = len(rows)
+            try:
+                values = decode_float32_array(record.data)
+            except CdrError as error:
+                raise InputError(f"{path}: frame {frame} is no {FLOAT32_MULTI_ARRAY}: {error}") from None
+            if record.channel_id not in channels:
+                raise InputError(f"{path}: frame {frame} is on a channel that the file does not define")
+            if rows and len(values) != len(rows[0]):
+                raise InputError(f"{path}: frame {frame} has {len(values)} values, the frames before {len(rows[0])}")
+            if times and record.log_time < times[-1]:
+                raise InputError(f"{path}: time goes back at frame {frame}; a motion file holds one episode")
+            rows.append(values)
+            times.append(record.log_time)
+    if stream.damage:
+        raise InputError(f"{path}: {stream.damage}")
+    if not rows:
+        raise InputError(f"{path}: holds no frames, expected one topic of {FLOAT32_MULTI_ARRAY}")
+    return rows, times, metadata
+
+
+def _check_channel(path: Path, channel: Channel, schemas: Mapping[int, str], known: Mapping[int, Channel]) -> None:
+    """A motion file has exactly one topic, of the one type."""
+    schema = schemas.get(channel.schema_id, "no schema")
+    if schema != FLOAT32_MULTI_ARRAY or channel.message_encoding != "cdr":
+        raise InputError(
+            f"{path}: topic '{channel.topic}' is {schema} ({channel.message_encoding}), "
+            f"expected one topic of {FLOAT32_MULTI_ARRAY} (cdr)"
+        )
+    for other in known.values():
+        if other.topic != channel.topic:
+            raise InputError(f"{path}: has the topics '{other.topic}' and '{channel.topic}', expected exactly one")
+
+
+def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
+    """The frame period in s: as the file says it, or, if it does not, as its evenly spaced log times show it."""
+    text = metadata.get("policy_dt")
+    if text is not None:
+        try:
+            return float(text)
+        except ValueError:
+            raise FieldError(f"policy_dt: is '{text}', expected a positive number of seconds") from None
+    steps = np.diff(times)
+    if len(steps) == 0 or steps.min() <= 0 or steps.max() - steps.min() > 0.01 * steps.mean():
+        raise FieldError("policy_dt: not in the metadata record 'motion', and the frames are not evenly spaced in time")
+    return float(round(steps.mean())) / _NANOSECONDS
+
+
+def write_motion(path: str | os.PathLike[str], motion: Motion) -> None:
+    """Write a motion file. The same motion gives the same bytes; an existing file is replaced only by a whole one.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    with whole_file(path) as file:
+        _write(Writer(file, compression=CompressionType.LZ4), motion)
+
+
+def _write(writer: Writer, motion: Motion) -> None:
+    # The library's name without its version: the bytes must not change with an update of it.
+    writer.start(profile="ros2", library=_LIBRARY)
+    metadata = {
+        "robot": motion.robot,
+        "body_names": ",".join(motion.body_names),
+        "policy_dt": repr(motion.policy_dt),
+        "task_type": motion.task_type,
+    }
+    writer.add_metadata("motion", metadata)
+    schema = writer.register_schema(FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text(FLOAT32_MULTI_ARRAY).encode())
+    channel = writer.register_channel(_TOPIC, "cdr", schema)
+    for index, frame in enumerate(motion.frames):
+        time = round(index * motion.policy_dt * _NANOSECONDS)
+        writer.add_message(channel, time, encode_float32_array(frame), time, index)
+    writer.finish()  # type: ignore[no-untyped-call]

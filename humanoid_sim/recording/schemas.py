@@ -1,0 +1,236 @@
+"""The message definitions of recordings, as `ros2msg` text: what ROS 2 tools need to decode a topic.
+
+`humanoid_control_msgs` is wire-compatible with the ROS 2 stack and frozen. `humanoid_sim_msgs` is this project's own.
+"""
+
+from __future__ import annotations
+
+import re
+
+__all__ = [
+    "CONTROL_MODE",
+    "EVENT",
+    "FLOAT32_MULTI_ARRAY",
+    "IMU",
+    "JOINT_STATE",
+    "MIT_COMMAND",
+    "SAFETY_STATUS",
+    "SCHEMA_ENCODING",
+    "STANDBY_STATE",
+    "TICK",
+    "schema_text",
+]
+
+SCHEMA_ENCODING = "ros2msg"
+
+FLOAT32_MULTI_ARRAY = "std_msgs/msg/Float32MultiArray"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+IMU = "sensor_msgs/msg/Imu"
+MIT_COMMAND = "humanoid_control_msgs/msg/MITCommand"
+CONTROL_MODE = "humanoid_control_msgs/msg/ControlMode"
+STANDBY_STATE = "humanoid_control_msgs/msg/StandbyState"
+SAFETY_STATUS = "humanoid_control_msgs/msg/SafetyStatus"
+EVENT = "humanoid_sim_msgs/msg/Event"
+TICK = "humanoid_sim_msgs/msg/Tick"
+
+_DEFINITIONS = {
+    "builtin_interfaces/Time": """\
+int32 sec
+uint32 nanosec
+""",
+    "std_msgs/Header": """\
+builtin_interfaces/Time stamp
+string frame_id
+""",
+    "std_msgs/MultiArrayDimension": """\
+string label
+uint32 size
+uint32 stride
+""",
+    "std_msgs/MultiArrayLayout": """\
+std_msgs/MultiArrayDimension[] dim
+uint32 data_offset
+""",
+    "std_msgs/Float32MultiArray": """\
+std_msgs/MultiArrayLayout layout
+float32[] data
+""",
+    "geometry_msgs/Quaternion": """\
+float64 x
+float64 y
+float64 z
+float64 w
+""",
+    "geometry_msgs/Vector3": """\
+float64 x
+float64 y
+float64 z
+""",
+    "sensor_msgs/JointState": """\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+""",
+    "sensor_msgs/Imu": """\
+std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance
+""",
+    "humanoid_control_msgs/MITCommand": """\
+std_msgs/Header header
+string[] joint_names
+float64[] position
+float64[] velocity
+float64[] effort
+float64[] stiffness
+float64[] damping
+""",
+    "humanoid_control_msgs/ControlMode": """\
+std_msgs/Header header
+
+uint8 ZERO_TORQUE = 0
+uint8 DAMPING = 1
+uint8 STANDBY = 2
+uint8 LOCOMOTION = 3
+uint8 REMOTE = 4
+
+uint8 mode
+string controller_name
+string status_message
+""",
+    "humanoid_control_msgs/StandbyState": """\
+std_msgs/Header header
+uint32 current_segment
+uint32 total_segments
+float64 progress
+bool is_finished
+""",
+    "humanoid_control_msgs/SafetyStatus": """\
+std_msgs/Header header
+
+uint8 OK = 0
+uint8 WARNING = 1
+uint8 FAULT = 2
+uint8 CRITICAL = 3
+
+uint8 level
+string source
+uint32 flags
+string message
+""",
+    "humanoid_sim_msgs/Event": """\
+# Something that happened outside the ticks.
+float64 time    # s, robot's clock
+string text
+""",
+    "humanoid_sim_msgs/Extern": """\
+# A named live input that is no joint state.
+string name
+float64 arrival_time    # s, robot's clock
+float64 timeout         # s
+uint32[] shape
+float64[] value
+""",
+    "humanoid_sim_msgs/RemoteCommand": """\
+# The latest accepted command from outside the control loop.
+float64 arrival_time    # s, robot's clock
+float64[] position
+float64[] velocity
+float64[] effort
+float64[] stiffness
+float64[] damping
+""",
+    "humanoid_sim_msgs/Standby": """\
+float64 progress
+uint32 current_segment
+uint32 total_segments
+bool is_finished
+""",
+    "humanoid_sim_msgs/PolicyStep": """\
+# One inference: what the policy saw, and its raw answer.
+int64 frame
+float32[] observation
+float32[] action
+""",
+    "humanoid_sim_msgs/Safety": """\
+uint32 flags
+uint8 level
+string source
+string message
+""",
+    "humanoid_sim_msgs/Fault": """\
+# A controller that failed, and who took over.
+string controller
+string fallback
+string message
+bool is_bug
+""",
+    "humanoid_sim_msgs/Tick": """\
+# One tick of the control loop: everything it depended on and everything it decided, bit for bit.
+uint8 ZERO_TORQUE = 0
+uint8 DAMPING = 1
+uint8 STANDBY = 2
+uint8 LOCOMOTION = 3
+uint8 REMOTE = 4
+
+uint8 INTENT_DAMP = 0
+uint8 INTENT_LOAD_A = 1
+uint8 INTENT_LOAD_B = 2
+uint8 INTENT_START_LOCOMOTION = 3
+uint8 INTENT_START_REMOTE = 4
+uint8 INTENT_QUIT = 5
+
+uint64 index
+float64 time                                # s, robot's clock
+float64 duration                            # s of wall time
+float64[4] imu_quaternion                   # w x y z
+float64[3] imu_angular_velocity             # rad/s, body frame
+float64[3] imu_linear_acceleration          # m/s^2, body frame
+bool overrun
+bool quit
+bool has_qpos
+uint8 mode
+float64[] joint_position                    # rad, joint frame
+float64[] joint_velocity                    # rad/s
+float64[] joint_effort                      # Nm
+float64[] joint_age                         # s since the joint was last heard
+float64[] command_position                  # rad, joint frame
+float64[] command_velocity                  # rad/s
+float64[] command_effort                    # Nm
+float64[] command_stiffness                 # Nm/rad
+float64[] command_damping                   # Nms/rad
+float64[] qpos                              # MuJoCo's, at the time of the state
+humanoid_sim_msgs/PolicyStep[] policy_step  # one if the policy ran, or none
+humanoid_sim_msgs/Standby[] standby         # one in STANDBY, or none
+humanoid_sim_msgs/RemoteCommand[] remote    # one, or none if there never was one
+humanoid_sim_msgs/Extern[] extern
+string controller_name
+string status_message
+humanoid_sim_msgs/Safety[] safety           # one per source
+uint8[] intents
+humanoid_sim_msgs/Fault[] faults
+string[] refusals
+""",
+}
+
+_TYPE = re.compile(r"^([a-z0-9_]+/[A-Za-z0-9]+)(\[\d*\])? ", re.MULTILINE)
+
+
+def schema_text(name: str) -> str:
+    """The definition of a message type (`package/msg/Type`), followed by those it depends on, as MCAP wants it."""
+    package, _, short = name.split("/")
+    texts: dict[str, str] = {}
+    pending = [f"{package}/{short}"]
+    while pending:
+        key = pending.pop(0)
+        if key not in texts:
+            texts[key] = _DEFINITIONS[key]
+            pending += [match[0] for match in _TYPE.findall(texts[key])]
+    first, *others = texts.items()
+    return first[1] + "".join(f"{'=' * 80}\nMSG: {key}\n{text}" for key, text in others)
