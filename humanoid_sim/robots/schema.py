@@ -1,0 +1,206 @@
+"""What a robot is: its joints, limits, gains, motors, poses and rates. Data only; nothing here imports a simulator.
+
+A description is one YAML file beside its MJCF model (`assets/robots/lite.yaml` is the example). These structs are its
+schema, `humanoid_sim.robots.checks` is what types cannot say, `humanoid_sim.robots.description.load_robot` reads it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, Self
+
+import msgspec
+import numpy as np
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+
+__all__ = [
+    "DampingSettings",
+    "HardwareSettings",
+    "JointDescription",
+    "MotorDescription",
+    "RemoteSettings",
+    "RobotDescription",
+    "SimulationSettings",
+    "StandbySettings",
+]
+
+
+class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The motor that drives a joint, and where it is on the bus."""
+
+    bus: int
+    """0-based index into the robot's buses."""
+    can_id: int
+    """1 to 127."""
+    model: str
+    """Such as `rs-02`."""
+    direction: Literal[-1, 1]
+    """Sign between motor and joint frame: a fact of the design, not of one physical robot."""
+    torque_limit: float
+    """N·m, written to the firmware; 0: leave the firmware's own."""
+    current_limit: float
+    """A, written to the firmware; 0: leave the firmware's own."""
+
+
+class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One actuated joint, in the joint frame."""
+
+    name: str
+    """The joint's name in the MJCF, in policies and in every file."""
+    lower: float
+    """rad"""
+    upper: float
+    """rad"""
+    effort_limit: float
+    """N·m, at which the MIT law saturates: the hardware's."""
+    stiffness: float
+    """N·m/rad, default K_p."""
+    damping: float
+    """N·m·s/rad, default K_d."""
+    motor: MotorDescription | None = None
+    """None: this joint exists in simulation only."""
+
+
+class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the robot is simulated."""
+
+    physics_timestep: float = 0.0005
+    """s"""
+    control_frequency: float = 200.0
+    """Hz"""
+    floor_height: float = 0.0
+    """m, world frame, height of the floor that the scene adds."""
+
+
+class HardwareSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the real robot is driven."""
+
+    control_frequency: float = 50.0
+    """Hz"""
+    rx_timeout_ms: float = 200.0
+    """ms without a status of a joint after which RX_TIMEOUT is reported."""
+
+
+class DampingSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parameters of `damping_controller`."""
+
+    damping: tuple[float, ...] = ()
+    """N·m·s/rad, one per joint; empty: `damping_scalar` for all."""
+    damping_scalar: float = 1.0
+    """N·m·s/rad"""
+
+
+class StandbySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parameters of one standby controller."""
+
+    target_stiffness: tuple[float, ...]
+    """N·m/rad, one per joint."""
+    target_damping: tuple[float, ...]
+    """N·m·s/rad, one per joint."""
+    segment_durations: tuple[float, ...]
+    """s, one per segment."""
+    pose_segments: tuple[tuple[float, ...], ...]
+    """rad, for each segment the pose at its end, one value per joint."""
+
+
+class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parameters of `remote_policy_controller`."""
+
+    stale_command_policy: Literal["passive", "hold"] = "passive"
+    stale_command_timeout_ms: float = 100.0
+    """ms after its arrival at which a command is stale."""
+    damping: tuple[float, ...] = ()
+    """N·m·s/rad of the passive hold, one per joint; empty: `damping_scalar` for all."""
+    damping_scalar: float = 6.0
+    """N·m·s/rad"""
+
+
+class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A robot. Every per-joint list and array is in the order of `joints`."""
+
+    name: str
+    mjcf: str
+    """The MJCF model's path, relative to the description's own folder."""
+    joints: tuple[JointDescription, ...]
+    initial_position: tuple[float, ...]
+    """rad, one per joint: where a simulated robot starts, at rest under gravity."""
+    imu: str
+    """The MJCF site or body whose frame is the IMU's."""
+    hands: tuple[str, ...] = ()
+    """MJCF bodies whose poses are tracked and reported."""
+    simulation: SimulationSettings = SimulationSettings()
+    hardware: HardwareSettings = HardwareSettings()
+    damping_controller: DampingSettings = DampingSettings()
+    standby_controller_a: StandbySettings
+    standby_controller_b: StandbySettings
+    remote_policy_controller: RemoteSettings = RemoteSettings()
+    folder: str = ""
+    """Where the description was read; empty: the folder of the shipped robots. Not part of the file."""
+
+    @property
+    def mjcf_path(self) -> Path:
+        """The MJCF model's absolute path."""
+        folder = Path(self.folder) if self.folder else asset_path("robots")
+        return (folder / self.mjcf).resolve()
+
+    @property
+    def joint_count(self) -> int:
+        """n, the number of joints."""
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints' names in order."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def lower(self) -> FloatArray:
+        """Shape (n,), rad, read-only: lower position limits."""
+        return _read_only([joint.lower for joint in self.joints])
+
+    @property
+    def upper(self) -> FloatArray:
+        """Shape (n,), rad, read-only: upper position limits."""
+        return _read_only([joint.upper for joint in self.joints])
+
+    @property
+    def effort_limit(self) -> FloatArray:
+        """Shape (n,), N·m, read-only."""
+        return _read_only([joint.effort_limit for joint in self.joints])
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Shape (n,), N·m/rad, read-only: default K_p."""
+        return _read_only([joint.stiffness for joint in self.joints])
+
+    @property
+    def damping(self) -> FloatArray:
+        """Shape (n,), N·m·s/rad, read-only: default K_d."""
+        return _read_only([joint.damping for joint in self.joints])
+
+    def to_json(self) -> str:
+        """The description as JSON on one line, without its folder: what a recording keeps."""
+        document = msgspec.to_builtins(self)
+        del document["folder"]
+        return msgspec.json.encode(document).decode()
+
+    @classmethod
+    def from_json(cls, text: str, folder: str = "") -> Self:
+        """A description from `to_json`'s text; `folder` says where its MJCF is, empty for the shipped robots' folder.
+
+        Raises:
+            InputError: the text is not such a document.
+        """
+        try:
+            return msgspec.structs.replace(msgspec.json.decode(text, type=cls), folder=folder)
+        except msgspec.DecodeError as error:
+            raise InputError(f"robot description (JSON): {error}") from None
+
+
+def _read_only(values: list[float]) -> FloatArray:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
