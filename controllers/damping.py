@@ -36,7 +36,7 @@ class DampingMemory(Memory):
 class DampingController:
     """Captures the joint positions at activation and holds them with damping only."""
 
-    fallback: ClassVar[str] = ZERO_TORQUE
+    fallback: ClassVar[str | None] = ZERO_TORQUE
 
     joints: tuple[str, ...]
     damping: FloatArray = field(default_factory=lambda: np.empty(0))

@@ -43,7 +43,7 @@ class RemotePolicyController:
     Staleness is measured from arrival on the robot's clock. Commands that arrived before activation are never applied.
     """
 
-    fallback: ClassVar[str] = DAMPING
+    fallback: ClassVar[str | None] = DAMPING
 
     joints: tuple[str, ...]
     stale_command_policy: StaleCommandPolicy = "passive"

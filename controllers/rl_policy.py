@@ -52,7 +52,7 @@ class RLPolicyController:
     never a command.
     """
 
-    fallback: ClassVar[str] = DAMPING
+    fallback: ClassVar[str | None] = DAMPING
 
     joints: tuple[str, ...]
     contract: PolicyContract

@@ -36,7 +36,7 @@ class StandbyController:
     It is finished when the *command* is at the final pose and gains: under gravity the joints sag below it for ever.
     """
 
-    fallback: ClassVar[str] = DAMPING
+    fallback: ClassVar[str | None] = DAMPING
 
     joints: tuple[str, ...]
     target_stiffness: FloatArray

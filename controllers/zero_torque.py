@@ -17,7 +17,7 @@ __all__ = ["ZeroTorqueController"]
 class ZeroTorqueController:
     """Writes 0 to all five fields of every joint, whatever the state."""
 
-    fallback: ClassVar[None] = None
+    fallback: ClassVar[str | None] = None
 
     joints: tuple[str, ...]
     _command: MITCommand = field(init=False, repr=False)

@@ -10,7 +10,9 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +26,7 @@ from humanoid_sim.recording.schemas import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING,
 from humanoid_sim.recording.stream import McapStream, Message
 from humanoid_sim.recording.whole_file import whole_file
 
-__all__ = ["Motion", "read_motion", "write_motion"]
+__all__ = ["Motion", "parse_motion", "read_motion", "write_motion"]
 
 _TOPIC = "/motion"
 _LIBRARY = "humanoid_sim"
@@ -82,11 +84,24 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     path = Path(path)
     try:
         with path.open("rb") as file:
-            rows, times, metadata = _read_rows(path, McapStream(file))
+            return _parse(path, file)
     except IsADirectoryError:
         raise InputError(f"{path}: is a directory, expected a motion file (.mcap)") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def parse_motion(data: bytes, name: str) -> Motion:
+    """A motion from the bytes of its file; `name` is what to call it in messages.
+
+    Raises:
+        InputError: as `read_motion`.
+    """
+    return _parse(Path(name), BytesIO(data))
+
+
+def _parse(path: Path, file: IO[bytes]) -> Motion:
+    rows, times, metadata = _read_rows(path, McapStream(file))
     names = metadata.get("body_names", "")
     try:
         return Motion(

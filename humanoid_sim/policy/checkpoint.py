@@ -1,0 +1,35 @@
+"""A checkpoint as the control stack sees it: its contract, a callable, and where it came from."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rl_policy import Policy
+
+__all__ = ["Checkpoint", "file_digest"]
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """A policy that is ready to run."""
+
+    contract: PolicyContract
+    policy: Policy
+    source: str
+    """Path, or `placeholder`."""
+    sha256: str = ""
+    """Of the file and of the external tensors beside it; empty for the placeholder."""
+    observation_width: int | None = None
+    """N as the model declares it; None if any width will do."""
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a checkpoint: its bytes, followed by those of `<name>.data` if that lies beside it."""
+    digest = hashlib.sha256(path.read_bytes())
+    external = path.with_name(path.name + ".data")
+    if external.is_file():
+        digest.update(external.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,115 @@
+"""Faults on purpose, for demonstrations and tests of the safety path: `--inject nan_policy@5`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.session.sources import RemoteSource
+
+__all__ = ["FaultKind", "Injection", "Injector", "parse_injections"]
+
+FaultKind = Literal["nan_policy", "safety", "silent_remote"]
+
+_PULSE = 0.1
+"""s that an injected safety status lasts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """One fault and when it begins."""
+
+    kind: FaultKind
+    time: float
+    """s on the robot's clock."""
+
+
+def parse_injections(texts: Sequence[str]) -> tuple[Injection, ...]:
+    """Parse `FAULT@SECONDS` items.
+
+    `nan_policy`: from then on the policy answers NaN. `safety`: a FAULT status with MOTOR_FAULT for 0.1 s.
+    `silent_remote`: from then on no remote command arrives.
+
+    Raises:
+        InputError: naming the item and what is accepted.
+    """
+    injections = []
+    for text in texts:
+        kind, _, seconds = text.partition("@")
+        try:
+            time = float(seconds)
+        except ValueError:
+            time = math.nan
+        for known in get_args(FaultKind):
+            if kind == known and math.isfinite(time) and time >= 0.0:
+                injections.append(Injection(known, time))
+                break
+        else:
+            kinds = ", ".join(get_args(FaultKind))
+            raise InputError(f"--inject: is '{text}', expected FAULT@SECONDS with FAULT one of {kinds}")
+    return tuple(injections)
+
+
+class Injector:
+    """Applies injections to what the control loop reads. Without any it changes nothing."""
+
+    def __init__(self, injections: Sequence[Injection], clock: Callable[[], float]) -> None:
+        """Prepare.
+
+        Args:
+            injections: the faults to apply.
+            clock: the robot's clock, s.
+        """
+        self._start = dict.fromkeys(get_args(FaultKind), math.inf)
+        for injection in injections:
+            self._start[injection.kind] = min(self._start[injection.kind], injection.time)
+        self._clock = clock
+
+    def policy(self, policy: Policy) -> Policy:
+        """The policy, answering NaN from the injected time on."""
+        if math.isinf(self._start["nan_policy"]):
+            return policy
+
+        def failing(observation: npt.NDArray[np.float32], frame: int) -> npt.ArrayLike:
+            action = np.asarray(policy(observation, frame))
+            return np.full_like(action, np.nan) if self.active("nan_policy") else action
+
+        return failing
+
+    def safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
+        """The statuses, with the injected one while it lasts."""
+        since = self._clock() - self._start["safety"]
+        if not 0.0 <= since < _PULSE:
+            return statuses
+        injected = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "injected", "motor fault on purpose")
+        return (*statuses, injected)
+
+    def remote(self, source: RemoteSource) -> RemoteSource:
+        """The source, silent from the injected time on."""
+        return _SilencedRemote(source, self) if math.isfinite(self._start["silent_remote"]) else source
+
+    def active(self, kind: FaultKind) -> bool:
+        """Whether a fault has begun."""
+        return self._clock() >= self._start[kind]
+
+
+class _SilencedRemote:
+    """Repeats the last command from before the silence, as a source whose sender has died would."""
+
+    def __init__(self, source: RemoteSource, injector: Injector) -> None:
+        self._source = source
+        self._injector = injector
+        self._last: RemoteCommand | None = None
+
+    def latest(self) -> RemoteCommand | None:
+        if not self._injector.active("silent_remote"):
+            self._last = self._source.latest()
+        return self._last

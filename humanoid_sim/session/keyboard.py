@@ -1,0 +1,88 @@
+"""The operator at a terminal: single keys become intents."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Sequence
+from types import MappingProxyType
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent, TickOutput
+from humanoid_sim.session.sources import IntentQueue
+
+__all__ = ["KEYS", "Keyboard", "key_help"]
+
+KEYS = MappingProxyType(
+    {
+        " ": Intent.DAMP,
+        "d": Intent.DAMP,
+        "a": Intent.LOAD_A,
+        "b": Intent.LOAD_B,
+        "l": Intent.START_LOCOMOTION,
+        "r": Intent.START_REMOTE,
+        "q": Intent.QUIT,
+    }
+)
+"""Key to intent. The space bar damps: it is the key that a startled hand finds."""
+
+_POLL = 0.1
+"""s between two looks at whether to stop."""
+
+
+def key_help() -> str:
+    """One line that names the keys."""
+    return "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, q QUIT"
+
+
+class Keyboard:
+    """Reads keys on a thread of its own and queues their intents. Restores the terminal on `close`."""
+
+    def __init__(self) -> None:
+        """Take over the terminal.
+
+        Raises:
+            InputError: if standard input is no terminal.
+        """
+        self._queue = IntentQueue()
+        self._stop = threading.Event()
+        try:
+            self._fd = sys.stdin.fileno()
+            self._before = termios.tcgetattr(self._fd)
+        except (termios.error, OSError, ValueError):
+            raise InputError("--manual: standard input is no terminal, expected one to read keys from") from None
+        tty.setcbreak(self._fd)
+        self._thread = threading.Thread(target=self._read, name="keyboard", daemon=True)
+        self._thread.start()
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """Intents of the keys pressed since the last call."""
+        return self._queue.poll(time, output)
+
+    @property
+    def finished(self) -> bool:
+        """The keyboard never ends a session by itself: `q` asks the FSM to quit."""
+        return False
+
+    def close(self) -> None:
+        """Stop reading and give the terminal back as it was."""
+        self._stop.set()
+        self._thread.join()
+        termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+
+    def _read(self) -> None:
+        while not self._stop.is_set():
+            ready, _, _ = select.select([self._fd], [], [], _POLL)
+            if not ready:
+                continue
+            keys = os.read(self._fd, 64)
+            if not keys:  # the terminal went away: an operator who cannot be heard must not be moved on
+                self._queue.put(Intent.DAMP)
+                return
+            for key in keys.decode(errors="replace").lower():
+                if key in KEYS:
+                    self._queue.put(KEYS[key])

@@ -1,0 +1,117 @@
+"""Intents from a script: `damp; load_b; wait; start_remote; hold 5; damp`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent, TickOutput
+
+__all__ = ["Script", "ScriptStep", "parse_script"]
+
+_INTENTS = {intent.value: intent for intent in Intent}
+_GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS"
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptStep:
+    """One step: send an intent, or let time pass."""
+
+    kind: Literal["intent", "wait", "motion", "hold"]
+    intent: Intent | None = None
+    seconds: float = 0.0
+
+
+def parse_script(text: str) -> tuple[ScriptStep, ...]:
+    """Parse steps separated by semicolons.
+
+    An intent's name sends it; `wait` lasts until the standby pose is reached; `motion` until the policy's motion has
+    ended; `hold 5` for 5 s on the robot's clock.
+
+    Raises:
+        InputError: naming the step and what is accepted.
+    """
+    steps = []
+    for number, part in enumerate((part.strip() for part in text.split(";")), start=1):
+        if not part:
+            continue
+        word, *arguments = part.lower().split()
+        if word in _INTENTS and not arguments:
+            steps.append(ScriptStep("intent", _INTENTS[word]))
+        elif word in ("wait", "motion") and not arguments:
+            steps.append(ScriptStep("wait" if word == "wait" else "motion"))
+        elif word == "hold" and len(arguments) == 1:
+            steps.append(ScriptStep("hold", seconds=_seconds(number, part, arguments[0])))
+        else:
+            raise InputError(f"--script: step {number} is '{part}', expected one of {_GRAMMAR}")
+    if not steps:
+        raise InputError(f"--script: is empty, expected steps separated by ';', each one of {_GRAMMAR}")
+    return tuple(steps)
+
+
+def _seconds(number: int, part: str, text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not (math.isfinite(seconds) and seconds >= 0.0):
+        raise InputError(f"--script: step {number} is '{part}', expected hold with a number of seconds >= 0")
+    return seconds
+
+
+class Script:
+    """Plays steps as an `IntentSource` and finishes after the last one."""
+
+    def __init__(self, steps: Sequence[ScriptStep], motion_frames: int = 0) -> None:
+        """Prepare a script.
+
+        Args:
+            steps: from `parse_script`.
+            motion_frames: length of the policy's motion in policy steps; 0 for none.
+        """
+        self._steps = list(steps)
+        self._motion_frames = motion_frames
+        self._hold_until: float | None = None
+        self._sent = False
+        self._motion_over = False
+
+    @property
+    def finished(self) -> bool:
+        """All steps are done."""
+        return not self._steps
+
+    @property
+    def remaining(self) -> int:
+        """Steps still to do."""
+        return len(self._steps)
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """The intent that is due, if any: one per tick, so that each is decided on the result of the one before."""
+        if output is not None and output.policy_step is not None:
+            self._motion_over = output.policy_step.frame >= self._motion_frames - 1
+        if not self._steps:
+            return ()
+        step = self._steps[0]
+        if step.intent is not None:
+            self._steps.pop(0)
+            self._motion_over = False
+            return (step.intent,)
+        if self._is_over(step, time, output):
+            self._steps.pop(0)
+            self._hold_until = None
+        return ()
+
+    def _is_over(self, step: ScriptStep, time: float, output: TickOutput | None) -> bool:
+        if output is None:
+            return False
+        if step.kind == "wait":
+            # Fallen out of STANDBY (a fault, a refusal): waiting on would be waiting for ever.
+            return output.standby is None or output.standby.is_finished
+        if step.kind == "motion":
+            return self._motion_over or output.control_mode.controller_name != "rl_policy_controller"
+        if self._hold_until is None:
+            self._hold_until = time + step.seconds
+        return time >= self._hold_until

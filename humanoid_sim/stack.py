@@ -1,0 +1,200 @@
+"""Put the control stack together for a robot and a policy, and again for a recording of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from humanoid_sim.controllers.base import (
+    DAMPING,
+    REMOTE_POLICY,
+    RL_POLICY,
+    STANDBY_A,
+    STANDBY_B,
+    ZERO_TORQUE,
+    Controller,
+)
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.reference import MotionReference, build_reference, no_reference
+from humanoid_sim.controllers.remote_policy import RemotePolicyController
+from humanoid_sim.controllers.rl_policy import Policy, RLPolicyController
+from humanoid_sim.controllers.standby import StandbyController
+from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.controllers.zero_torque import ZeroTorqueController
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.metadata import parse_metadata, write_metadata
+from humanoid_sim.policy.motion import Motion, parse_motion
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.schema import StandbySettings
+from humanoid_sim.session.sink import SessionHeader
+
+__all__ = [
+    "MOTION_ATTACHMENT",
+    "LoadedPolicy",
+    "build_supervisor",
+    "header_documents",
+    "load_policy",
+    "rebuild_supervisor",
+]
+
+MOTION_ATTACHMENT = "motion.mcap"
+"""Name of the motion file inside a recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedPolicy:
+    """A policy with its motion, checked against each other."""
+
+    contract: PolicyContract
+    reference: MotionReference
+    policy: Policy
+
+    @property
+    def extern(self) -> Mapping[str, int]:
+        """Name and width of the live observation terms: pressed keys come as wide as the goal keys."""
+        keys = self.reference.terms.get("target_keys")
+        return {"key_pressed": keys.shape[1]} if keys is not None else {}
+
+
+def load_policy(
+    contract: PolicyContract, policy: Policy, motion: Motion | None, observation_width: int | None = None
+) -> LoadedPolicy:
+    """Bring a policy and its motion together.
+
+    Args:
+        contract: of the policy.
+        policy: the callable.
+        motion: what it follows; None for a policy that follows none.
+        observation_width: N as the model declares it; None if any will do.
+
+    Raises:
+        InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
+    """
+    try:
+        reference = _reference(contract, motion)
+        loaded = LoadedPolicy(contract, reference, policy)
+        # The policy's own joint order serves to add up the widths; the robot's is checked by the controller.
+        layout = RLPolicyController(
+            contract.joint_names, contract, reference, policy, contract.policy_dt, extern=loaded.extern
+        ).layout
+    except FieldError as error:
+        raise InputError(f"policy: {error}") from None
+    if observation_width is not None and layout.width != observation_width:
+        terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
+        raise InputError(
+            f"policy: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
+        )
+    return loaded
+
+
+def _reference(contract: PolicyContract, motion: Motion | None) -> MotionReference:
+    if contract.task_type == "locomotion":
+        return no_reference()
+    if motion is None:
+        raise InputError(f"policy: task_type {contract.task_type} follows a motion, and none is given: use --motion")
+    if contract.task_type == "tracking" and motion.body_names and motion.body_names != contract.body_names:
+        raise InputError(
+            f"motion: describes the bodies {', '.join(motion.body_names)}; "
+            f"the policy expects {', '.join(contract.body_names)}"
+        )
+    if motion.policy_dt and not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
+        raise InputError(
+            f"motion: has a frame every {motion.policy_dt:g} s, the policy a step every {contract.policy_dt:g} s; "
+            "resample the motion"
+        )
+    return build_reference(contract, motion.frames)
+
+
+def build_supervisor(
+    description: RobotDescription, control_period: float, loaded: LoadedPolicy | None, *, remote: bool = False
+) -> Supervisor:
+    """The supervisor of a robot with the controllers that are available.
+
+    Args:
+        description: the robot; it holds the parameters of all controllers but the policy's.
+        control_period: s
+        loaded: makes LOCOMOTION available.
+        remote: makes REMOTE available.
+
+    Raises:
+        InputError: if the policy does not fit the robot.
+    """
+    joints = description.joint_names
+    damping, passive = description.damping_controller, description.remote_policy_controller
+    controllers: dict[str, Controller] = {
+        ZERO_TORQUE: ZeroTorqueController(joints),
+        DAMPING: DampingController(joints, np.array(damping.damping), damping.damping_scalar),
+        STANDBY_A: _standby(joints, description.standby_controller_a),
+        STANDBY_B: _standby(joints, description.standby_controller_b),
+    }
+    if loaded is not None:
+        try:
+            controllers[RL_POLICY] = RLPolicyController(
+                joints, loaded.contract, loaded.reference, loaded.policy, control_period, extern=loaded.extern
+            )
+        except FieldError as error:
+            raise InputError(f"policy on robot '{description.name}': {error}") from None
+    if remote:
+        controllers[REMOTE_POLICY] = RemotePolicyController(
+            joints,
+            stale_command_policy=passive.stale_command_policy,
+            stale_command_timeout_ms=passive.stale_command_timeout_ms,
+            damping=np.array(passive.damping),
+            damping_scalar=passive.damping_scalar,
+        )
+    return Supervisor(joints, controllers)
+
+
+def _standby(joints: tuple[str, ...], description: StandbySettings) -> StandbyController:
+    return StandbyController(
+        joints,
+        target_stiffness=np.array(description.target_stiffness),
+        target_damping=np.array(description.target_damping),
+        segment_durations=np.array(description.segment_durations),
+        pose_segments=np.array(description.pose_segments),
+    )
+
+
+def header_documents(
+    description: RobotDescription, loaded: LoadedPolicy | None, *, remote: bool, settings: Mapping[str, object]
+) -> dict[str, str]:
+    """The JSON texts from which `rebuild_supervisor` makes the same supervisor again.
+
+    Args:
+        description: of the robot.
+        loaded: as given to `build_supervisor`.
+        remote: likewise.
+        settings: anything else that a reader may want to know; must be JSON.
+    """
+    documents = {
+        "robot": description.to_json(),
+        "settings": json.dumps(dict(settings), indent=1),
+        "controllers": json.dumps({"remote": remote}),
+    }
+    if loaded is not None:
+        documents["contract"] = json.dumps(write_metadata(loaded.contract), indent=1)
+    return documents
+
+
+def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
+    """The supervisor of a recorded run with `policy` in the place of the one that ran.
+
+    Raises:
+        InputError: if the header lacks what is needed.
+    """
+    try:
+        description = RobotDescription.from_json(header.documents["robot"])
+        remote = bool(json.loads(header.documents["controllers"])["remote"])
+    except KeyError as error:
+        raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
+    loaded = None
+    if "contract" in header.documents:
+        contract = parse_metadata(json.loads(header.documents["contract"]), "recording")
+        attached = header.attachments.get(MOTION_ATTACHMENT)
+        motion = parse_motion(attached, MOTION_ATTACHMENT) if attached is not None else None
+        loaded = load_policy(contract, policy, motion)
+    return build_supervisor(description, header.control_period, loaded, remote=remote)
