@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -143,6 +144,15 @@ class PolicyStep:
     """Shape (N,), the terms in their order."""
     action: npt.NDArray[np.float32]
     """Shape (M,), raw: neither scaled nor offset."""
+
+    def __post_init__(self) -> None:
+        for name in ("observation", "action"):
+            array = np.array(getattr(self, name), dtype=np.float32)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.frame, self.observation, self.action)  # NumPy's own pickling gives writable arrays
 
 
 @dataclass(frozen=True, slots=True)

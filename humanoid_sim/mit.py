@@ -56,6 +56,11 @@ def _freeze(instance: object, name: str, shape: tuple[int, ...] | None, layout: 
     return array
 
 
+def _rebuild(instance: Any) -> tuple[Any, ...]:
+    """`__reduce__` through the constructor: NumPy's own pickling (and deep copying) gives writable arrays."""
+    return type(instance), tuple(getattr(instance, f.name) for f in fields(instance))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Extern:
     """A named live input that is no joint state: pressed piano keys, a velocity command."""
@@ -69,6 +74,9 @@ class Extern:
 
     def __post_init__(self) -> None:
         _freeze(self, "value", None, "(k,)")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild(self)
 
     def at(self, time: float) -> FloatArray:
         """The value at `time` (s, robot's clock): zeros once it is older than `timeout`, or its age is no number."""
@@ -167,6 +175,9 @@ class MITCommand:
         shape = _freeze(self, "position", None, "(..., n)").shape
         for name in COMMAND_FIELDS[1:]:
             _freeze(self, name, shape, "(..., n)")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild(self)
 
     @property
     def joint_count(self) -> int:
