@@ -1,0 +1,164 @@
+"""From a robot description to a compiled MuJoCo model, and from joint names to addresses in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.scene import add_scene
+
+__all__ = ["JointAddresses", "base_body", "build_model", "joint_addresses"]
+
+_SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointAddresses:
+    """Where joints are in MuJoCo's arrays, in the order in which they were asked for."""
+
+    qpos: npt.NDArray[np.intp]
+    """Shape (n,), indices into `qpos`."""
+    dof: npt.NDArray[np.intp]
+    """Shape (n,), indices into `qvel`, `qfrc_applied` and the rows of the mass matrix."""
+
+
+def build_model(
+    description: RobotDescription,
+    *,
+    physics_timestep: float | None = None,
+    affine_actuators: bool = False,
+    scene: bool = True,
+) -> mujoco.MjModel:
+    """The robot in a room, ready for the MIT law.
+
+    The MJCF loses its own actuators, the sensors tied to them, and its keyframes: they would fight the law, or no
+    longer fit. Joint and effort limits are the description's. Euler integration, and no automatic reset of a bad state.
+    Joints that the MJCF has and the description does not stay passive.
+
+    Args:
+        description: the robot.
+        physics_timestep: s; None for the description's.
+        affine_actuators: add one actuator per joint, in order, of force `ctrl - K_p q - K_d qd` saturated at the effort
+            limit. The gains start at 0; `humanoid_sim.simulation.plant` sets them.
+        scene: add floor, lights, sky and cameras.
+
+    Raises:
+        InputError: the MJCF cannot be read, or does not have what the description names.
+    """
+    spec = _read_spec(description.mjcf_path)
+    _remove_actuation(spec)
+    _check_names(description, spec)
+    spec.option.timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    if affine_actuators:
+        _add_affine_actuators(spec, description)
+    if scene:
+        bare = _compile(spec, description.mjcf_path)
+        add_scene(spec, description.simulation.floor_height, bare.stat.center.copy(), float(bare.stat.extent))
+    model = _compile(spec, description.mjcf_path)
+    _set_limits(model, description)
+    return model
+
+
+def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddresses:
+    """Addresses of hinge and slide joints by name.
+
+    Raises:
+        InputError: a name is not a joint of the model; the message lists those that are.
+    """
+    known = [model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] in _SCALAR_JOINTS]
+    for name in names:
+        if name not in known:
+            raise InputError(known_names("joint", name, known))
+    ids = [model.joint(name).id for name in names]
+    return JointAddresses(
+        qpos=np.array(model.jnt_qposadr[ids], dtype=np.intp), dof=np.array(model.jnt_dofadr[ids], dtype=np.intp)
+    )
+
+
+def base_body(model: mujoco.MjModel, description: RobotDescription) -> int:
+    """Id of the body that holds the robot's first joint's kinematic tree: the chest of the Lite."""
+    body = int(model.jnt_bodyid[model.joint(description.joints[0].name).id])
+    while model.body_parentid[body] != 0:
+        body = int(model.body_parentid[body])
+    return body
+
+
+def _read_spec(path: Path) -> mujoco.MjSpec:
+    if not path.is_file():
+        raise InputError(f"{path}: the robot's MJCF model is not there")
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise InputError(f"{path}: not a valid MJCF model: {_one_line(error)}") from None
+
+
+def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError(f"{path}: does not compile: {_one_line(error)}") from None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _remove_actuation(spec: mujoco.MjSpec) -> None:
+    for sensor in list(spec.sensors):
+        if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype):
+            spec.delete(sensor)
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
+    for key in list(spec.keys):
+        spec.delete(key)
+
+
+def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
+    path = description.mjcf_path
+    joints = [joint.name for joint in spec.joints if joint.type in _SCALAR_JOINTS]
+    for i, name in enumerate(description.joint_names):
+        if name not in joints:
+            raise InputError(f"{path}: joints[{i}] of '{description.name}': {known_names('joint', name, joints)}")
+    bodies = [body.name for body in spec.bodies if body.name]
+    for i, name in enumerate(description.hands):
+        if name not in bodies:
+            raise InputError(f"{path}: hands[{i}] of '{description.name}': {known_names('body', name, bodies)}")
+    sites = [site.name for site in spec.sites if site.name]
+    if description.imu not in (*sites, *bodies):
+        known = known_names("site or body", description.imu, [*sites, *bodies])
+        raise InputError(f"{path}: imu of '{description.name}': {known}")
+
+
+def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:
+    for joint in description.joints:
+        spec.add_actuator(
+            name=joint.name,
+            target=joint.name,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+            gainprm=[1.0, *[0.0] * 9],
+            biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+            biasprm=[0.0] * 10,
+            forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            forcerange=[-joint.effort_limit, joint.effort_limit],
+        )
+
+
+def _set_limits(model: mujoco.MjModel, description: RobotDescription) -> None:
+    """Set on the compiled model, where angles are radians: a spec that reads degrees would shrink them unnoticed.
+
+    The joint's own force range goes: the law saturates at the description's effort limit, in both of its forms.
+    """
+    for joint in description.joints:
+        i = model.joint(joint.name).id
+        model.jnt_range[i] = joint.lower, joint.upper
+        model.jnt_limited[i] = 1
+        model.jnt_actfrclimited[i] = 0
