@@ -42,8 +42,8 @@ def add_scene(spec: mujoco.MjSpec, floor_height: float, center: FloatArray, exte
 
 
 def _viewing_distance(extent: float) -> float:
-    """m, at which a sphere as large as the robot fills the picture from top to bottom."""
-    return 0.5 * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
+    """m, at which a sphere as large as the robot fills a 4:3 picture almost from side to side."""
+    return 0.42 * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
 
 
 def _add_sky_and_quality(spec: mujoco.MjSpec) -> None:
@@ -80,7 +80,7 @@ def _add_floor(spec: mujoco.MjSpec, height: float) -> None:
     )
     textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
     textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = "scene_floor"
-    spec.add_material(name="scene_floor", textures=textures, texrepeat=[2.0, 2.0], texuniform=True, reflectance=0.08)
+    spec.add_material(name="scene_floor", textures=textures, texrepeat=[2.0, 2.0], texuniform=True)
     spec.worldbody.add_geom(
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
