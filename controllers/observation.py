@@ -117,11 +117,16 @@ def resolve_observation(
 
 
 def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array:
-    """The observation, shape (..., N), float32."""
+    """The observation, shape (..., N), float32; what a float32 cannot hold becomes infinite.
+
+    Raises:
+        FieldError: if a live term has another width than the one it was resolved with.
+    """
     batch = context.state.joint_position.shape[:-1]
     observation = np.empty((*batch, layout.width), dtype=np.float32)
-    for term in layout.terms:
-        observation[..., term.start : term.stop] = term.source(context)
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller checks that the result is finite
+        for term in layout.terms:
+            observation[..., term.start : term.stop] = term.source(context)
     return observation
 
 
@@ -152,12 +157,14 @@ def _reference_terms(reference: MotionReference) -> dict[str, tuple[int, Source]
 
 
 def _extern_source(name: str, width: int) -> Source:
-    zeros = np.zeros(width)
-
     def source(context: ObservationContext) -> Any:
         live = context.state.extern.get(name)
-        # Never heard counts like too old: nothing pressed, no velocity asked for.
-        return zeros if live is None else live.at(float(context.state.time))
+        if live is None:
+            return 0.0  # never heard counts like too old: nothing pressed, no velocity asked for
+        batch = context.state.joint_position.shape[:-1]
+        if live.value.shape not in ((width,), (*batch, width)):  # assigned unchecked, one value would fill every slot
+            raise FieldError(f"MITState.extern['{name}']: has shape {live.value.shape}, expected ({width},)")
+        return live.at(context.state.time)
 
     return source
 

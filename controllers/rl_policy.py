@@ -89,15 +89,18 @@ class RLPolicyController:
 
     def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
         """Frame 0, no last action, and an inference due at once."""
-        expected = (len(self.joints),)
-        if tick_input.state.joint_position.shape != expected:
-            return Fault(f"state has {tick_input.state.joint_position.shape} joint positions, expected {expected}")
+        problem = self._state_problem(tick_input)
+        if problem:
+            return Fault(problem)
         return RLPolicyMemory(
             held_ticks=self.decimation, last_action=np.zeros(self.contract.action_count, dtype=np.float32)
         )
 
     def update(self, memory: RLPolicyMemory, tick_input: TickInput) -> tuple[RLPolicyMemory, MITCommand] | Fault:
         """The command of a new inference when one is due, else the last one."""
+        problem = self._state_problem(tick_input)
+        if problem:
+            return Fault(problem)
         if memory.command is not None and memory.held_ticks < self.decimation:
             held = RLPolicyMemory(
                 frame=memory.frame,
@@ -112,7 +115,7 @@ class RLPolicyController:
         command = action_command(self.action_map, step.action)
         advanced = RLPolicyMemory(
             policy_step=step,
-            frame=memory.frame + 1,
+            frame=int(self.reference.clamp(memory.frame + 1)),
             held_ticks=1,
             last_action=step.action,
             command=command,
@@ -121,19 +124,30 @@ class RLPolicyController:
 
     def _infer(self, memory: RLPolicyMemory, tick_input: TickInput) -> PolicyStep | Fault:
         context = ObservationContext(tick_input.state, memory.last_action, self.reference, memory.frame)
-        observation = pack(self.layout, context)
+        try:
+            observation = pack(self.layout, context)
+        except FieldError as error:
+            return Fault(str(error))
         observation.setflags(write=False)
         if not np.isfinite(observation).all():
             i = int(np.argmax(~np.isfinite(observation)))
             return Fault(f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number")
         try:
-            action = np.array(self.policy(observation, memory.frame), dtype=np.float32)
+            answer = self.policy(observation, memory.frame)
+            with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
+                action = np.array(answer, dtype=np.float32)
         except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
             return Fault(f"policy failed: {error}")
         action.setflags(write=False)
         step = PolicyStep(memory.frame, observation, action)
         problem = self._action_problem(action)
         return Fault(problem, step) if problem else step
+
+    def _state_problem(self, tick_input: TickInput) -> str:
+        shape = tick_input.state.joint_position.shape
+        if shape == (len(self.joints),):
+            return ""
+        return f"state has {shape} joint positions, expected ({len(self.joints)},)"
 
     def _action_problem(self, action: Float32Array) -> str:
         if action.shape != (self.contract.action_count,):

@@ -78,11 +78,18 @@ class Extern:
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild(self)
 
-    def at(self, time: float) -> FloatArray:
-        """The value at `time` (s, robot's clock): zeros once it is older than `timeout`, or its age is no number."""
-        if 0.0 <= max(time - self.arrival_time, 0.0) <= self.timeout:
-            return self.value
-        return np.zeros_like(self.value)
+    def at(self, time: float | FloatArray) -> FloatArray:
+        """The value at `time`: zeros once it is older than `timeout`, or its age is no number.
+
+        Args:
+            time: s, robot's clock; scalar, or shape (...) for a batch whose clocks differ.
+
+        Returns:
+            Shape (k,), or (..., k) for such a batch.
+        """
+        with np.errstate(invalid="ignore"):  # infinity - infinity is no number, and so is that age
+            fresh = np.maximum(np.subtract(time, self.arrival_time), 0.0) <= self.timeout
+        return np.where(fresh[..., None], self.value, 0.0)
 
 
 _NO_EXTERN: Mapping[str, Extern] = MappingProxyType({})
