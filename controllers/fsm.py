@@ -91,7 +91,10 @@ def describe_safety(safety: SafetyStatus) -> str:
     """One line for an operator: `safety FAULT MOTOR_FAULT from can0: left_elbow_pitch over-current`."""
     words = ["safety", safety.level.name]
     if safety.flags:
-        words.append("|".join(flag.name or hex(flag.value) for flag in safety.flags) or hex(safety.flags))
+        # Iterating over flags gives the bits that have a name; a plugin may set others.
+        names = [flag.name or "" for flag in safety.flags]
+        unnamed = int(safety.flags) & ~sum(int(flag) for flag in SafetyFlag)
+        words.append("|".join([*names, hex(unnamed)] if unnamed else names))
     if safety.source:
         words += ["from", safety.source]
     line = " ".join(words)
