@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -71,11 +72,12 @@ class PolicyContract:
         set_field(self, "observation_names", joint_tuple(_OWNER, self.observation_names, "observation_names"))
         set_field(self, "policy_dt", number(_OWNER, "policy_dt", self.policy_dt, above=True))
         for name in ("command_names", "body_names"):
-            values = tuple(getattr(self, name))
-            set_field(self, name, joint_tuple(_OWNER, values, name) if values else ())
+            set_field(self, name, joint_tuple(_OWNER, getattr(self, name), name, may_be_empty=True))
         self._check_lookahead()
 
     def _check_lookahead(self) -> None:
+        if not isinstance(self.lookahead_steps, Iterable):
+            raise FieldError(f"{_OWNER}.lookahead_steps: is {self.lookahead_steps!r}, expected integers >= 0")
         steps = tuple(self.lookahead_steps)
         if any(isinstance(step, bool) or not isinstance(step, int | np.integer) or step < 0 for step in steps):
             raise FieldError(f"{_OWNER}.lookahead_steps: is {steps}, expected integers >= 0")

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from humanoid_sim.controllers.base import ZERO_TORQUE, Fault, Memory
-from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
+from humanoid_sim.controllers.parameters import damping_values, joint_tuple
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
@@ -47,9 +47,7 @@ class DampingController:
     def __post_init__(self) -> None:
         owner = "DampingController"
         object.__setattr__(self, "joints", joint_tuple(owner, self.joints))
-        scalar = number(owner, "damping_scalar", self.damping_scalar)
-        values = self.damping if np.size(self.damping) else scalar
-        object.__setattr__(self, "damping", per_joint(owner, "damping", values, self.joints, minimum=0.0))
+        object.__setattr__(self, "damping", damping_values(owner, self.damping, self.damping_scalar, self.joints))
 
     def activate(self, tick_input: TickInput) -> DampingMemory | Fault:
         """Capture the positions.

@@ -23,6 +23,11 @@ class JoyBindings:
     start_combo_remote: tuple[int, ...] = (5, 1)
 
     def __post_init__(self) -> None:
+        for field in ("load_combo_a", "load_combo_b", "start_combo_locomotion", "start_combo_remote"):
+            value = getattr(self, field)
+            if isinstance(value, str) or not isinstance(value, Sequence):
+                raise FieldError(f"JoyBindings.{field}: is {value!r}, expected a list of button indices")
+            object.__setattr__(self, field, tuple(value))
         combos = self.combos()
         for name, combo in combos.items():
             if not combo or any(isinstance(b, bool) or not isinstance(b, int) or b < 0 for b in combo):
@@ -41,10 +46,10 @@ class JoyBindings:
         return {
             Intent.DAMP: (self.damp_button,),
             Intent.QUIT: (self.quit_button,),
-            Intent.LOAD_A: tuple(self.load_combo_a),
-            Intent.LOAD_B: tuple(self.load_combo_b),
-            Intent.START_LOCOMOTION: tuple(self.start_combo_locomotion),
-            Intent.START_REMOTE: tuple(self.start_combo_remote),
+            Intent.LOAD_A: self.load_combo_a,
+            Intent.LOAD_B: self.load_combo_b,
+            Intent.START_LOCOMOTION: self.start_combo_locomotion,
+            Intent.START_REMOTE: self.start_combo_remote,
         }
 
     def check(self, button_count: int) -> None:
@@ -53,11 +58,10 @@ class JoyBindings:
         Raises:
             FieldError: naming the binding and the buttons that exist.
         """
+        known = f"buttons 0 to {button_count - 1}" if button_count > 0 else "no buttons"
         for intent, combo in self.combos().items():
             if max(combo) >= button_count:
-                raise FieldError(
-                    f"JoyBindings.{_FIELDS[intent]}: is {combo}, but the gamepad has buttons 0 to {button_count - 1}"
-                )
+                raise FieldError(f"JoyBindings.{_FIELDS[intent]}: is {combo}, but the gamepad has {known}")
 
 
 _FIELDS = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
@@ -10,19 +10,23 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, frozen_array
 
-__all__ = ["command_problem", "joint_tuple", "number", "per_joint"]
+__all__ = ["command_problem", "damping_values", "joint_tuple", "number", "per_joint"]
 
 
-def joint_tuple(owner: str, joints: Sequence[str], name: str = "joints") -> tuple[str, ...]:
-    """Joint names as a tuple; at least one, none twice."""
+def joint_tuple(
+    owner: str, joints: Iterable[str], name: str = "joints", *, may_be_empty: bool = False
+) -> tuple[str, ...]:
+    """Names of joints (or of terms, bodies) as a tuple; at least one unless `may_be_empty`, none twice."""
     if isinstance(joints, str):
-        raise FieldError(f"{owner}.{name}: is the string {joints!r}, expected a sequence of joint names")
+        raise FieldError(f"{owner}.{name}: is the string {joints!r}, expected a sequence of names")
+    if not isinstance(joints, Iterable):
+        raise FieldError(f"{owner}.{name}: is {joints!r}, expected a sequence of names")
     result = tuple(joints)
-    if not result:
-        raise FieldError(f"{owner}.{name}: is empty, expected at least one joint name")
+    if not result and not may_be_empty:
+        raise FieldError(f"{owner}.{name}: is empty, expected at least one name")
     for joint in result:
         if not isinstance(joint, str) or not joint:
-            raise FieldError(f"{owner}.{name}: holds {joint!r}, expected joint names")
+            raise FieldError(f"{owner}.{name}: holds {joint!r}, expected names")
     twice = sorted({joint for joint in result if result.count(joint) > 1})
     if twice:
         raise FieldError(f"{owner}.{name}: names {', '.join(twice)} more than once")
@@ -34,9 +38,13 @@ def number(owner: str, name: str, value: float, minimum: float = 0.0, *, above: 
     accepted = f"a finite number {'>' if above else '>='} {minimum:g}"
     if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
         raise FieldError(f"{owner}.{name}: is {value!r}, expected {accepted}")
-    if not np.isfinite(value) or value < minimum or (above and value == minimum):
+    try:
+        result = float(value)
+    except OverflowError:  # an integer of more than 308 digits
+        result = np.inf
+    if not np.isfinite(result) or result < minimum or (above and result == minimum):
         raise FieldError(f"{owner}.{name}: is {value}, expected {accepted}")
-    return float(value)
+    return result
 
 
 def per_joint(
@@ -59,6 +67,16 @@ def per_joint(
         accepted = "a finite number" if minimum == -np.inf else f"a finite number >= {minimum:g}"
         raise FieldError(f"{owner}.{name}: is {array[i]} for {joints[i]}, expected {accepted}")
     return array
+
+
+def damping_values(owner: str, damping: npt.ArrayLike, damping_scalar: float, joints: tuple[str, ...]) -> FloatArray:
+    """The parameters `damping` and `damping_scalar` as one read-only array of shape (n,), N·m·s/rad.
+
+    An empty `damping` means `damping_scalar` for every joint. Both are checked, whichever counts.
+    """
+    scalar = number(owner, "damping_scalar", damping_scalar)
+    values = frozen_array(owner, "damping", damping)
+    return per_joint(owner, "damping", values if values.size else scalar, joints, minimum=0.0)
 
 
 def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:

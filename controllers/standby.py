@@ -68,7 +68,7 @@ class StandbyController:
     def _checked_poses(self, poses: npt.ArrayLike, durations: FloatArray) -> FloatArray:
         owner = "StandbyController"
         rows: list[FloatArray] = []
-        for i, row in enumerate(np.asarray(poses, dtype=object)):
+        for i, row in enumerate(np.atleast_1d(np.asarray(poses, dtype=object))):
             pose = frozen_array(owner, f"pose_segments[{i}]", list(np.atleast_1d(row)))
             if pose.shape != (len(self.joints),):
                 raise FieldError(f"{owner}.pose_segments[{i}]: has shape {pose.shape}, expected ({len(self.joints)},)")
@@ -127,7 +127,7 @@ class StandbyController:
         begin = 0.0
         for i, duration in enumerate(self.segment_durations):
             if elapsed < begin + duration:
-                progress = float((elapsed - begin) / duration)
+                progress = min(float((elapsed - begin) / duration), 1.0)  # rounding may put it just above
                 previous = start if i == 0 else self.pose_segments[i - 1]
                 position = previous + (self.pose_segments[i] - previous) * progress
                 return StandbyState(i, total, progress, False), position, progress if i == 0 else 1.0
