@@ -9,7 +9,7 @@ import numpy as np
 
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
 from humanoid_sim.controllers.damping import damped_command
-from humanoid_sim.controllers.parameters import command_problem, joint_tuple, number, per_joint
+from humanoid_sim.controllers.parameters import command_problem, damping_values, joint_tuple, number
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import RemoteCommand, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
@@ -27,12 +27,12 @@ class RemoteMemory(Memory):
     """s, robot's clock."""
     ignored_stamp: float = float("nan")
     """Arrival time of the command that was already there at activation."""
-    now: float = 0.0
-    """s, the latest robot time seen: a clock that jumps back does not make an old command young."""
+    time: float = 0.0
+    """s, robot's clock at the previous tick."""
     stamp: float = float("nan")
     """Arrival time of the command in force, as given; tells one command from the next."""
-    arrival: float = float("-inf")
-    """s, its arrival for the purpose of staleness: not later than the tick that saw it first."""
+    age: float = 0.0
+    """s since it arrived, summed tick by tick: a clock that jumps back makes no command young, and keeps none young."""
     command: MITCommand | None = None
 
 
@@ -65,9 +65,7 @@ class RemotePolicyController:
             )
         timeout = number(owner, "stale_command_timeout_ms", self.stale_command_timeout_ms, above=True)
         set_field(self, "stale_command_timeout_ms", timeout)
-        scalar = number(owner, "damping_scalar", self.damping_scalar)
-        values = self.damping if np.size(self.damping) else scalar
-        set_field(self, "damping", per_joint(owner, "damping", values, self.joints, minimum=0.0))
+        set_field(self, "damping", damping_values(owner, self.damping, self.damping_scalar, self.joints))
 
     def activate(self, tick_input: TickInput) -> RemoteMemory | Fault:
         """Start the clock from which commands count."""
@@ -75,7 +73,7 @@ class RemotePolicyController:
         if not np.isfinite(time).all():
             return Fault(f"time is {time}, expected a finite number")
         seen = float("nan") if tick_input.remote is None else tick_input.remote.arrival_time
-        return RemoteMemory(activation_time=float(time), now=float(time), ignored_stamp=seen)
+        return RemoteMemory(activation_time=float(time), time=float(time), ignored_stamp=seen)
 
     def update(self, memory: RemoteMemory, tick_input: TickInput) -> tuple[RemoteMemory, MITCommand] | Fault:
         """The command in force, or the damped hold in its place."""
@@ -84,25 +82,26 @@ class RemotePolicyController:
             return Fault(f"time is {state.time}, expected a finite number")
         if state.joint_position.shape != self.damping.shape:
             return Fault(f"state has {state.joint_position.shape} joint positions, expected {self.damping.shape}")
-        now = max(memory.now, float(state.time))
-        stamp, arrival, command = memory.stamp, memory.arrival, memory.command
+        time = float(state.time)
+        stamp, command = memory.stamp, memory.command
+        age = memory.age + max(time - memory.time, 0.0)
         remote = tick_input.remote
         if remote is not None and self._counts(remote, memory):
             problem = command_problem(remote.command, self.joints)
             if problem:
                 return Fault(f"remote {problem}")
             if remote.arrival_time != stamp:
-                stamp, arrival = remote.arrival_time, min(remote.arrival_time, now)
+                stamp, age = remote.arrival_time, max(time - remote.arrival_time, 0.0)
             command = remote.command
         memory = RemoteMemory(
             activation_time=memory.activation_time,
             ignored_stamp=memory.ignored_stamp,
-            now=now,
+            time=time,
             stamp=stamp,
-            arrival=arrival,
+            age=age,
             command=command,
         )
-        fresh = now - arrival <= self.stale_command_timeout_ms * 1e-3
+        fresh = age <= self.stale_command_timeout_ms * 1e-3
         if command is not None and (fresh or self.stale_command_policy == "hold"):
             return memory, command
         return memory, damped_command(state.joint_position, self.damping)
