@@ -95,7 +95,7 @@ class Supervisor:
 
         switch = decision.controller is not None
         wanted = decision.controller or memory.controller
-        outcome = self._run(wanted, None if switch else memory.controller_memory, tick_input)
+        outcome = self._run(wanted, None if switch else memory.controller_memory, memory, tick_input)
 
         refusals = tuple(
             text for text in (decision.refusal, *(_superseded(other, intent) for other in superseded)) if text
@@ -113,8 +113,12 @@ class Supervisor:
         )
         return SupervisorMemory(outcome.controller, outcome.memory, status), output
 
-    def _run(self, name: str, controller_memory: Any, tick_input: TickInput) -> _Outcome:
-        """Run a controller, or the first of its fallbacks that does not fail."""
+    def _run(self, name: str, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput) -> _Outcome:
+        """Run a controller, or the first of its fallbacks that does not fail.
+
+        A fallback that was in control `before` goes on from there: the captured positions of DAMPING are as good as
+        they were, even if the state is not.
+        """
         faults: list[FaultReport] = []
         policy_step: PolicyStep | None = None
         while True:
@@ -129,7 +133,7 @@ class Supervisor:
             if name == ZERO_TORQUE:
                 # Cannot happen with this package's controller; a foreign one in its place may do anything.
                 return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), policy_step)
-            name, controller_memory = fallback, None
+            name, controller_memory = fallback, before.controller_memory if fallback == before.controller else None
 
     def _attempt(
         self, controller: Controller, controller_memory: Any, tick_input: TickInput
