@@ -73,7 +73,9 @@ def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddre
     Raises:
         InputError: a name is not a joint of the model; the message lists those that are.
     """
-    known = [model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] in _SCALAR_JOINTS]
+    known = [
+        model.joint(i).name for i in range(model.njnt) if mujoco.mjtJoint(int(model.jnt_type[i])) in _SCALAR_JOINTS
+    ]
     for name in names:
         if name not in known:
             raise InputError(known_names("joint", name, known))

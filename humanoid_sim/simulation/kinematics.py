@@ -1,0 +1,70 @@
+"""Forward kinematics: where bodies are for given joint positions, in the robot's base frame. No dynamics."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
+
+__all__ = ["ForwardKinematics", "rotation_6d"]
+
+
+class ForwardKinematics:
+    """Poses of named bodies relative to the base: the body that holds the arms, the chest of the Lite.
+
+    Keeps one model and its buffers; one instance per thread.
+    """
+
+    def __init__(self, description: RobotDescription, bodies: tuple[str, ...] | None = None) -> None:
+        """Build the model; `bodies` None stands for the description's hands.
+
+        Raises:
+            InputError: a body is not in the model; the message lists those that are.
+        """
+        self._model = build_model(description, scene=False)
+        self._data = mujoco.MjData(self._model)
+        self._addresses = joint_addresses(self._model, description.joint_names)
+        self.bodies = description.hands if bodies is None else tuple(bodies)
+        known = [self._model.body(i).name for i in range(1, self._model.nbody)]
+        for name in self.bodies:
+            if name not in known:
+                raise InputError(f"{description.name}: {known_names('body', name, known)}")
+        self._ids = [self._model.body(name).id for name in self.bodies]
+        mujoco.mj_kinematics(self._model, self._data)
+        base = base_body(self._model, description)
+        # The joints do not move the base, so its pose is taken once.
+        self._base_position = self._data.xpos[base].copy()
+        self._base_rotation = self._data.xmat[base].reshape(3, 3).copy()
+
+    def __call__(self, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions and rotation matrices of the bodies, in the order of `bodies`.
+
+        Args:
+            joint_position: shape (..., n), rad, joint frame.
+
+        Returns:
+            Shape (..., B, 3), m, and (..., B, 3, 3), both in the base frame; new arrays.
+        """
+        q = np.asarray(joint_position, dtype=np.float64)
+        flat = q.reshape(-1, q.shape[-1])
+        position = np.empty((len(flat), len(self._ids), 3))
+        rotation = np.empty((len(flat), len(self._ids), 9))
+        model, data, qpos_index = self._model, self._data, self._addresses.qpos
+        for i, row in enumerate(flat):
+            data.qpos[qpos_index] = row
+            mujoco.mj_kinematics(model, data)
+            position[i] = data.xpos[self._ids]
+            rotation[i] = data.xmat[self._ids]
+        position = np.einsum("ji,tbj->tbi", self._base_rotation, position - self._base_position)
+        matrices = np.einsum("ji,tbjk->tbik", self._base_rotation, rotation.reshape(*rotation.shape[:2], 3, 3))
+        batch = q.shape[:-1]
+        return position.reshape(*batch, -1, 3), matrices.reshape(*batch, -1, 3, 3)
+
+
+def rotation_6d(rotation: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) → (..., 6): the first two columns, row by row: R00, R01, R10, R11, R20, R21."""
+    return np.ascontiguousarray(rotation[..., :, :2]).reshape(*rotation.shape[:-2], 6)

@@ -1,0 +1,251 @@
+"""A robot in MuJoCo behind the interface that real robots have."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Literal, get_args
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.messages import SafetyLevel, SafetyStatus
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.simulation.delay import DelayLine, delay_steps
+from humanoid_sim.simulation.imu import Imu, ImuSample
+from humanoid_sim.simulation.plant import Actuation, make_plant
+from humanoid_sim.simulation.stability import DampingStability
+
+__all__ = ["MujocoRobot", "StateSampling"]
+
+StateSampling = Literal["now", "on_command"]
+
+_SOURCE = "mujoco"
+_OK = SafetyStatus(source=_SOURCE)
+
+_JointSample = tuple[FloatArray, FloatArray, FloatArray]
+"""Position, velocity and effort."""
+
+
+class MujocoRobot:
+    """A simulated robot: `write` applies a command and advances physics by one control period.
+
+    The clock counts physics steps and never goes back: `activate` puts the joints back to the initial position at the
+    present time, as a relaunch on a running robot would find them. A simulation that is no longer finite becomes a
+    CRITICAL safety status; physics then stands still, with the state as it is, until `activate`.
+
+    With the default options a state is read at the instant at which it is asked for. The others make the timing that of
+    a bus: a command written at t takes effect at t + `command_delay`; a state sampled at t is seen from
+    t + `state_delay` on; with `state_sampling="on_command"` a motor answers commands only, so that what is seen is the
+    state at a command's arrival. Activation counts as an answer of every motor. The IMU is sampled at every instant,
+    whatever the sampling, and is as late as the joints.
+    """
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        *,
+        control_period: float | None = None,
+        physics_timestep: float | None = None,
+        actuation: Actuation = "qfrc_applied",
+        command_delay: float = 0.0,
+        state_delay: float = 0.0,
+        state_sampling: StateSampling = "now",
+    ) -> None:
+        """Build the model.
+
+        Args:
+            description: the robot.
+            control_period: s; None for the description's.
+            physics_timestep: s, must divide the control period; None for the description's.
+            actuation: `qfrc_applied`, the reference, or `affine`; see `humanoid_sim.simulation.plant`.
+            command_delay: s, a multiple of the physics step.
+            state_delay: s, a multiple of the physics step.
+            state_sampling: `now` or `on_command`.
+
+        Raises:
+            InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
+                is unstable at this physics step.
+        """
+        if state_sampling not in get_args(StateSampling):
+            accepted = " or ".join(get_args(StateSampling))
+            raise InputError(f"state_sampling: is {state_sampling!r}, expected {accepted}")
+        settings = description.simulation
+        timestep = settings.physics_timestep if physics_timestep is None else physics_timestep
+        period = 1.0 / settings.control_frequency if control_period is None else control_period
+        steps = steps_per_period(period, timestep)
+        command_steps = delay_steps("command_delay", command_delay, timestep)
+        state_steps = delay_steps("state_delay", state_delay, timestep)
+
+        self._description = description
+        self._timestep = timestep
+        self._control_period = period
+        self._joints = description.joint_names
+        self._plant = make_plant(description, actuation=actuation, physics_timestep=timestep)
+        self._stability = DampingStability(self._plant.model, description)
+        self._warnings = self._stability.check_description()
+        self._imu = Imu(self._plant.model, description.imu)
+
+        self._steps = steps
+        # A command written at the start of a period arrives `whole` periods and `offset` steps later. Samples for
+        # the read at the end of a period are taken `state_steps` before it, so at one fixed offset too.
+        self._whole_periods_late, self._arrival_offset = divmod(command_steps, steps)
+        self._sample_offset = steps - state_steps % steps
+        self._samples_now = state_sampling == "now"
+        self._pending: deque[MITCommand] = deque()
+        self._joint_line: DelayLine[_JointSample] = DelayLine(state_steps)
+        self._imu_line: DelayLine[ImuSample] = DelayLine(state_steps)
+        self._step = 0
+        self._fault = ""
+        self._is_closed = False
+        self._state: MITState | None = None
+        self.activate()
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """See `Robot.joints`."""
+        return self._joints
+
+    @property
+    def description(self) -> RobotDescription:
+        """What this robot was built from."""
+        return self._description
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled MuJoCo model."""
+        return self._plant.model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's state, live."""
+        return self._plant.data
+
+    @property
+    def control_period(self) -> float:
+        """s, by which one `write` advances the simulation."""
+        return self._control_period
+
+    @property
+    def physics_steps(self) -> int:
+        """Physics steps in one control period."""
+        return self._steps
+
+    @property
+    def stability(self) -> DampingStability:
+        """The stability measure of this robot's model, for the gains of a policy."""
+        return self._stability
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What an operator should know about this simulation, one line each: gains that are close to unstable."""
+        return self._warnings
+
+    @property
+    def time(self) -> float:
+        """s, the robot's clock: physics steps since construction times the physics step."""
+        return self._step * self._timestep
+
+    @property
+    def qpos(self) -> FloatArray:
+        """Shape (nq,), a read-only copy of MuJoCo's generalised position, for viewers."""
+        qpos: FloatArray = self._plant.data.qpos.copy()
+        qpos.setflags(write=False)
+        return qpos
+
+    def activate(self) -> None:
+        """Put the joints to rest in the initial position, forget commands under way, clear a fault.
+
+        Raises:
+            RobotError: the robot is closed.
+        """
+        if self._is_closed:
+            raise RobotError(f"{self._description.name}: the simulated robot is closed")
+        self._plant.reset()
+        self._plant.data.time = self.time
+        self._pending.clear()
+        self._fault = ""
+        self._state = None
+        self._joint_line.restart(self._step, self._joint_sample())
+        self._imu_line.restart(self._step, self._imu.read(self._plant.data))
+
+    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        """The state as it is seen at the present simulation time, and the simulator's safety status.
+
+        Reading twice gives the same state.
+        """
+        if self._state is None:
+            sampled, (position, velocity, effort) = self._joint_line.at(self._step)
+            _, imu = self._imu_line.at(self._step)
+            self._state = MITState(
+                time=self.time,
+                joint_position=position,
+                joint_velocity=velocity,
+                joint_effort=effort,
+                joint_age=np.full(len(self._joints), (self._step - sampled) * self._timestep),
+                imu_quaternion=imu.quaternion,
+                imu_angular_velocity=imu.angular_velocity,
+                imu_linear_acceleration=imu.linear_acceleration,
+            )
+        if self._fault:
+            return self._state, (SafetyStatus(level=SafetyLevel.CRITICAL, source=_SOURCE, message=self._fault),)
+        return self._state, (_OK,)
+
+    def write(self, command: MITCommand) -> None:
+        """Apply a command, shape (n,), and advance physics by one control period.
+
+        Raises:
+            RobotError: the command is for another number of joints, or the robot is closed.
+        """
+        if command.position.shape != (len(self._joints),):
+            raise RobotError(
+                f"{self._description.name}: command has shape {command.position.shape}, expected ({len(self._joints)},)"
+            )
+        if self._is_closed:
+            raise RobotError(f"{self._description.name}: the simulated robot is closed")
+        self._state = None
+        if self._fault:
+            self._step += self._steps
+            return
+        self._pending.append(command)
+        if self._arrival_offset < self._sample_offset:
+            self._advance(self._arrival_offset)
+            self._arrive()
+            self._advance(self._sample_offset - self._arrival_offset)
+            self._sample()
+            self._advance(self._steps - self._sample_offset)
+        else:
+            self._advance(self._sample_offset)
+            self._sample()
+            self._advance(self._arrival_offset - self._sample_offset)
+            self._arrive()
+            self._advance(self._steps - self._arrival_offset)
+        fault = self._plant.fault()
+        if fault:
+            self._fault = f"{fault} (t = {self.time:.4f} s)"
+
+    def close(self) -> None:
+        """Refuse further commands. May be called twice."""
+        self._is_closed = True
+
+    def _advance(self, steps: int) -> None:
+        if steps:
+            self._plant.step(steps)
+            self._step += steps
+
+    def _arrive(self) -> None:
+        """The command written `command_delay` ago reaches the motors, which may answer."""
+        if len(self._pending) > self._whole_periods_late:
+            self._plant.apply(self._pending.popleft())
+            if not self._samples_now:
+                self._joint_line.push(self._step, self._joint_sample())
+
+    def _sample(self) -> None:
+        self._imu_line.push(self._step, self._imu.read(self._plant.data))
+        if self._samples_now:
+            self._joint_line.push(self._step, self._joint_sample())
+
+    def _joint_sample(self) -> _JointSample:
+        return self._plant.position.copy(), self._plant.velocity.copy(), self._plant.effort.copy()

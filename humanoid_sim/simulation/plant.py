@@ -1,0 +1,208 @@
+"""The plant: MuJoCo stepped under the MIT law, in two forms that agree to rounding.
+
+`QfrcPlant` computes the law before every physics step and writes `qfrc_applied`: the reference. `AffinePlant` lets
+MuJoCo's own actuators compute it (`force = ctrl - K_p q - K_d qd` with `ctrl = K_p q_cmd + K_d qd_cmd + tau_ff`), so
+that any number of steps is one native call. They are equal step for step under the Euler integrator, because neither
+form's damping enters an implicit term there; `tests/simulation/test_plant.py` holds them to 1e-9.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Literal, get_args
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import build_model, joint_addresses
+
+__all__ = ["Actuation", "AffinePlant", "Plant", "QfrcPlant", "make_plant"]
+
+Actuation = Literal["qfrc_applied", "affine"]
+
+_WATCHED = {
+    mujoco.mjtWarning.mjWARN_BADCTRL: "command",
+    mujoco.mjtWarning.mjWARN_BADQPOS: "position",
+    mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
+    mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
+}
+"""Warnings of a simulation that is no longer sound, and the quantity that each is about."""
+
+
+class Plant(ABC):
+    """A robot's model and data, its joints' torques, and whether the simulation is still sound.
+
+    Joint arrays are shape (n,) in the description's order. Not thread-safe.
+    """
+
+    actuation: Actuation
+
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self.addresses = joint_addresses(model, description.joint_names)
+        self._initial_position = np.array(description.initial_position)
+        # Slices, where the joints are adjacent and in order, make views: nothing to gather at each physics step.
+        self._qpos_index = _as_slice(self.addresses.qpos)
+        self._dof_index = _as_slice(self.addresses.dof)
+        self._warnings = tuple((kind, self.data.warning[int(kind)]) for kind in _WATCHED)
+        self.reset()
+
+    @abstractmethod
+    def apply(self, command: MITCommand) -> None:
+        """Put a command, shape (n,), in force from the next physics step on."""
+
+    @abstractmethod
+    def step(self, count: int) -> None:
+        """Advance physics by `count` steps under the command in force."""
+
+    @property
+    @abstractmethod
+    def effort(self) -> FloatArray:
+        """Shape (n,), N·m, joint frame: the torque of the latest physics step, saturated. A view or a copy."""
+
+    @property
+    def position(self) -> FloatArray:
+        """Shape (n,), rad, joint frame. A view or a copy."""
+        position: FloatArray = self.data.qpos[self._qpos_index]
+        return position
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Shape (n,), rad/s, joint frame. A view or a copy."""
+        velocity: FloatArray = self.data.qvel[self._dof_index]
+        return velocity
+
+    def reset(self) -> None:
+        """At rest in the initial position, no command in force, warnings cleared."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self._qpos_index] = self._initial_position
+        # MuJoCo announces only a warning's first occurrence, on stderr and in a file MUJOCO_LOG.TXT in the working
+        # folder. Counting from 1 keeps it quiet: here a bad state is a safety status, not a log line.
+        for _, warning in self._warnings:
+            warning.number = 1
+
+    def fault(self) -> str:
+        """What is wrong with the simulation, naming the first bad quantity; empty if it is sound."""
+        for kind, warning in self._warnings:
+            if warning.number != 1:
+                joint = self._joint_name(kind, warning.lastinfo)
+                return f"simulation unstable: the {_WATCHED[kind]} of {joint} is not finite, or huge"
+        return ""
+
+    def _joint_name(self, kind: mujoco.mjtWarning, index: int) -> str:
+        """The joint that a warning is about; its index counts in `ctrl`, `qpos` or `qvel`."""
+        if kind is mujoco.mjtWarning.mjWARN_BADCTRL:
+            joint = int(self.model.actuator_trnid[index, 0])
+        elif kind is mujoco.mjtWarning.mjWARN_BADQPOS:
+            joint = int(np.searchsorted(self.model.jnt_qposadr, index, side="right")) - 1
+        else:
+            joint = int(self.model.dof_jntid[index])
+        return self.model.joint(joint).name or f"joint {joint}"
+
+
+class QfrcPlant(Plant):
+    """The law in NumPy before every physics step."""
+
+    actuation = "qfrc_applied"
+
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
+        self._joint_count = description.joint_count
+        self._upper = np.array(description.effort_limit)
+        self._lower = -self._upper
+        self._damping_torque = np.empty(self._joint_count)
+        super().__init__(model, description)
+        self._is_contiguous = isinstance(self._qpos_index, slice) and isinstance(self._dof_index, slice)
+
+    def reset(self) -> None:
+        """See `Plant.reset`."""
+        super().reset()
+        self._command = MITCommand.zeros(self._joint_count)
+
+    def apply(self, command: MITCommand) -> None:
+        """See `Plant.apply`."""
+        self._command = command
+
+    @property
+    def effort(self) -> FloatArray:
+        """See `Plant.effort`."""
+        applied: FloatArray = self.data.qfrc_applied[self._dof_index]
+        return applied
+
+    def step(self, count: int) -> None:
+        """Advance physics by `count` steps; the torque is that of `mit_torque`, operation for operation."""
+        model, data, command = self.model, self.data, self._command
+        target_position, target_velocity = command.position, command.velocity
+        stiffness, damping, feed_forward = command.stiffness, command.damping, command.effort
+        lower, upper, damping_torque = self._lower, self._upper, self._damping_torque
+        gathers = not self._is_contiguous
+        # Views into MuJoCo's arrays, or, if the joints are scattered there, copies to be renewed at every step.
+        position, velocity, torque = self.position, self.velocity, self.effort
+        step = mujoco.mj_step
+        # Every NumPy call writes into a buffer: this loop is most of what a control tick costs beyond MuJoCo.
+        for _ in range(count):
+            if gathers:
+                position, velocity = self.position, self.velocity
+            np.subtract(target_position, position, out=torque)
+            np.multiply(stiffness, torque, out=torque)
+            np.subtract(target_velocity, velocity, out=damping_torque)
+            np.multiply(damping, damping_torque, out=damping_torque)
+            np.add(torque, damping_torque, out=torque)
+            np.add(torque, feed_forward, out=torque)
+            np.maximum(torque, lower, out=torque)
+            np.minimum(torque, upper, out=torque)
+            if gathers:
+                data.qfrc_applied[self._dof_index] = torque
+            step(model, data)
+
+
+class AffinePlant(Plant):
+    """The law as MuJoCo's affine-bias actuators, one per joint, in order; their gains live in the model."""
+
+    actuation = "affine"
+
+    def reset(self) -> None:
+        """See `Plant.reset`."""
+        super().reset()
+        self.model.actuator_biasprm[:, 1:3] = 0.0
+
+    def apply(self, command: MITCommand) -> None:
+        """See `Plant.apply`. This writes the gains into `model.actuator_biasprm`."""
+        self.model.actuator_biasprm[:, 1] = -command.stiffness
+        self.model.actuator_biasprm[:, 2] = -command.damping
+        self.data.ctrl[:] = command.stiffness * command.position + command.damping * command.velocity + command.effort
+
+    @property
+    def effort(self) -> FloatArray:
+        """See `Plant.effort`."""
+        force: FloatArray = self.data.actuator_force
+        return force
+
+    def step(self, count: int) -> None:
+        """See `Plant.step`: one native call."""
+        mujoco.mj_step(self.model, self.data, count)
+
+
+def make_plant(
+    description: RobotDescription, *, actuation: Actuation = "qfrc_applied", physics_timestep: float | None = None
+) -> Plant:
+    """Build the model and its plant.
+
+    Raises:
+        InputError: `actuation` is unknown, or the model cannot be built (see `build_model`).
+    """
+    if actuation not in get_args(Actuation):
+        raise InputError(f"actuation: is {actuation!r}, expected {' or '.join(get_args(Actuation))}")
+    affine = actuation == "affine"
+    model = build_model(description, physics_timestep=physics_timestep, affine_actuators=affine)
+    return AffinePlant(model, description) if affine else QfrcPlant(model, description)
+
+
+def _as_slice(index: np.ndarray) -> slice | np.ndarray:
+    """`index` as a slice if it counts up by one, else itself."""
+    if np.array_equal(index, np.arange(index[0], index[0] + len(index))):
+        return slice(int(index[0]), int(index[0]) + len(index))
+    return index

@@ -1,0 +1,118 @@
+"""Whether damping is stable at a physics step.
+
+The MIT law's damping is explicit: one Euler step multiplies the joint velocities by `I - dt · M⁻¹ · K_d`. Where an
+eigenvalue of `dt · M⁻¹ · K_d` exceeds 1 the velocity changes sign every step, above 2 it grows until the torque
+saturates: the joint chatters at its limit without ever going non-finite. `M` holds the motors' reflected inertia.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import joint_addresses
+
+__all__ = ["REFUSED_ABOVE", "WARNED_ABOVE", "DampingMeasure", "DampingStability"]
+
+WARNED_ABOVE = 1.0
+REFUSED_ABOVE = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class DampingMeasure:
+    """The worst of the sampled poses."""
+
+    eigenvalue: float
+    """Largest eigenvalue of `dt · M⁻¹ · K_d`, dimensionless."""
+    joint: str
+    """The joint that moves most in that eigenvector."""
+
+
+class DampingStability:
+    """Inverse mass matrices of a robot over sampled poses, against which any damping is measured."""
+
+    def __init__(
+        self, model: mujoco.MjModel, description: RobotDescription, *, samples: int = 64, seed: int = 0
+    ) -> None:
+        """Sample poses: the description's own, and `samples` drawn uniformly within the joint limits."""
+        self._description = description
+        self._timestep = float(model.opt.timestep)
+        poses = [
+            description.initial_position,
+            *description.standby_controller_a.pose_segments,
+            *description.standby_controller_b.pose_segments,
+        ]
+        draw = np.random.default_rng(seed).uniform(
+            description.lower, description.upper, (samples, description.joint_count)
+        )
+        self._inverse_mass = _inverse_mass(model, description.joint_names, np.concatenate([np.array(poses), draw]))
+
+    def measure(self, damping: npt.ArrayLike) -> DampingMeasure:
+        """Measure a K_d: shape (n,) or scalar, N·m·s/rad."""
+        root = np.sqrt(np.broadcast_to(np.asarray(damping, dtype=np.float64), (self._description.joint_count,)))
+        # √K_d M⁻¹ √K_d is symmetric and has the eigenvalues of M⁻¹ K_d.
+        values, vectors = np.linalg.eigh(root[:, None] * self._inverse_mass * root)
+        worst = int(np.argmax(values[:, -1]))
+        joint = int(np.argmax(np.abs(vectors[worst, :, -1])))
+        return DampingMeasure(self._timestep * float(values[worst, -1]), self._description.joint_names[joint])
+
+    def check(self, damping: npt.ArrayLike, what: str) -> str:
+        """A warning about a K_d, or '' if it is stable without oscillation; `what` says whose it is.
+
+        Raises:
+            InputError: it is unstable at this physics step; the message names the joint.
+        """
+        measure = self.measure(damping)
+        if measure.eigenvalue <= WARNED_ABOVE:
+            return ""
+        message = (
+            f"{what}: at {measure.joint} dt·M⁻¹·K_d reaches {measure.eigenvalue:.2f} with a physics step of "
+            f"{self._timestep:g} s"
+        )
+        if measure.eigenvalue > REFUSED_ABOVE:
+            longest = self._timestep * REFUSED_ABOVE / measure.eigenvalue
+            raise InputError(f"{message}, which is unstable above {REFUSED_ABOVE:g}: use less than {longest:.2g} s")
+        return f"{message}, so that its velocity changes sign from step to step (above {WARNED_ABOVE:g})"
+
+    def check_description(self) -> tuple[str, ...]:
+        """The warnings about all the description's own gains.
+
+        Raises:
+            InputError: as `check`.
+        """
+        robot = self._description
+        passive, remote = robot.damping_controller, robot.remote_policy_controller
+        owners: dict[tuple[float, ...], list[str]] = {}
+        for name, damping in (
+            ("joints", robot.damping),
+            ("damping_controller", passive.damping or passive.damping_scalar),
+            ("standby_controller_a", robot.standby_controller_a.target_damping),
+            ("standby_controller_b", robot.standby_controller_b.target_damping),
+            ("remote_policy_controller", remote.damping or remote.damping_scalar),
+        ):
+            gains = tuple(np.broadcast_to(np.asarray(damping, dtype=np.float64), (robot.joint_count,)).tolist())
+            owners.setdefault(gains, []).append(name)
+        found = [self.check(gains, f"{robot.name}: {', '.join(names)}") for gains, names in owners.items()]
+        return tuple(warning for warning in found if warning)
+
+
+def _inverse_mass(model: mujoco.MjModel, joints: tuple[str, ...], poses: FloatArray) -> FloatArray:
+    """Shape (poses, n, n): the joints' block of M⁻¹; other joints of the model (a base) are free to move."""
+    addresses = joint_addresses(model, joints)
+    data = mujoco.MjData(model)
+    mass = np.empty((model.nv, model.nv))
+    result = np.empty((len(poses), len(joints), len(joints)))
+    for i, pose in enumerate(poses):
+        data.qpos[addresses.qpos] = pose
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_fullM(model, data, mass)
+        result[i] = np.linalg.inv(mass)[np.ix_(addresses.dof, addresses.dof)]
+    return result
