@@ -203,4 +203,4 @@ def _write(writer: Writer, motion: Motion) -> None:
     for index, frame in enumerate(motion.frames):
         time = round(index * motion.policy_dt * _NANOSECONDS)
         writer.add_message(channel, time, encode_float32_array(frame), time, index)
-    writer.finish()  # type: ignore[no-untyped-call]
+    writer.finish()

@@ -60,12 +60,16 @@ def _layout_at(codes: str, offset: int) -> struct.Struct:
 
 
 class CdrWriter:
-    """Builds one message field by field, in the order of its definition."""
+    """Builds a message, or a stretch of one, field by field in the order of its definition.
 
-    __slots__ = ("_body",)
+    A stretch is placed at an offset that is a multiple of 8; `skip` bytes (at most 7) then stand for what precedes it.
+    """
 
-    def __init__(self) -> None:
-        self._body = bytearray()
+    __slots__ = ("_body", "_skip")
+
+    def __init__(self, skip: int = 0) -> None:
+        self._body = bytearray(skip)
+        self._skip = skip
 
     def pack(self, codes: str, *values: Any) -> None:
         """Append primitives; `codes` holds one `struct` letter for each."""
@@ -97,9 +101,13 @@ class CdrWriter:
         self._body += b"\x00" * (-len(self._body) % values.itemsize)
         self._body += values.tobytes()
 
+    def append(self, stretch: bytes) -> None:
+        """Append fields that were encoded elsewhere; the body must be at an offset that they were encoded for."""
+        self._body += stretch
+
     def body(self) -> bytes:
-        """The fields so far, without the encapsulation header."""
-        return bytes(self._body)
+        """The fields so far, without the encapsulation header and without what was skipped."""
+        return bytes(self._body[self._skip :])
 
     def message(self) -> bytes:
         """The whole message."""

@@ -1,17 +1,133 @@
-"""Encodes this package's types as the ROS 2 messages of `schemas`."""
+"""Encodes this package's types as the ROS 2 messages of `schemas`; `time_ns` is nanoseconds since the Unix epoch."""
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.messages import ControlMode, SafetyStatus, StandbyState
+from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.recording.cdr import CdrError, CdrReader, CdrWriter
 
-__all__ = ["decode_float32_array", "encode_float32_array"]
+__all__ = [
+    "decode_event",
+    "decode_float32_array",
+    "encode_control_mode",
+    "encode_event",
+    "encode_float32_array",
+    "encode_imu",
+    "encode_joint_state",
+    "encode_mit_command",
+    "encode_safety_status",
+    "encode_standby_state",
+]
+
+_IMU_FRAME = "imu"
+_LAST_SECOND = 2**31 - 1
+"""`builtin_interfaces/Time` counts seconds in 32 bits."""
+_UNKNOWN_COVARIANCE = np.zeros(9)
+"""What `sensor_msgs/Imu` defines to mean "unknown"."""
+
+
+def _stamped(time_ns: int) -> CdrWriter:
+    """A message that begins with a time stamp; 8 bytes, so that what follows stands on a multiple of 8."""
+    writer = CdrWriter()
+    seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+    writer.pack("iI", min(seconds, _LAST_SECOND), nanoseconds)
+    return writer
+
+
+@lru_cache(maxsize=16)
+def _frame_and_names(names: tuple[str, ...]) -> bytes:
+    """An empty `frame_id` and the joint names: the same in every message of a run."""
+    writer = CdrWriter()
+    writer.string("")
+    writer.strings(names)
+    return writer.body()
+
+
+def encode_joint_state(time_ns: int, names: tuple[str, ...], state: MITState) -> bytes:
+    """`sensor_msgs/msg/JointState`."""
+    writer = _stamped(time_ns)
+    writer.append(_frame_and_names(names))
+    for values in (state.joint_position, state.joint_velocity, state.joint_effort):
+        writer.array(values)
+    return writer.message()
+
+
+def encode_imu(time_ns: int, state: MITState) -> bytes:
+    """`sensor_msgs/msg/Imu`: quaternion as x y z w, covariances unknown."""
+    w, x, y, z = state.imu_quaternion
+    writer = _stamped(time_ns)
+    writer.string(_IMU_FRAME)
+    writer.pack("dddd", x, y, z, w)
+    writer.fixed_array(_UNKNOWN_COVARIANCE)
+    writer.fixed_array(state.imu_angular_velocity)
+    writer.fixed_array(_UNKNOWN_COVARIANCE)
+    writer.fixed_array(state.imu_linear_acceleration)
+    writer.fixed_array(_UNKNOWN_COVARIANCE)
+    return writer.message()
+
+
+def encode_mit_command(time_ns: int, names: tuple[str, ...], command: MITCommand) -> bytes:
+    """`humanoid_control_msgs/msg/MITCommand`."""
+    writer = _stamped(time_ns)
+    writer.append(_frame_and_names(names))
+    for values in (command.position, command.velocity, command.effort, command.stiffness, command.damping):
+        writer.array(values)
+    return writer.message()
+
+
+def encode_control_mode(time_ns: int, control_mode: ControlMode) -> bytes:
+    """`humanoid_control_msgs/msg/ControlMode`."""
+    writer = _stamped(time_ns)
+    writer.string("")
+    writer.pack("B", control_mode.mode)
+    writer.string(control_mode.controller_name)
+    writer.string(control_mode.status_message)
+    return writer.message()
+
+
+def encode_standby_state(time_ns: int, standby: StandbyState) -> bytes:
+    """`humanoid_control_msgs/msg/StandbyState`."""
+    writer = _stamped(time_ns)
+    writer.string("")
+    writer.pack("IId?", standby.current_segment, standby.total_segments, standby.progress, standby.is_finished)
+    return writer.message()
+
+
+def encode_safety_status(time_ns: int, status: SafetyStatus) -> bytes:
+    """`humanoid_control_msgs/msg/SafetyStatus`."""
+    writer = _stamped(time_ns)
+    writer.string("")
+    writer.pack("B", status.level)
+    writer.string(status.source)
+    writer.pack("I", status.flags)
+    writer.string(status.message)
+    return writer.message()
+
+
+def encode_event(time: float, text: str) -> bytes:
+    """`humanoid_sim_msgs/msg/Event`; `time` in s on the robot's clock."""
+    writer = CdrWriter()
+    writer.pack("d", time)
+    writer.string(text)
+    return writer.message()
+
+
+def decode_event(message: bytes) -> tuple[float, str]:
+    """Time (s, robot's clock) and text of a `humanoid_sim_msgs/msg/Event`. Raises `CdrError`."""
+    reader = CdrReader(message)
+    (time,) = reader.unpack("d")
+    text = reader.string()
+    reader.finish()
+    return time, text
 
 
 def encode_float32_array(values: npt.NDArray[np.float32]) -> bytes:
-    """A `std_msgs/msg/Float32MultiArray` in CDR: the values, no dimensions."""
+    """`std_msgs/msg/Float32MultiArray`: the values, no dimensions."""
     writer = CdrWriter()
     writer.pack("II", 0, 0)
     writer.array(np.asarray(values, dtype=np.float32))

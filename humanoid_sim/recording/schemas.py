@@ -157,6 +157,7 @@ bool is_finished
 int64 frame
 float32[] observation
 float32[] action
+uint32[] action_shape    # of a policy that works, its length; others are refused with their shape
 """,
     "humanoid_sim_msgs/Safety": """\
 uint32 flags

@@ -1,0 +1,142 @@
+"""Reads recordings, finished or cut short by a killed process: the header, then ticks and events in their order."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TypeAlias
+
+from mcap.records import Attachment, Channel, Metadata, Schema
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.recording.cdr import CdrError
+from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
+from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
+from humanoid_sim.recording.ros_messages import decode_event
+from humanoid_sim.recording.stream import McapStream, Message
+from humanoid_sim.recording.tick_codec import decode_tick
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+
+__all__ = ["Entry", "EventRecord", "Recording", "TopicCount", "open_recording"]
+
+
+@dataclass(frozen=True, slots=True)
+class EventRecord:
+    """Something that happened outside the ticks."""
+
+    time: float
+    """s, robot's clock."""
+    text: str
+
+
+Entry: TypeAlias = TickRecord | EventRecord
+
+
+@dataclass(slots=True)
+class TopicCount:
+    """How much a topic holds."""
+
+    schema: str
+    messages: int = 0
+
+
+class Recording:
+    """One recording. Reading streams the file, so a long one takes no more memory than a short one."""
+
+    def __init__(self, path: Path, header: SessionHeader) -> None:
+        """Made by `open_recording`."""
+        self.path = path
+        self.header = header
+        self.size = path.stat().st_size
+        """Bytes."""
+        self.position = 0
+        """Bytes read so far by the reading in progress."""
+        self.is_complete = False
+        """The file ends as a finished one does; known once it has been read to its end."""
+        self.damage = ""
+        """Where and why reading ended early; empty for a finished file. Known once it has been read to its end."""
+        self.topics: dict[str, TopicCount] = {}
+        """What the file holds by topic; known once it has been read to its end."""
+
+    def entries(self) -> Iterator[Entry]:
+        """Ticks and events in file order, to the last chunk that is whole.
+
+        Raises:
+            InputError: if a message is not what its topic says, which no cut explains.
+        """
+        topics: dict[str, TopicCount] = {}
+        with _open(self.path) as file:
+            stream = McapStream(file)
+            schemas: dict[int, str] = {}
+            channels: dict[int, str] = {}
+            for record in stream:
+                self.position = file.tell()
+                if isinstance(record, Message):
+                    topic = channels.get(record.channel_id, "")
+                    if topic not in topics:
+                        raise InputError(f"{self.path}: a message on channel {record.channel_id}, which is not defined")
+                    topics[topic].messages += 1
+                    if topic in _DECODERS:
+                        yield self._decode(topic, record)
+                elif isinstance(record, Schema):
+                    schemas[record.id] = record.name
+                elif isinstance(record, Channel):
+                    channels[record.id] = record.topic
+                    topics.setdefault(record.topic, TopicCount(schemas.get(record.schema_id, "")))
+            self.is_complete, self.damage = stream.is_complete, stream.damage
+        self.topics = topics
+
+    def ticks(self) -> Iterator[TickRecord]:
+        """The ticks alone. Raises as `entries` does."""
+        return (entry for entry in self.entries() if isinstance(entry, TickRecord))
+
+    def _decode(self, topic: str, message: Message) -> Entry:
+        try:
+            return _DECODERS[topic](message.data)
+        except CdrError as error:
+            raise InputError(f"{self.path}: message {message.sequence} of {topic}: {error}") from None
+
+
+def _decode_event_record(data: bytes) -> EventRecord:
+    return EventRecord(*decode_event(data))
+
+
+_DECODERS: dict[str, Callable[[bytes], Entry]] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: _decode_event_record}
+
+
+def open_recording(path: str | os.PathLike[str]) -> Recording:
+    """Open a recording and read its header.
+
+    Raises:
+        InputError: one line with the file and what is wrong with it.
+    """
+    path = Path(path)
+    documents: dict[str, str] = {}
+    attachments: dict[str, bytes] = {}
+    with _open(path) as file:
+        stream = McapStream(file)
+        for record in stream:
+            if isinstance(record, Attachment):
+                attachments[record.name] = record.data
+            elif isinstance(record, Metadata) and record.name == DOCUMENTS:
+                documents = record.metadata
+            elif isinstance(record, Metadata) and record.name == SESSION:
+                try:
+                    return Recording(path, parse_header(record.metadata, documents, attachments))
+                except HeaderError as error:
+                    raise InputError(f"{path}: {error}") from None
+            elif isinstance(record, Message):
+                break
+    reason = stream.damage or f"an MCAP file, but no recording of this program: it has no metadata record '{SESSION}'"
+    raise InputError(f"{path}: {reason}")
+
+
+def _open(path: Path) -> IO[bytes]:
+    try:
+        return path.open("rb")
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a directory, expected a recording (.mcap)") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None

@@ -1,0 +1,260 @@
+"""A sink that writes a run to one MCAP file, off the control thread.
+
+The control thread only queues a reference. A thread of its own encodes and writes, and ends a chunk at least every
+`FLUSH_PERIOD`, so that a killed process loses less than half a second. If the disk fails, the recording stops and says
+so once; the run goes on.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from time import monotonic, sleep
+
+from mcap.writer import CompressionType, Writer
+
+from humanoid_sim import __version__
+from humanoid_sim.errors import InputError
+from humanoid_sim.recording.header import write_header
+from humanoid_sim.recording.ros_messages import encode_event
+from humanoid_sim.recording.schemas import EVENT, SCHEMA_ENCODING, TICK, schema_text
+from humanoid_sim.recording.tick_codec import TickEncoder
+from humanoid_sim.recording.topics import LATCHED, TopicMessage, ViewerTopics
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+
+__all__ = ["EVENT_TOPIC", "FLUSH_PERIOD", "QUEUE_LIMIT", "TICK_TOPIC", "McapRecorder"]
+
+TICK_TOPIC = "/humanoid_sim/tick"
+EVENT_TOPIC = "/humanoid_sim/event"
+
+FLUSH_PERIOD = 0.4
+"""s of wall time after which a chunk is written, full or not."""
+QUEUE_LIMIT = 4096
+"""Ticks that may wait for the writer (20 s at 200 Hz). Beyond that they are left out, and the recording says so."""
+_POLL_PERIOD = 0.02
+"""s between two looks at the queue: waking the writer for every tick would cost the control thread more."""
+_CLOSE_TIMEOUT = 30.0
+"""s that `close` waits for a disk that does not answer."""
+_MAX_TIME_NS = 2**63 - 1
+"""ROS 2 counts nanoseconds in 63 bits."""
+
+_QOS = """\
+- history: 1
+  depth: {depth}
+  reliability: 1
+  durability: {durability}
+  deadline: {{sec: 9223372036, nsec: 854775807}}
+  lifespan: {{sec: 9223372036, nsec: 854775807}}
+  liveliness: 1
+  liveliness_lease_duration: {{sec: 9223372036, nsec: 854775807}}
+  avoid_ros_namespace_conventions: false
+"""
+"""What `ros2 bag play` offers a topic with, in the numbers of rmw_qos_profile_t: keep last, reliable."""
+
+
+class McapRecorder:
+    """Sink that records a run. One instance records one run."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Name the file; `start` creates it, or replaces it."""
+        self.path = Path(path)
+        self._queue: SimpleQueue[TickRecord | tuple[float, str]] = SimpleQueue()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._error: str | None = None
+        self._taken = 0
+        self._done = 0
+        self._lost = 0
+
+    @property
+    def error(self) -> str | None:
+        """Why the recording stopped early, in one line; None while all is well."""
+        return self._error
+
+    @property
+    def lost(self) -> int:
+        """Ticks left out because the writer could not keep up."""
+        return self._lost
+
+    @property
+    def backlog(self) -> int:
+        """Ticks taken but not yet written into a chunk."""
+        return 0 if self._error else self._taken - self._done
+
+    def start(self, header: SessionHeader) -> None:
+        """Create the file and write the header.
+
+        Raises:
+            InputError: if the file cannot be written.
+        """
+        try:
+            file = _UnbufferedFile(self.path)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        try:
+            run = _RunWriter(file, header)
+        except OSError as error:
+            file.close()
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        self._thread = threading.Thread(target=self._write, args=(run,), name="recorder", daemon=True)
+        self._thread.start()
+
+    def tick(self, record: TickRecord) -> None:
+        """Queue a tick. Never waits."""
+        if self._error is not None or self._thread is None:
+            return
+        if self._taken - self._done >= QUEUE_LIMIT:
+            self._lost += 1
+            return
+        self._taken += 1
+        self._queue.put(record)
+
+    def event(self, time: float, text: str) -> None:
+        """Queue an event. Never waits."""
+        if self._error is None and self._thread is not None and self._queue.qsize() < 2 * QUEUE_LIMIT:
+            self._queue.put((time, text))
+
+    def close(self) -> None:
+        """Write what is queued, and the index. Never raises; `error` says whether it worked."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        self._stop.set()
+        thread.join(_CLOSE_TIMEOUT)
+        if thread.is_alive():
+            self._fail(f"the disk did not answer for {_CLOSE_TIMEOUT:g} s")
+
+    def _write(self, run: _RunWriter) -> None:
+        """The writer thread. Contains every exception: it must not end the run, only the recording."""
+        try:
+            self._drain_until_stopped(run)
+            run.finish(self._lost)
+        except OSError as error:
+            self._fail(error.strerror or str(error))
+        except Exception as error:  # a bug in the encoder; the run is worth more than its recording
+            self._fail(f"{type(error).__name__}: {error}")
+        finally:
+            run.file.close()
+
+    def _drain_until_stopped(self, run: _RunWriter) -> None:
+        next_flush = monotonic() + FLUSH_PERIOD
+        while True:
+            is_last = self._stop.wait(_POLL_PERIOD)
+            while True:
+                try:
+                    item = self._queue.get_nowait()
+                except Empty:
+                    break
+                if isinstance(item, TickRecord):
+                    run.tick(item)
+                    self._done += 1
+                else:
+                    run.event(*item)
+                if monotonic() >= next_flush:
+                    break
+                sleep(0)  # lets the control thread in between two ticks instead of after the whole batch
+            if monotonic() >= next_flush:
+                run.flush()
+                next_flush = monotonic() + FLUSH_PERIOD
+            if is_last and self._queue.empty():
+                return
+
+    def _fail(self, reason: str) -> None:
+        self._error = f"{self.path}: recording stopped: {reason}"
+        while not self._queue.empty():
+            try:
+                self._queue.get_nowait()
+            except Empty:
+                break
+
+
+class _RunWriter:
+    """Encodes ticks and events into the file. Lives on the writer thread, after the header."""
+
+    def __init__(self, file: _UnbufferedFile, header: SessionHeader) -> None:
+        self.file = file
+        self._writer = Writer(file, compression=CompressionType.LZ4)  # type: ignore[arg-type]
+        self._writer.start(profile="ros2", library=f"humanoid_sim {__version__}")
+        write_header(self._writer, header)
+        self._encoder = TickEncoder(len(header.joint_names))
+        self._topics = ViewerTopics(header)
+        self._start_time_ns = header.start_time_ns
+        self._time_ns = header.start_time_ns
+        self._time = 0.0
+        self._index = 0
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+
+    def tick(self, record: TickRecord) -> None:
+        """Encode one tick and the viewers' share of it."""
+        if record.index != self._index:
+            self._report_gap(record.index - self._index)
+        self._index = record.index + 1
+        self._time = float(record.input.state.time)
+        time_ns = self._log_time(self._time)
+        self._add(TopicMessage(TICK_TOPIC, TICK, self._encoder.encode(record)), time_ns, record.index)
+        for message in self._topics.messages(record, time_ns):
+            self._add(message, time_ns, record.index)
+
+    def event(self, time: float, text: str) -> None:
+        """Encode one event."""
+        self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(time, text)), self._log_time(time), self._index)
+
+    def flush(self) -> None:
+        """End the chunk and hand it to the operating system."""
+        self._writer.flush()
+
+    def finish(self, lost: int) -> None:
+        """Write the index. `lost` is how many ticks were left out in all."""
+        if lost:
+            self.event(self._time, f"recording: {lost} ticks left out in all")
+        self._writer.finish()
+
+    def _report_gap(self, count: int) -> None:
+        self.event(self._time, f"recording: {count} ticks left out before tick {self._index + count}")
+
+    def _log_time(self, time: float) -> int:
+        """Nanoseconds of the file's clock, which unlike the robot's neither runs backwards nor is ever no number."""
+        if math.isfinite(time) and abs(time) < 1e9:
+            now = self._start_time_ns + round(time * 1e9)
+            self._time_ns = min(max(self._time_ns, now, 0), _MAX_TIME_NS)
+        return self._time_ns
+
+    def _add(self, message: TopicMessage, time_ns: int, index: int) -> None:
+        channel = self._channels.get(message.topic)
+        if channel is None:
+            channel = self._channels[message.topic] = self._register(message.topic, message.schema)
+        self._writer.add_message(channel, time_ns, message.data, time_ns, index & 0xFFFFFFFF)
+
+    def _register(self, topic: str, schema: str) -> int:
+        schema_id = self._schemas.get(schema)
+        if schema_id is None:
+            text = schema_text(schema).encode()
+            schema_id = self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, text)
+        qos = _QOS.format(depth=1, durability=1) if schema in LATCHED else _QOS.format(depth=10, durability=2)
+        return self._writer.register_channel(topic, "cdr", schema_id, {"offered_qos_profiles": qos})
+
+
+class _UnbufferedFile:
+    """A file that holds nothing back: after a failed write there is no buffer left that closing would try again."""
+
+    def __init__(self, path: Path) -> None:
+        self._raw = path.open("wb", buffering=0)
+
+    def write(self, data: bytes) -> int:
+        view = memoryview(data)
+        while view:
+            view = view[self._raw.write(view) :]
+        return len(data)
+
+    def tell(self) -> int:
+        return self._raw.tell()
+
+    def flush(self) -> None:
+        """Nothing to do: every write has already gone out."""
+
+    def close(self) -> None:
+        self._raw.close()

@@ -1,0 +1,267 @@
+"""One tick as one ROS 2 message (`humanoid_sim_msgs/msg/Tick`): the whole `TickRecord`, bit for bit.
+
+Every tick of a run goes through here, so the encoder does little: the numbers leave their arrays as bytes, the parts
+that are nearly always empty cost one constant, and the texts are encoded again only when they change.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.messages import (
+    ControlMode,
+    FaultReport,
+    Intent,
+    Mode,
+    PolicyStep,
+    RemoteCommand,
+    SafetyFlag,
+    SafetyLevel,
+    SafetyStatus,
+    StandbyState,
+    TickInput,
+    TickOutput,
+)
+from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.recording.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
+from humanoid_sim.session.sink import TickRecord
+
+__all__ = ["INTENT_CODES", "TickEncoder", "decode_tick"]
+
+INTENT_CODES = {intent: code for code, intent in enumerate(Intent)}
+"""`INTENT_…` of the message definition."""
+
+_INTENTS = tuple(Intent)
+
+_FLAG_CODES = "???B"
+_HEAD = layout("Qdd")
+_FLAGS = layout(_FLAG_CODES)
+_FIRST_COUNT = struct.Struct("<I")
+"""The head is 8·(3 + 4 + 3 + 3) + 4 bytes long: the first array's count ends on a multiple of 8."""
+_COUNT = struct.Struct("<I4x")
+"""A later count stands on a multiple of 8, because float64 arrays end there, and is padded to the next."""
+_NO_STEP_STANDBY_REMOTE_EXTERN = bytes(16)
+_NO_QPOS = bytes(4)
+
+
+class TickEncoder:
+    """Encodes the ticks of one robot. Keeps the last tick's texts, so use one per recording, from one thread."""
+
+    def __init__(self, joint_count: int) -> None:
+        """Prepare for a robot of `joint_count` joints, at least one.
+
+        Raises:
+            ValueError: if there are none.
+        """
+        if joint_count < 1:
+            raise ValueError(f"joint_count is {joint_count}, expected at least 1")
+        self._shape = (joint_count,)
+        self._first_count = _FIRST_COUNT.pack(joint_count)
+        self._count = _COUNT.pack(joint_count)
+        self._texts: tuple[Any, ...] = ()
+        self._encoded_texts = b""
+
+    def encode(self, record: TickRecord) -> bytes:
+        """The message of one tick.
+
+        Raises:
+            ValueError: if the record is a batch, or one of another robot.
+        """
+        tick_input, output = record.input, record.output
+        state, command, qpos = tick_input.state, output.command, record.qpos
+        if state.joint_position.shape != self._shape or command.position.shape != self._shape:
+            raise ValueError(
+                f"tick {record.index}: joint arrays of shape {state.joint_position.shape} and "
+                f"{command.position.shape}, expected {self._shape}"
+            )
+        count = self._count
+        return b"".join(
+            (
+                ENCAPSULATION,
+                _HEAD.pack(record.index, state.time, record.duration),
+                state.imu_quaternion.tobytes(),
+                state.imu_angular_velocity.tobytes(),
+                state.imu_linear_acceleration.tobytes(),
+                _FLAGS.pack(record.overrun, output.quit, qpos is not None, output.control_mode.mode),
+                self._first_count,
+                state.joint_position.tobytes(),
+                count,
+                state.joint_velocity.tobytes(),
+                count,
+                state.joint_effort.tobytes(),
+                count,
+                state.joint_age.tobytes(),
+                count,
+                command.position.tobytes(),
+                count,
+                command.velocity.tobytes(),
+                count,
+                command.effort.tobytes(),
+                count,
+                command.stiffness.tobytes(),
+                count,
+                command.damping.tobytes(),
+                *_encode_rest(record, qpos),
+                self._encode_texts(tick_input, output),
+            )
+        )
+
+    def _encode_texts(self, tick_input: TickInput, output: TickOutput) -> bytes:
+        """What rarely changes. No field of it is wider than 4 bytes, so its bytes fit at any multiple of 4."""
+        texts = (output.control_mode, tick_input.safety, tick_input.intents, output.faults, output.refusals)
+        if texts != self._texts:
+            self._encoded_texts = _encode_texts(*texts)
+            self._texts = texts
+        return self._encoded_texts
+
+
+def _encode_rest(record: TickRecord, qpos: FloatArray | None) -> tuple[bytes, bytes, bytes]:
+    """`qpos`, and the numeric parts that most ticks lack; begins on a multiple of 8, ends on a multiple of 4."""
+    tick_input, output = record.input, record.output
+    if qpos is None or not len(qpos):
+        head, data, skip = _NO_QPOS, b"", 4
+    else:
+        head, data, skip = _COUNT.pack(len(qpos)), np.asarray(qpos, dtype=np.float64).tobytes(), 0
+    step, standby, remote, extern = output.policy_step, output.standby, tick_input.remote, tick_input.state.extern
+    if step is None and standby is None and remote is None and not extern:
+        return head, data, _NO_STEP_STANDBY_REMOTE_EXTERN
+    writer = CdrWriter(skip)
+    writer.pack("I", step is not None)
+    if step is not None:
+        writer.pack("q", step.frame)
+        writer.array(step.observation)
+        writer.array(step.action)
+        writer.array(np.array(step.action.shape, dtype=np.uint32))
+    writer.pack("I", standby is not None)
+    if standby is not None:
+        writer.pack("dII?", standby.progress, standby.current_segment, standby.total_segments, standby.is_finished)
+    writer.pack("I", remote is not None)
+    if remote is not None:
+        writer.pack("d", remote.arrival_time)
+        for values in _command_arrays(remote.command):
+            writer.array(values)
+    writer.pack("I", len(extern))
+    for name, live in extern.items():
+        writer.string(name)
+        writer.pack("dd", live.arrival_time, live.timeout)
+        writer.array(np.array(live.value.shape, dtype=np.uint32))
+        writer.array(live.value)
+    return head, data, writer.body()
+
+
+def _encode_texts(
+    control_mode: ControlMode,
+    safety: tuple[SafetyStatus, ...],
+    intents: tuple[Intent, ...],
+    faults: tuple[FaultReport, ...],
+    refusals: tuple[str, ...],
+) -> bytes:
+    writer = CdrWriter()
+    writer.string(control_mode.controller_name)
+    writer.string(control_mode.status_message)
+    writer.pack("I", len(safety))
+    for status in safety:
+        writer.pack("IB", status.flags, status.level)
+        writer.string(status.source)
+        writer.string(status.message)
+    writer.array(np.array([INTENT_CODES[intent] for intent in intents], dtype=np.uint8))
+    writer.pack("I", len(faults))
+    for fault in faults:
+        writer.string(fault.controller)
+        writer.string(fault.fallback)
+        writer.string(fault.message)
+        writer.pack("?", fault.is_bug)
+    writer.strings(refusals)
+    return writer.body()
+
+
+def _command_arrays(command: MITCommand) -> tuple[FloatArray, ...]:
+    return command.position, command.velocity, command.effort, command.stiffness, command.damping
+
+
+def decode_tick(message: bytes) -> TickRecord:
+    """The tick of one message.
+
+    Raises:
+        CdrError: if the bytes are no tick.
+    """
+    try:
+        return _decode(CdrReader(message))
+    except ValueError as error:  # an unknown mode or level, arrays that do not fit each other
+        raise CdrError(str(error)) from None
+
+
+def _decode(reader: CdrReader) -> TickRecord:
+    index, time, duration = reader.unpack("Qdd")
+    quaternion, angular_velocity, linear_acceleration = (reader.fixed_array(np.float64, width) for width in (4, 3, 3))
+    overrun, has_quit, has_qpos, mode = reader.unpack(_FLAG_CODES)
+    position, velocity, effort, age = (reader.array(np.float64) for _ in range(4))
+    command = MITCommand(*(reader.array(np.float64) for _ in range(5)))
+    qpos = reader.array(np.float64)
+    step = _optional(reader, _decode_step)
+    standby = _optional(reader, _decode_standby)
+    remote = _optional(reader, _decode_remote)
+    extern = dict(_decode_extern(reader) for _ in range(reader.count(21)))
+    state = MITState(time, position, velocity, effort, age, quaternion, angular_velocity, linear_acceleration, extern)
+    control_mode = ControlMode(Mode(mode), reader.string(), reader.string())
+    safety = tuple(_decode_safety(reader) for _ in range(reader.count(15)))
+    intents = tuple(_decode_intent(code) for code in reader.array(np.uint8))
+    faults = tuple(
+        FaultReport(reader.string(), reader.string(), reader.string(), *reader.unpack("?"))
+        for _ in range(reader.count(16))
+    )
+    refusals = reader.strings()
+    reader.finish()
+    tick_input = TickInput(state, safety, intents, remote)
+    output = TickOutput(command, control_mode, standby, has_quit, faults, refusals, step)
+    return TickRecord(index, tick_input, output, duration, overrun, qpos if has_qpos else None)
+
+
+def _optional(reader: CdrReader, decode: Any) -> Any:
+    """A sequence that holds nothing (None) or one thing."""
+    count = reader.count()
+    if count > 1:
+        raise CdrError(f"{count} elements where there is at most one")
+    return decode(reader) if count else None
+
+
+def _decode_step(reader: CdrReader) -> PolicyStep:
+    (frame,) = reader.unpack("q")
+    observation, action = reader.array(np.float32), reader.array(np.float32)
+    return PolicyStep(frame, observation, _reshaped(action, reader.array(np.uint32)))
+
+
+def _decode_standby(reader: CdrReader) -> StandbyState:
+    progress, current, total, is_finished = reader.unpack("dII?")
+    return StandbyState(current, total, progress, is_finished)
+
+
+def _decode_remote(reader: CdrReader) -> RemoteCommand:
+    (arrival_time,) = reader.unpack("d")
+    return RemoteCommand(MITCommand(*(reader.array(np.float64) for _ in range(5))), arrival_time)
+
+
+def _decode_extern(reader: CdrReader) -> tuple[str, Extern]:
+    name = reader.string()
+    arrival_time, timeout = reader.unpack("dd")
+    shape = reader.array(np.uint32)
+    return name, Extern(_reshaped(reader.array(np.float64), shape), arrival_time, timeout)
+
+
+def _decode_safety(reader: CdrReader) -> SafetyStatus:
+    flags, level = reader.unpack("IB")
+    return SafetyStatus(SafetyLevel(level), SafetyFlag(flags), reader.string(), reader.string())
+
+
+def _decode_intent(code: int) -> Intent:
+    if code >= len(_INTENTS):
+        raise CdrError(f"intent {code}, expected one below {len(_INTENTS)}")
+    return _INTENTS[code]
+
+
+def _reshaped(values: npt.NDArray[Any], shape: npt.NDArray[np.uint32]) -> npt.NDArray[Any]:
+    return values.reshape(tuple(int(size) for size in shape))
