@@ -61,7 +61,7 @@ class DampingController:
             return Fault("no joint position is known")
         return DampingMemory(command=damped_command(position, self.damping))
 
-    def update(self, memory: DampingMemory, tick_input: TickInput) -> tuple[DampingMemory, MITCommand] | Fault:  # noqa: ARG002
+    def update(self, memory: DampingMemory, tick_input: TickInput) -> tuple[DampingMemory, MITCommand] | Fault:
         """The captured command; it depends on no later state."""
         if memory.command is None:
             return Fault("not activated")

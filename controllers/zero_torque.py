@@ -26,10 +26,10 @@ class ZeroTorqueController:
         object.__setattr__(self, "joints", joint_tuple("ZeroTorqueController", self.joints))
         object.__setattr__(self, "_command", MITCommand.zeros(len(self.joints)))
 
-    def activate(self, tick_input: TickInput) -> Memory:  # noqa: ARG002 - the signature of every controller
+    def activate(self, tick_input: TickInput) -> Memory:
         """Nothing to remember."""
         return Memory()
 
-    def update(self, memory: Memory, tick_input: TickInput) -> tuple[Memory, MITCommand]:  # noqa: ARG002
+    def update(self, memory: Memory, tick_input: TickInput) -> tuple[Memory, MITCommand]:
         """The same zeros every tick."""
         return memory, self._command

@@ -19,6 +19,7 @@ from humanoid_sim.controllers.base import (
 )
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
 from humanoid_sim.controllers.reference import MotionReference, build_reference, no_reference
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import Policy, RLPolicyController
@@ -59,6 +60,11 @@ class LoadedPolicy:
         keys = self.reference.terms.get("target_keys")
         return {"key_pressed": keys.shape[1]} if keys is not None else {}
 
+    @property
+    def layout(self) -> ObservationLayout:
+        """The observation in the policy's own joint order; names and widths are the same on every robot."""
+        return resolve_observation(self.contract, self.contract.joint_names, self.reference, self.extern)
+
 
 def load_policy(
     contract: PolicyContract, policy: Policy, motion: Motion | None, observation_width: int | None = None
@@ -75,12 +81,8 @@ def load_policy(
         InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
     try:
-        reference = _reference(contract, motion)
-        loaded = LoadedPolicy(contract, reference, policy)
-        # The policy's own joint order serves to add up the widths; the robot's is checked by the controller.
-        layout = RLPolicyController(
-            contract.joint_names, contract, reference, policy, contract.policy_dt, extern=loaded.extern
-        ).layout
+        loaded = LoadedPolicy(contract, _reference(contract, motion), policy)
+        layout = loaded.layout
     except FieldError as error:
         raise InputError(f"policy: {error}") from None
     if observation_width is not None and layout.width != observation_width:

@@ -61,7 +61,7 @@ class OnnxPolicy:
         self._input = inputs[0].name
         self._outputs = [outputs[0].name]
 
-    def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:  # noqa: ARG002
+    def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
         """One inference."""
         action: npt.NDArray[np.float32] = self._session.run(self._outputs, {self._input: observation[None]})[0][0]
         return action

@@ -117,6 +117,16 @@ class Session:
         """s, the robot's clock as of the last reading; other threads may ask."""
         return float(self._state.time)
 
+    @property
+    def memory(self) -> SupervisorMemory:
+        """The control stack's memory after the last tick."""
+        return self._memory
+
+    @property
+    def mode(self) -> Mode:
+        """The mode of the last tick; ZERO_TORQUE before the first."""
+        return Mode.ZERO_TORQUE if self._output is None else self._output.control_mode.mode
+
     def request_stop(self, reason: str) -> None:
         """End the run through DAMPING. May be called from a signal handler; a second call does not wait for rest."""
         if self._stop_reason:
@@ -164,7 +174,7 @@ class Session:
         self._deadline = perf_counter()
         first: float | None = None
         while not self._stop_reason:
-            self._tick(self._collect())
+            self.tick(self._collect())
             first = self.time if first is None else first
             limit = self._settings.duration
             if self._output is not None and self._output.quit:
@@ -180,12 +190,12 @@ class Session:
             return
         self._announce(f"ending: {self._stop_reason}")
         left = round(self._settings.damping_time / self._settings.control_period)
-        if self._output.control_mode.mode is not Mode.ZERO_TORQUE:
-            self._tick((Intent.DAMP,))
+        if self.mode is not Mode.ZERO_TORQUE:
+            self.tick((Intent.DAMP,))
             while left > 0 and not self._hurry.is_set() and not self._is_at_rest():
-                self._tick(())
+                self.tick(())
                 left -= 1
-        self._tick((Intent.QUIT,))
+        self.tick((Intent.QUIT,))
 
     def _is_at_rest(self) -> bool:
         velocity = self._state.joint_velocity
@@ -195,7 +205,8 @@ class Session:
         time, output = self.time, self._output
         return tuple(intent for source in self._intents for intent in source.poll(time, output))
 
-    def _tick(self, intents: tuple[Intent, ...]) -> None:
+    def tick(self, intents: tuple[Intent, ...]) -> None:
+        """One turn of the loop with these intents; `run` calls it, and so does whoever wants to drive ticks by hand."""
         start = perf_counter()
         state, safety = self._robot.read()
         if self._externs:

@@ -52,7 +52,7 @@ class IntentQueue:
         """Queue an intent; may be called from any thread."""
         self._pending.append(intent)
 
-    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:  # noqa: ARG002
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """All queued intents."""
         # Only this side removes, and a deque's ends are atomic: no intent is lost between the two threads.
         return [self._pending.popleft() for _ in range(len(self._pending))]

@@ -1,0 +1,55 @@
+# Each target makes .venv with what it needs from pyproject.toml, at the versions of constraints.txt, and runs.
+PYTHON ?= python3.11
+VENV   := .venv
+BIN    := $(VENV)/bin
+
+.PHONY: play test test-slow bench lint format types train clean
+.DEFAULT_GOAL := play
+
+play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
+	$(BIN)/python -m humanoid_sim.play $(ARGS)
+
+test: $(VENV)/test.done  ## lint, types, and the tests that finish in minutes
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest $(ARGS)
+
+test-slow: $(VENV)/test.done  ## the tests that take longer
+	$(BIN)/python -m pytest -m slow $(ARGS)
+
+bench: $(VENV)/play.done  ## this machine's figures
+	$(BIN)/python -m humanoid_sim.bench $(ARGS)
+
+lint: $(VENV)/test.done
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(VENV)/test.done
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+types: $(VENV)/test.done
+	$(BIN)/mypy
+
+train: $(VENV)/train.done  ## make the sample motions and train the sample policy again
+	$(BIN)/python -m humanoid_sim.training motions
+	$(BIN)/python -m humanoid_sim.training train $(ARGS)
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+
+$(VENV)/bin/pip:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/play.done: pyproject.toml constraints.txt | $(VENV)/bin/pip
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	touch $@
+
+$(VENV)/test.done: $(VENV)/play.done
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	touch $@
+
+$(VENV)/train.done: $(VENV)/play.done
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train]'
+	touch $@

@@ -1,0 +1,154 @@
+"""The control loop of `play` in simulation against the bare physics and the bare inference that it contains."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import sleep
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.bench.timing import Row, paired_ratio, seconds
+from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
+from humanoid_sim.messages import Intent, Mode, TickInput
+from humanoid_sim.play.options import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
+from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.policy.onnx_policy import load_checkpoint
+from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.sink import SessionHeader, Sink
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
+
+__all__ = ["control_tick", "real_time_factor", "recorder_cost", "supervisor_step"]
+
+_BLOCK = 400
+"""Ticks that are timed together: 2 s at 200 Hz, long enough for the recorder to write chunks in between."""
+
+
+@dataclass(slots=True)
+class _Rig:
+    """The Lite with the sample policy, in LOCOMOTION."""
+
+    session: Session
+    robot: MujocoRobot
+    supervisor: Supervisor
+    checkpoint: Checkpoint
+    loaded: LoadedPolicy
+    recorder: McapRecorder | None
+
+    def block(self) -> None:
+        """Ticks, and the end of their recording."""
+        for _ in range(_BLOCK):
+            self.session.tick(())
+        while self.recorder is not None and self.recorder.backlog:
+            sleep(0.0005)
+
+
+@contextmanager
+def _rig(record: bool) -> Iterator[_Rig]:
+    description = load_robot("lite")
+    checkpoint = load_checkpoint(SAMPLE_POLICY)
+    loaded = load_policy(checkpoint.contract, checkpoint.policy, read_motion(motion_path(SAMPLE_MOTION)))
+    period = 1.0 / description.simulation.control_frequency
+    supervisor = build_supervisor(description, period, loaded)
+    robot = MujocoRobot(description, control_period=period)
+    with tempfile.TemporaryDirectory() as folder:
+        recorder = McapRecorder(Path(folder) / "bench.mcap") if record else None
+        sinks: list[Sink] = [] if recorder is None else [recorder]
+        header = SessionHeader("lite", description.joint_names, period, 0)
+        settings = LoopSettings(period, realtime=False, simulated=True)
+        session = Session(robot, supervisor, settings, header=header, sinks=sinks, qpos=lambda: robot.qpos)
+        for sink in sinks:
+            sink.start(header)
+        robot.activate()
+        try:
+            _walk_to_locomotion(session, description.standby_controller_a.segment_durations, period)
+            yield _Rig(session, robot, supervisor, checkpoint, loaded, recorder)
+        finally:
+            robot.close()
+            for sink in sinks:
+                sink.close()
+
+
+def _walk_to_locomotion(session: Session, durations: tuple[float, ...], period: float) -> None:
+    session.tick((Intent.DAMP,))
+    session.tick((Intent.LOAD_A,))
+    for _ in range(round(sum(durations) / period) + 2):
+        session.tick(())
+    session.tick((Intent.START_LOCOMOTION,))
+    if session.mode is not Mode.LOCOMOTION:
+        raise AssertionError(f"the sample policy did not start: mode is {session.mode.name}")
+
+
+def control_tick(repetitions: int) -> list[Row]:
+    """One simulated control tick of `play`, recording included, over the `mj_step`s and the inference in it."""
+    with _rig(record=True) as rig:
+        robot = rig.robot
+        model, data = robot.model, mujoco.MjData(robot.model)
+        policy, decimation = rig.checkpoint.policy, round(rig.loaded.contract.policy_dt / robot.control_period)
+        observation = np.zeros(rig.checkpoint.observation_width or 0, dtype=np.float32)
+
+        def bare() -> None:
+            mujoco.mj_copyData(data, model, robot.data)
+            for tick in range(_BLOCK):
+                mujoco.mj_step(model, data, robot.physics_steps)
+                if tick % decimation == 0:
+                    policy(observation, 0)
+
+        def describe(ours: float, bare_time: float) -> str:
+            return f"{1e6 * ours / _BLOCK:.0f} µs per tick, {1e6 * bare_time / _BLOCK:.0f} µs bare"
+
+        return [paired_ratio("control tick of play at 200 Hz", rig.block, bare, repetitions, 2.5, describe)]
+
+
+def recorder_cost(repetitions: int) -> list[Row]:
+    """What recording adds to a control tick, the writer's own thread included."""
+    with _rig(record=True) as recorded, _rig(record=False) as silent:
+        pairs = [(seconds(recorded.block), seconds(silent.block)) for _ in range(repetitions + 1)][1:]
+    costs = sorted(1e6 * (a - b) / _BLOCK for a, b in pairs)
+    return [Row("recording, per tick", costs[len(costs) // 2], "µs", costs[0], costs[-1])]
+
+
+def supervisor_step(repetitions: int) -> list[Row]:
+    """The pure stack alone, in every mode that a policy run passes through."""
+    rows = []
+    with _rig(record=False) as rig:
+        state, safety = rig.robot.read()
+        supervisor = rig.supervisor
+        tick_input = TickInput(state, safety)
+        memory = supervisor.initial()
+        for name, intent in (
+            ("ZERO_TORQUE", None),
+            ("DAMPING", Intent.DAMP),
+            ("STANDBY", Intent.LOAD_A),
+        ):
+            memory, _ = supervisor.step(memory, TickInput(state, safety, () if intent is None else (intent,)))
+            rows.append(_step_row(name, supervisor, memory, tick_input, repetitions))
+        held = rig.session.memory
+        rows.append(_step_row("LOCOMOTION, command held", supervisor, held, tick_input, repetitions))
+    return rows
+
+
+def _step_row(
+    mode: str, supervisor: Supervisor, memory: SupervisorMemory, tick_input: TickInput, repetitions: int
+) -> Row:
+    def block() -> None:
+        for _ in range(_BLOCK):
+            supervisor.step(memory, tick_input)
+
+    times = sorted(1e6 * seconds(block) / _BLOCK for _ in range(repetitions + 1))
+    return Row(f"supervisor step, {mode}", times[len(times) // 2], "µs", times[0], times[-1])
+
+
+def real_time_factor(repetitions: int) -> list[Row]:
+    """How much faster than real time `play` simulates and records."""
+    with _rig(record=True) as rig:
+        factors = sorted(_BLOCK * rig.robot.control_period / seconds(rig.block) for _ in range(repetitions + 1))
+    return [Row("play, times real time", factors[len(factors) // 2], "×", factors[0], factors[-1])]

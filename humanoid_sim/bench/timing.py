@@ -1,0 +1,63 @@
+"""How figures are taken: medians over repetitions, ratios pair by pair."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+__all__ = ["Row", "paired_ratio", "seconds"]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table."""
+
+    name: str
+    value: float
+    unit: str
+    """`ratio`, `µs`, or what else `value` is in."""
+    low: float
+    """Least of the repetitions."""
+    high: float
+    """Greatest of the repetitions."""
+    target: float | None = None
+    """What the project wants to stay at or below; None: for information."""
+    detail: str = ""
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the value is within its target."""
+        return self.target is None or self.value <= self.target
+
+
+def seconds(action: Callable[[], object]) -> float:
+    """Wall time of one call, s."""
+    begin = perf_counter()
+    action()
+    return perf_counter() - begin
+
+
+def paired_ratio(
+    name: str,
+    action: Callable[[], object],
+    bare: Callable[[], object],
+    repetitions: int,
+    target: float | None,
+    describe: Callable[[float, float], str],
+) -> Row:
+    """Time `action` and `bare` in turn; the row is the median of their ratios.
+
+    Args:
+        name: of the row.
+        action: what is measured.
+        bare: what it is measured against.
+        repetitions: pairs, after one that is not counted.
+        target: the largest ratio that is wanted.
+        describe: makes the row's detail from the median times in s of both.
+    """
+    pairs = [(seconds(action), seconds(bare)) for _ in range(repetitions + 1)][1:]
+    ratios = [a / b for a, b in pairs]
+    detail = describe(statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs))
+    return Row(name, statistics.median(ratios), "ratio", min(ratios), max(ratios), target, detail)

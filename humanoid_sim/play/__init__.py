@@ -1,0 +1,20 @@
+"""The main program: run a policy on a robot, simulated or real, walked there through the five-mode FSM."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+__all__ = ["main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `play` with command-line arguments; returns the exit status."""
+    import tyro  # noqa: PLC0415 - heavy imports stay out of `--help` and of importing this package
+
+    from humanoid_sim.play.config import PlayConfig  # noqa: PLC0415
+
+    config = tyro.cli(PlayConfig, prog="humanoid_sim.play", args=arguments)
+
+    from humanoid_sim.play.program import play  # noqa: PLC0415
+
+    return play(config)

@@ -1,0 +1,68 @@
+"""The options of `play`. Nothing heavy is imported here: `--help` must be quick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["PlayConfig"]
+
+
+@dataclass(frozen=True)
+class PlayConfig:
+    """Run a policy on a robot through the five-mode FSM.
+
+    Without options the sample policy moves the simulated Lite arms, walked there by itself: DAMP, LOAD_A,
+    START_LOCOMOTION, DAMP. With --manual or --script the FSM is yours.
+    """
+
+    policy: str | None = None
+    """ONNX checkpoint; 'placeholder' for a policy that answers zeros. Default: the sample policy."""
+    motion: str | None = None
+    """Motion to follow: an .mcap file, or the name of a sample motion. Default with the sample policy: wave."""
+    robot: str = "lite"
+    """A shipped robot (lite, lite_neck), or the path of a robot's YAML file."""
+    hardware: str | None = None
+    """CAN channels of a real robot, such as can0 or can0,can1. Default: simulation."""
+    viewer: Literal["auto", "none", "native", "web"] = "auto"
+    """A window to watch; auto opens one where there is a display."""
+    record: str = "auto"
+    """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
+    overwrite: bool = False
+    """Replace files named by --record, --video, --snapshot or --summary that exist."""
+    gamepad: bool = False
+    """Drive the FSM with a gamepad."""
+    remote: Literal["none", "gravity", "dds"] = "none"
+    """Source of remote commands for REMOTE; gravity compensates gravity, from a thread and a model of its own."""
+    gravity_form: Literal["effort", "pd"] = "effort"
+    """How gravity compensation commands: as feed-forward effort, or as a PD position offset."""
+    duration: float | None = None
+    """Seconds on the robot's clock after which the run ends. Default: when the motion or the script ends."""
+    manual: bool = False
+    """Drive the FSM from the keyboard."""
+    script: str | None = None
+    """Drive the FSM by a script, such as "damp; load_b; wait; start_remote; hold 5; damp"."""
+    pose: Literal["a", "b"] = "a"
+    """Standby pose to walk through when the FSM is driven automatically."""
+    inject: tuple[str, ...] = ()
+    """Faults on purpose, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
+    pace: Literal["auto", "realtime", "fast"] = "auto"
+    """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
+    video: str = "auto"
+    """Video of the run (.mp4); auto makes one where there is no display; none for no video."""
+    snapshot: str | None = None
+    """Picture of the robot at the end of the motion (.png)."""
+    summary: str | None = None
+    """The final table as JSON."""
+    actuation: Literal["qfrc_applied", "affine"] = "qfrc_applied"
+    """How the simulated motors run the MIT law: at every physics step in Python, or as MuJoCo's own actuators."""
+    control_frequency: float | None = None
+    """Hz; default: the robot's."""
+    physics_timestep: float | None = None
+    """s; default: the robot's."""
+    command_delay: float = 0.0
+    """s from writing a command to the motors' obeying it, in simulation."""
+    state_delay: float = 0.0
+    """s from a joint's state to its being read, in simulation."""
+    state_sampling: Literal["now", "on_command"] = "now"
+    """When the simulated joints are sampled: at reading, or, as on a CAN bus, at the last command."""

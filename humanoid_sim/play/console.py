@@ -1,0 +1,93 @@
+"""What an operator sees while a run goes on: every transition with its reason, every refusal, and a progress bar."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from humanoid_sim.messages import Mode
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.session.worker import WorkerSink
+
+__all__ = ["MODE_STYLES", "ConsoleSink"]
+
+MODE_STYLES = {
+    Mode.ZERO_TORQUE: "bright_black",
+    Mode.DAMPING: "yellow",
+    Mode.STANDBY: "cyan",
+    Mode.LOCOMOTION: "green",
+    Mode.REMOTE: "magenta",
+}
+
+
+class ConsoleSink(WorkerSink):
+    """Prints transitions, refusals and events; draws the bar where the output is a terminal."""
+
+    def __init__(self, console: Console, expected_duration: float | None) -> None:
+        """Prepare.
+
+        Args:
+            console: where to print.
+            expected_duration: s on the robot's clock, for the bar; None if nobody can know.
+        """
+        super().__init__("console", period=0.05)
+        self._console = console
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[clock]}"),
+            TimeElapsedColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task("", total=expected_duration, clock="")
+        self._mode: Mode | None = None
+        self._controller = ""
+        self._time = 0.0
+
+    def handle_start(self, header: SessionHeader) -> None:
+        """Show the bar."""
+        self._progress.start()
+
+    def handle_tick(self, record: TickRecord) -> None:
+        """Print what is new in this tick."""
+        control = record.output.control_mode
+        self._time = float(record.input.state.time)
+        if control.controller_name != self._controller:
+            before = f"{_styled(self._mode)} → " if self._mode is not None else ""
+            self._print(f"{before}{_styled(control.mode)}  [dim]{_escaped(control.status_message)}[/dim]")
+            self._mode, self._controller = control.mode, control.controller_name
+        else:
+            for refusal in record.output.refusals:
+                self._print(f"[red]{_escaped(refusal)}[/red]")
+
+    def handle_event(self, time: float, text: str) -> None:
+        """Print an event."""
+        self._time = time
+        self._print(f"[dim]{_escaped(text)}[/dim]")
+
+    def handle_pause(self) -> None:
+        """Move the bar."""
+        self._progress.update(
+            self._task,
+            completed=self._time,
+            description=_styled(self._mode) if self._mode is not None else "",
+            clock=f"{self._time:6.2f} s",
+        )
+
+    def handle_close(self) -> None:
+        """Take the bar away."""
+        self._progress.stop()
+
+    def _print(self, text: str) -> None:
+        self._console.print(f"[bold]{self._time:8.3f} s[/bold]  {text}", highlight=False)
+
+
+def _styled(mode: Mode | None) -> str:
+    return "" if mode is None else f"[{MODE_STYLES[mode]}]{mode.name}[/]"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("[", r"\[")

@@ -1,0 +1,173 @@
+"""What the options of `play` mean together: which are refused, and what the defaults become on this machine."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.errors import InputError
+from humanoid_sim.play.config import PlayConfig
+from humanoid_sim.rendering.backend import has_display
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.rates import steps_per_period
+
+__all__ = [
+    "SAMPLE_MOTION",
+    "SAMPLE_POLICY",
+    "Outputs",
+    "choose_outputs",
+    "control_rate",
+    "motion_path",
+    "refuse_conflicts",
+]
+
+SAMPLE_POLICY = asset_path("policies", "lite_tracking.onnx")
+SAMPLE_MOTION = "wave"
+
+_RUNS = Path("runs")
+
+
+def refuse_conflicts(config: PlayConfig) -> None:
+    """Refuse options that this version does not have yet, and those that exclude each other.
+
+    Raises:
+        InputError: naming the option.
+    """
+    missing = {
+        "--hardware": (config.hardware is not None, "the CAN adapter for real motors"),
+        "--gamepad": (config.gamepad, "the gamepad reader"),
+        "--viewer web": (config.viewer == "web", "the browser console"),
+        "--remote dds": (config.remote == "dds", "the DDS bridge"),
+    }
+    for option, (wanted, part) in missing.items():
+        if wanted:
+            raise InputError(f"{option}: needs {part}, which this version does not have yet")
+    if config.manual and config.script is not None:
+        raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
+    if config.viewer == "native" and not has_display():
+        raise InputError("--viewer native: there is no display here; use --video out.mp4 instead")
+    for option, value in (("--duration", config.duration), ("--control-frequency", config.control_frequency)):
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"{option}: is {value}, expected a finite number > 0")
+    starts_remote = config.script is not None and "start_remote" in config.script
+    if starts_remote and config.remote == "none":
+        raise InputError("--script: has start_remote, which needs a source of commands: use --remote gravity")
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """The files that a run leaves; None for those that it does not."""
+
+    record: Path | None
+    video: Path | None
+    snapshot: Path | None
+    summary: Path | None
+
+
+def choose_outputs(config: PlayConfig) -> Outputs:
+    """Resolve `auto` and `none`, and refuse to replace files that the user named.
+
+    Raises:
+        InputError: naming the option and the file.
+    """
+    stem = time.strftime("play-%Y%m%d-%H%M%S")
+    watched = config.viewer == "native" or (config.viewer == "auto" and has_display())
+    outputs = Outputs(
+        record=_output("--record", config.record, _free(_RUNS / f"{stem}.mcap")),
+        video=_output(
+            "--video", config.video, None if watched or config.viewer == "none" else _free(_RUNS / f"{stem}.mp4")
+        ),
+        snapshot=_output("--snapshot", config.snapshot, None),
+        summary=_output("--summary", config.summary, None),
+    )
+    named = {
+        "--record": (config.record, outputs.record, ".mcap"),
+        "--video": (config.video, outputs.video, ".mp4"),
+        "--snapshot": (config.snapshot, outputs.snapshot, ".png"),
+        "--summary": (config.summary, outputs.summary, ".json"),
+    }
+    for option, (value, path, suffix) in named.items():
+        if path is None or value == "auto":
+            continue
+        if path.suffix.lower() != suffix:
+            raise InputError(f"{option}: is '{path}', expected a name that ends in {suffix}")
+        if path.is_dir():
+            raise InputError(f"{option}: '{path}' is a directory, expected a file name")
+        if path.exists() and not config.overwrite:
+            raise InputError(f"{option}: '{path}' exists; choose another name, or add --overwrite")
+        if not path.parent.is_dir():
+            raise InputError(f"{option}: the folder '{path.parent}' does not exist")
+    paths = [path.resolve() for _, path, _ in named.values() if path is not None]
+    if len(set(paths)) != len(paths):
+        raise InputError("--record, --video, --snapshot and --summary: two of them name the same file")
+    if any(value == "auto" and path is not None for value, path, _ in named.values()):
+        try:
+            _RUNS.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"folder '{_RUNS}' for recordings cannot be made: {error.strerror}; use --record and --video"
+            ) from None
+    return outputs
+
+
+def _output(option: str, value: str | None, automatic: Path | None) -> Path | None:
+    if value == "auto":
+        return automatic
+    if value is None or value == "none":
+        return None
+    if not value:
+        raise InputError(f"{option}: is empty, expected a file name")
+    return Path(value)
+
+
+def _free(path: Path) -> Path:
+    """The path, or the first numbered one beside it that does not exist: two runs may start in one second."""
+    candidate, number = path, 1
+    while candidate.exists():
+        number += 1
+        candidate = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return candidate
+
+
+def motion_path(name: str) -> Path:
+    """A sample motion by name, else a file by path.
+
+    Raises:
+        InputError: if it is neither.
+    """
+    sample = asset_path("motions", f"{name}.mcap")
+    if sample.is_file():
+        return sample
+    path = Path(name)
+    if not path.exists():
+        known = ", ".join(sorted(file.stem for file in asset_path("motions").glob("*.mcap")))
+        raise InputError(f"--motion: '{name}' is neither a file nor a sample motion; samples: {known}")
+    return path
+
+
+def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:
+    """The control period, and what to tell the user if it is not the robot's own.
+
+    Where the policy's period is no multiple of the control period, the control rate moves to the nearest that is.
+
+    Returns:
+        Control period in s, and a notice or ''.
+
+    Raises:
+        InputError: if the physics step does not divide the control period.
+    """
+    frequency = config.control_frequency or description.simulation.control_frequency
+    period, notice = 1.0 / frequency, ""
+    if policy_dt is not None:
+        ticks = max(round(policy_dt * frequency), 1)
+        if abs(policy_dt * frequency - ticks) > 1e-6 * ticks:
+            period = policy_dt / ticks
+            notice = (
+                f"the control rate moves from {frequency:g} Hz to {1.0 / period:g} Hz, "
+                f"{ticks} times the policy's {1.0 / policy_dt:g} Hz"
+            )
+    steps_per_period(period, config.physics_timestep or description.simulation.physics_timestep)
+    return period, notice

@@ -1,0 +1,137 @@
+"""The final table of a run, for people and as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from humanoid_sim.play.assembly import Run
+from humanoid_sim.play.console import MODE_STYLES
+from humanoid_sim.recording.whole_file import whole_file
+from humanoid_sim.session.session import SessionResult
+from humanoid_sim.tracking import TrackingSummary
+
+__all__ = ["print_report", "summarise", "write_summary"]
+
+
+def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
+    """Everything that the final table shows, in SI units and radians."""
+    monitor = run.monitor
+    times = monitor.tick_time
+    summary: dict[str, Any] = {
+        "robot": run.description.name,
+        "policy": run.policy.checkpoint.source,
+        "motion": None if run.policy.motion_file is None else str(run.policy.motion_file),
+        "reason": result.reason,
+        "duration": result.duration,
+        "modes": [
+            {
+                "mode": span.mode.name,
+                "controller": span.controller,
+                "start": span.start,
+                "end": span.end,
+                "reason": span.reason,
+            }
+            for span in monitor.spans
+        ],
+        "faults": [{"time": time, "message": message} for time, message in monitor.faults],
+        "refusals": [{"time": time, "message": message} for time, message in monitor.refusals],
+        "not_kept": monitor.dropped,
+        "loop": {
+            "ticks": result.ticks,
+            "control_period": run.control_period,
+            "realtime": run.realtime,
+            "real_time_factor": result.duration / result.wall_time,
+            "overruns": result.overruns,
+            "skipped_deadlines": result.skipped,
+            "tick_time_mean": times.mean,
+            "tick_time_p50": times.percentile(50.0),
+            "tick_time_p99": times.percentile(99.0),
+            "tick_time_max": times.max,
+            "inferences": monitor.inferences,
+        },
+        "effort": {"largest": monitor.largest_effort, "saturated_ticks": monitor.saturated},
+        "tracking": None if run.tracking is None else _tracking_figures(run.tracking.summary()),
+        "recording": None if run.outputs.record is None else str(run.outputs.record),
+    }
+    return summary
+
+
+def write_summary(path: Path, summary: dict[str, Any]) -> None:
+    """Write the summary as JSON, whole or not at all."""
+    with whole_file(path) as file:
+        file.write((json.dumps(summary, indent=1) + "\n").encode())
+
+
+def print_report(console: Console, summary: dict[str, Any]) -> None:
+    """Print the tables."""
+    console.print(_modes(summary))
+    if summary["tracking"]:
+        console.print(_tracking(summary["tracking"]))
+    console.print(_loop(summary))
+    for fault in summary["faults"][:10]:
+        console.print(f"[red]fault at {fault['time']:.3f} s[/red]  {fault['message']}", highlight=False)
+
+
+def _modes(summary: dict[str, Any]) -> Table:
+    table = Table(title="Modes", title_justify="left", title_style="bold")
+    for heading in ("mode", "from", "to", "reason"):
+        table.add_column(heading, justify="right" if heading in ("from", "to") else "left")
+    styles = {mode.name: style for mode, style in MODE_STYLES.items()}
+    for span in summary["modes"]:
+        name = f"[{styles[span['mode']]}]{span['mode']}[/]"
+        table.add_row(name, f"{span['start']:.3f} s", f"{span['end']:.3f} s", span["reason"])
+    return table
+
+
+def _tracking_figures(tracking: TrackingSummary) -> dict[str, Any] | None:
+    return asdict(tracking) if tracking.samples else None
+
+
+def _tracking(tracking: dict[str, Any]) -> Table:
+    title = f"Tracking, {tracking['samples']} policy steps, hands up to {tracking['peak_speed']:.2f} m/s"
+    table = Table(title=title, title_justify="left", title_style="bold")
+    table.add_column("body")
+    for heading in ("position RMS", "max", "orientation RMS", "max"):
+        table.add_column(heading, justify="right")
+    for errors in tracking["bodies"]:
+        table.add_row(errors["name"], *_error_cells(errors))
+    table.add_section()
+    table.add_row("[bold]hands[/bold]", *_error_cells(tracking["hands"]))
+    return table
+
+
+def _error_cells(errors: dict[str, Any]) -> tuple[str, ...]:
+    return (
+        f"{1e3 * errors['position_rms']:.1f} mm",
+        f"{1e3 * errors['position_max']:.1f} mm",
+        f"{np.degrees(errors['orientation_rms']):.1f}°",
+        f"{np.degrees(errors['orientation_max']):.1f}°",
+    )
+
+
+def _loop(summary: dict[str, Any]) -> Table:
+    loop, effort = summary["loop"], summary["effort"]
+    table = Table(title="Loop", title_justify="left", title_style="bold", show_header=False)
+    table.add_column("figure")
+    table.add_column("value")
+    pace = "in real time" if loop["realtime"] else f"{loop['real_time_factor']:.1f} times real time"
+    table.add_row("ticks", f"{loop['ticks']} at {1.0 / loop['control_period']:g} Hz, {pace}")
+    late = "missed deadlines" if loop["realtime"] else "ticks longer than the control period"
+    table.add_row("overruns", f"{loop['overruns']} {late}, {loop['skipped_deadlines']} deadlines skipped")
+    table.add_row(
+        "tick time, physics aside",
+        f"median {1e6 * loop['tick_time_p50']:.0f} µs, 99 % {1e6 * loop['tick_time_p99']:.0f} µs, "
+        f"max {1e6 * loop['tick_time_max']:.0f} µs",
+    )
+    table.add_row("policy steps", str(loop["inferences"]))
+    table.add_row(
+        "largest joint effort", f"{effort['largest']:.2f} N·m, {effort['saturated_ticks']} ticks at an effort limit"
+    )
+    return table

@@ -1,0 +1,103 @@
+"""What a run was, condensed while it runs: modes, tick times, faults, tracking; in constant memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from humanoid_sim.messages import Mode
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.session.histogram import DurationHistogram
+from humanoid_sim.session.sink import TickRecord
+from humanoid_sim.session.worker import WorkerSink
+
+__all__ = ["ModeSpan", "RunMonitor", "Tracker"]
+
+_KEPT = 1000
+"""Mode spans, faults and refusals beyond this many are counted but not kept."""
+
+
+class Tracker(Protocol):
+    """Accumulates tracking errors."""
+
+    def update(self, frame: int, joint_position: FloatArray) -> None:
+        """Compare the pose at joint positions (n,), rad, with a reference frame."""
+
+
+@dataclass(slots=True)
+class ModeSpan:
+    """A stretch of time under one controller."""
+
+    mode: Mode
+    controller: str
+    reason: str
+    """Why it began."""
+    start: float
+    """s, robot's clock."""
+    end: float = 0.0
+    """s, robot's clock."""
+
+
+class RunMonitor(WorkerSink):
+    """A sink that keeps the figures of the final table."""
+
+    def __init__(self, effort_limit: FloatArray, tracker: Tracker | None = None) -> None:
+        """Start empty.
+
+        Args:
+            effort_limit: shape (n,), N·m, of the joints.
+            tracker: gets the joint positions of every policy step.
+        """
+        super().__init__("monitor")
+        self._effort_limit = effort_limit
+        self._tracker = tracker
+        self.spans: list[ModeSpan] = []
+        self.faults: list[tuple[float, str]] = []
+        self.refusals: list[tuple[float, str]] = []
+        self.dropped = 0
+        """Spans, faults and refusals that were not kept."""
+        self.ticks = 0
+        self.overruns = 0
+        self.inferences = 0
+        self.saturated = 0
+        """Ticks in which a joint was at its effort limit."""
+        self.largest_effort = 0.0
+        """N·m"""
+        self.tick_time = DurationHistogram()
+        self.pose: FloatArray | None = None
+        """Shape (nq,), the last pose in the most interesting mode that was reached, for a picture."""
+        self._pose_rank = -1
+
+    def handle_tick(self, record: TickRecord) -> None:
+        """Take one tick into account."""
+        state, output = record.input.state, record.output
+        time = float(state.time)
+        self.ticks += 1
+        self.overruns += record.overrun
+        self.tick_time.add(record.duration)
+        effort = np.abs(state.joint_effort)
+        self.largest_effort = max(self.largest_effort, float(np.nanmax(effort, initial=0.0)))
+        self.saturated += bool((effort >= self._effort_limit * (1.0 - 1e-9)).any())
+        control = output.control_mode
+        if not self.spans or self.spans[-1].controller != control.controller_name:
+            self._keep(self.spans, ModeSpan(control.mode, control.controller_name, control.status_message, time, time))
+        self.spans[-1].end = time
+        rank = min(int(control.mode), Mode.LOCOMOTION)
+        if record.qpos is not None and rank >= self._pose_rank:
+            self.pose, self._pose_rank = record.qpos, rank
+        for fault in output.faults:
+            self._keep(self.faults, (time, f"{fault.controller}: {fault.message}"))
+        for refusal in output.refusals:
+            self._keep(self.refusals, (time, refusal))
+        if output.policy_step is not None:
+            self.inferences += 1
+            if self._tracker is not None:
+                self._tracker.update(output.policy_step.frame, state.joint_position)
+
+    def _keep(self, items: list[Any], item: Any) -> None:
+        if len(items) < _KEPT:
+            items.append(item)
+        else:
+            self.dropped += 1
