@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 import yaml
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -97,26 +98,57 @@ def _kind(value: object) -> str:
     return _KINDS.get(type(value), type(value).__name__)
 
 
+_ACCEPTED = {
+    "`float`": "a number",
+    "`int`": "a whole number",
+    "`str`": "a text",
+    "`array`": "a list",
+    "`object`": "a mapping",
+    "`object | null`": "a mapping",
+}
+"""What msgspec calls a type, and what a person does."""
+
+
 def _field_and_problem(message: str, document: dict[str, Any]) -> str:
-    """Turn ``Expected `float`, got `str` - at `$.joints[3].upper` `` into `joints[3].upper: is 'x', expected …`."""
+    """Turn ``Expected `float`, got `str` - at `$.imu` `` into `imu: is 'x', expected a number`."""
     problem, _, place = message.partition(" - at `$")
     place = place.rstrip("`").lstrip(".")
-    problem = problem.replace("`", "'")
-    problem = problem[0].lower() + problem[1:]
-    if not place:
-        return problem
-    expected, separator, _ = problem.partition(", got ")
-    if separator:
-        problem = f"is {_shown(_at(document, place))}, {expected}"
-    elif problem.startswith("invalid enum value"):
-        problem = f"is {_shown(_at(document, place))}, which is not accepted"
-    return f"{place}: {problem}"
+    expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
+    if is_type:
+        line = f"is {_shown(_at(document, place))}, expected {_ACCEPTED.get(expected, expected)}"
+    elif problem.startswith("Invalid enum value"):
+        accepted = " or ".join(str(value) for value in get_args(_type_at(place)))
+        line = f"is {_shown(_at(document, place))}, expected {accepted}"
+    elif problem.startswith("Object contains unknown field"):
+        line = known_names("field", problem.split("`")[1], _field_names(place))
+    else:
+        line = problem.replace("Object missing", "misses").replace("`", "'")
+    return f"{place}: {line}" if place else line
+
+
+def _keys(place: str) -> list[str]:
+    return re.findall(r"[^.\[\]]+", place)
 
 
 def _at(document: Any, place: str) -> Any:
-    for key in re.findall(r"[^.\[\]]+", place):
+    """The value at a place such as `joints[3].upper`."""
+    for key in _keys(place):
         document = document[int(key)] if isinstance(document, list) else document[key]
     return document
+
+
+def _type_at(place: str) -> Any:
+    """The schema's type at a place."""
+    kind: Any = RobotDescription
+    for key in _keys(place):
+        kind = get_args(kind)[0] if key.isdigit() else get_type_hints(kind)[key]
+        if NoneType in get_args(kind):
+            kind = get_args(kind)[0]
+    return kind
+
+
+def _field_names(place: str) -> list[str]:
+    return [name for name in _type_at(place).__struct_fields__ if name != "folder"]
 
 
 def _shown(value: object) -> str:

@@ -1,0 +1,215 @@
+"""Every way in which a description can be wrong, and the one line that says so."""
+
+import copy
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.description import load_robot, shipped_robots
+
+Document = dict[str, Any]
+LITE: Document = yaml.safe_load(asset_path("robots", "lite.yaml").read_text())
+
+
+def write(folder: Path, document: Document) -> Path:
+    path = folder / "robot.yaml"
+    path.write_text(yaml.safe_dump(document))
+    return path
+
+
+@pytest.fixture
+def document() -> Document:
+    """The Lite's description as plain data, its MJCF by absolute path."""
+    result = copy.deepcopy(LITE)
+    result["mjcf"] = str(asset_path("mjcf", "lite.xml").resolve())
+    return result
+
+
+def set_at(document: Document, place: str, value: Any) -> None:
+    """Set the value at a place such as `joints[3].upper`."""
+    *keys, last = [int(key) if key.isdigit() else key for key in re.findall(r"[^.\[\]]+", place)]
+    inner: Any = document
+    for key in keys:
+        inner = inner[key]
+    inner[last] = value
+
+
+ELBOW = "outside the limits of left_elbow_pitch, -2.35619 to 0"
+PER_JOINT = "expected 14, one per joint"
+STANDBY = "standby_controller_a"
+REMOTE = "remote_policy_controller"
+
+BAD_VALUES = [
+    ("name", 3, "is 3, expected a text"),
+    ("mjcf", "nowhere.xml", "'nowhere.xml' is no file; it is looked up beside the description"),
+    ("imu", "", "is empty, expected a text"),
+    ("hands", ["left_hand", "left_hand"], "has the same entry 'left_hand' as hands[0]"),
+    ("folder", "/", "is not a field of the file; give 'mjcf' relative to the file instead"),
+    ("joints", [], "is empty, expected at least one joint"),
+    ("joints", "all", "is 'all', expected a list"),
+    ("joints[1].name", " ", "is empty, expected a text"),
+    ("joints[3].lower", float("nan"), "is nan, expected a finite number"),
+    ("joints[3].upper", "high", "is 'high', expected a number"),
+    ("joints[3].upper", None, "is nothing, expected a number"),
+    ("joints[3].upper", -3.0, "is -3, expected more than lower, which is -2.35619 (left_elbow_pitch)"),
+    ("joints[0].effort_limit", 0.0, "is 0.0, expected a finite number > 0"),
+    ("joints[0].effort_limit", float("inf"), "is inf, expected a finite number > 0"),
+    ("joints[0].stiffness", -1.0, "is -1.0, expected a finite number >= 0"),
+    ("joints[0].damping", True, "is True, expected a number"),
+    ("joints[1].motor", "rs-00", "is 'rs-00', expected a mapping"),
+    ("joints[1].motor.direction", 2, "is 2, expected -1 or 1"),
+    ("joints[1].motor.can_id", 0, "is 0, expected 1 to 127"),
+    ("joints[1].motor.can_id", 1.5, "is 1.5, expected a whole number"),
+    ("joints[1].motor.can_id", 11, "is 11, which is taken by joints[0] (left_shoulder_pitch)"),
+    ("joints[1].motor.bus", -1, "is -1, expected a 0-based index"),
+    ("joints[1].motor.torque_limit", -1, "is -1.0, expected a finite number >= 0"),
+    ("joints[1].motor.current_limit", -1, "is -1.0, expected a finite number >= 0"),
+    ("initial_position", [0.0] * 13, f"has 13 values, {PER_JOINT}"),
+    ("initial_position[3]", 0.1, f"is 0.1, {ELBOW}"),
+    ("initial_position[3]", float("nan"), f"is nan, {ELBOW}"),
+    (
+        "simulation.physics_timestep",
+        0.0006,
+        "0.0006 s does not divide the period of 0.005 s; the nearest that does is 0.000625 s (8 per period)",
+    ),
+    ("simulation.physics_timestep", 0.0, "is 0.0, expected a finite number > 0"),
+    ("simulation.control_frequency", -200, "is -200.0, expected a finite number > 0"),
+    ("simulation.floor_height", float("inf"), "is inf, expected a finite number"),
+    ("hardware.control_frequency", 0, "is 0.0, expected a finite number > 0"),
+    ("hardware.rx_timeout_ms", "fast", "is 'fast', expected a number"),
+    ("damping_controller.damping_scalar", -5.0, "is -5.0, expected a finite number >= 0"),
+    ("damping_controller.damping", [1.0], f"has 1 values, {PER_JOINT}"),
+    (f"{STANDBY}.target_stiffness[2]", -1.0, "is -1.0, expected a finite number >= 0"),
+    (f"{STANDBY}.target_damping", [], f"has 0 values, {PER_JOINT}"),
+    (f"{STANDBY}.segment_durations[1]", 0.0, "is 0.0, expected a finite number > 0"),
+    (f"{STANDBY}.pose_segments", [[0.0] * 14], "has 1 poses, expected 2, one per segment duration"),
+    (f"{STANDBY}.pose_segments[1]", [0.0], f"has 1 values, {PER_JOINT}"),
+    (f"{STANDBY}.pose_segments[1][3]", 1.0, f"is 1, {ELBOW}"),
+    (f"{REMOTE}.stale_command_policy", "freeze", "is 'freeze', expected passive or hold"),
+    (f"{REMOTE}.stale_command_timeout_ms", 0, "is 0.0, expected a finite number > 0"),
+]
+
+
+@pytest.mark.parametrize(("place", "value", "problem"), BAD_VALUES)
+def test_a_bad_value_is_named(tmp_path: Path, document: Document, place: str, value: Any, problem: str) -> None:
+    set_at(document, place, value)
+    path = write(tmp_path, document)
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    where = "hands[1]" if place == "hands" else place
+    assert str(caught.value) == f"{path}: {where}: {problem}"
+
+
+def test_a_joint_given_twice_is_named(tmp_path: Path, document: Document) -> None:
+    document["joints"][5]["name"] = "left_shoulder_pitch"
+    path = write(tmp_path, document)
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    assert str(caught.value) == f"{path}: joints[5]: has the same name 'left_shoulder_pitch' as joints[0]"
+
+
+UNKNOWN_FIELDS = [
+    ("stifness", "unknown field 'stifness'; known: name, mjcf, joints, initial_position, imu, hands, simulation, "),
+    ("joints[2].limit", "joints[2]: unknown field 'limit'; known: name, lower, upper, effort_limit, stiffness, "),
+    ("joints[2].motor.id", "joints[2].motor: unknown field 'id'; known: bus, can_id, model, direction, torque_limit, "),
+    (f"{STANDBY}.poses", f"{STANDBY}: unknown field 'poses'; known: target_stiffness, target_damping, "),
+]
+
+
+@pytest.mark.parametrize(("place", "line"), UNKNOWN_FIELDS)
+def test_an_unknown_field_lists_the_known_ones(tmp_path: Path, document: Document, place: str, line: str) -> None:
+    set_at(document, place, 1.0)
+    path = write(tmp_path, document)
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    assert str(caught.value).startswith(f"{path}: {line}")
+    assert "folder" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["name", "joints", "mjcf", "imu", "initial_position", "standby_controller_a"])
+def test_a_missing_field_is_named(tmp_path: Path, document: Document, name: str) -> None:
+    del document[name]
+    path = write(tmp_path, document)
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    assert str(caught.value) == f"{path}: misses required field '{name}'"
+
+
+BAD_TEXTS = [
+    ("", "is empty, expected a robot description"),
+    ("# nothing here\n", "is empty, expected a robot description"),
+    ("- a\n- b\n", "is a list, expected a mapping with name, mjcf, joints, …"),
+    ("lite", "is a text, expected a mapping with name, mjcf, joints, …"),
+    ("name: [lite\njoints: 3\n", "line 2, column 7: not valid YAML: expected ',' or ']', but got ':'"),
+    ("name: lite\n\tmjcf: x\n", "line 2, column 1: not valid YAML: found character '\\t' that cannot start any token"),
+    ("name: lite\nname: heavy\n", "line 2, column 1: not valid YAML: 'name' is given twice"),
+    ("name: !!python/object:os.system {}\n", "line 1, column 7: not valid YAML: could not determine a constructor"),
+]
+
+
+@pytest.mark.parametrize(("text", "line"), BAD_TEXTS)
+def test_a_file_that_is_no_description(tmp_path: Path, text: str, line: str) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    assert str(caught.value).startswith(f"{path}: {line}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_binary_file(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(InputError, match=r"is not a text file \(UTF-8\)$"):
+        load_robot(path)
+
+
+def test_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        load_robot(tmp_path)
+    assert str(caught.value) == f"{tmp_path}: is a folder, expected a robot's YAML file or one of: lite, lite_neck"
+
+
+def test_an_unknown_name_lists_the_shipped_robots() -> None:
+    with pytest.raises(InputError) as caught:
+        load_robot("lit")
+    assert str(caught.value) == "unknown robot 'lit': neither a file nor one of: lite, lite_neck"
+
+
+def test_shipped_robots() -> None:
+    assert shipped_robots() == ("lite", "lite_neck")
+
+
+def test_a_path_is_a_robot_of_the_same_form(tmp_path: Path, document: Document) -> None:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "mine.xml").write_text("<mujoco/>")
+    document["mjcf"] = "models/mine.xml"
+    robot = load_robot(write(tmp_path, document))
+    assert robot.mjcf_path == (tmp_path / "models" / "mine.xml").resolve()
+    assert robot.joint_names == load_robot("lite").joint_names
+
+
+def test_defaults_are_those_of_the_controllers(tmp_path: Path, document: Document) -> None:
+    for name in ("simulation", "hardware", "damping_controller", "remote_policy_controller", "hands"):
+        del document[name]
+    robot = load_robot(write(tmp_path, document))
+    assert (robot.simulation.physics_timestep, robot.simulation.control_frequency) == (0.0005, 200.0)
+    assert (robot.hardware.control_frequency, robot.hardware.rx_timeout_ms) == (50.0, 200.0)
+    assert robot.damping_controller.damping_scalar == 1.0
+    assert robot.remote_policy_controller.damping_scalar == 6.0
+    assert robot.hands == ()
+
+
+def test_loading_does_not_import_the_simulator() -> None:
+    program = (
+        "import sys; from humanoid_sim.robots.description import load_robot; load_robot('lite'); "
+        "sys.exit('mujoco' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
