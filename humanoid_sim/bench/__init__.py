@@ -1,4 +1,4 @@
-"""This machine's figures, as ratios to bare MuJoCo and ONNX Runtime wherever there is something bare to compare with."""
+"""This machine's figures, as ratios to bare MuJoCo and ONNX Runtime where there is something bare to compare with."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 
 import mujoco
@@ -14,6 +14,7 @@ from rich.console import Console
 
 from humanoid_sim import __version__
 from humanoid_sim.controllers.action import resolve_action
+from humanoid_sim.errors import InputError
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.options import Outputs, choose_outputs, control_rate, refuse_conflicts
@@ -23,12 +24,13 @@ from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.session.control_socket import ControlSocket
 from humanoid_sim.session.gravity_source import GravitySource
 from humanoid_sim.session.inject import Injector, parse_injections
 from humanoid_sim.session.keyboard import Keyboard, key_help
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.remote import RemoteInbox
-from humanoid_sim.session.script import Script, parse_script
+from humanoid_sim.session.script import OverriddenScript, Script, parse_script
 from humanoid_sim.session.session import LoopSettings, Session
 from humanoid_sim.session.sink import SessionHeader, Sink
 from humanoid_sim.session.sources import IntentSource, RemoteSource
@@ -58,7 +60,7 @@ class Run:
     tracking: TrackingErrors | None = None
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
-    keyboard: Keyboard | None = None
+    operators: tuple[Keyboard | ControlSocket, ...] = ()
     gravity: GravitySource | None = None
     notices: list[str] = field(default_factory=list)
 
@@ -76,7 +78,7 @@ def assemble(config: PlayConfig, console: Console) -> Run:
     """Everything for one run.
 
     Raises:
-        InputError: the first thing that is wrong, before anything moves or is written.
+        InputError: the first thing that is wrong, before anything moves.
     """
     refuse_conflicts(config)
     injections = parse_injections(config.inject)
@@ -120,18 +122,15 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         sinks.append(gravity)
         remote = injector.remote(inbox)
     recorder = None if outputs.record is None else McapRecorder(outputs.record)
-    if recorder is not None:
-        sinks.append(recorder)
     video = None if outputs.video is None else VideoSink(outputs.video, _scene(description))
-    if video is not None:
-        sinks.append(video)
+    sinks += [sink for sink in (recorder, video) if sink is not None]
     if config.viewer == "native" or (config.viewer == "auto" and has_display()):
         sinks.append(NativeViewerSink(_scene(description)))
 
-    keyboard = Keyboard() if config.manual else None
-    intents: list[IntentSource] = [] if keyboard is None else [keyboard]
+    operators = _operators(config)
+    intents: Sequence[IntentSource] = operators
     if steps is not None:
-        intents.append(Script(steps, frames))
+        intents = (OverriddenScript(Script(steps, frames), operators),)
     session = Session(
         robot,
         supervisor,
@@ -156,10 +155,21 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         tracking,
         recorder,
         video,
-        keyboard,
+        operators,
         gravity,
         [text for text in (notice, *warnings, key_help() if config.manual else "") if text],
     )
+
+
+def _operators(config: PlayConfig) -> tuple[Keyboard | ControlSocket, ...]:
+    socket = ControlSocket()
+    if not config.manual:
+        return (socket,)
+    try:
+        return socket, Keyboard()
+    except InputError:
+        socket.close()
+        raise
 
 
 def _realtime(config: PlayConfig, use_remote: bool) -> bool:

@@ -39,8 +39,8 @@ def play(config: PlayConfig) -> int:
         with _signals(run.session) as received:
             result = run.session.run()
     finally:
-        if run.keyboard is not None:
-            run.keyboard.close()
+        for operator in run.operators:
+            operator.close()
     summary = summarise(run, result)
     print_report(console, summary)
     status = _write_files(console, run)

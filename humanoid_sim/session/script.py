@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, TickOutput
+from humanoid_sim.messages import Intent, Mode, TickOutput
+from humanoid_sim.session.sources import IntentSource
 
-__all__ = ["Script", "ScriptStep", "parse_script"]
+__all__ = ["OverriddenScript", "Script", "ScriptStep", "parse_script"]
 
 _INTENTS = {intent.value: intent for intent in Intent}
 _GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS"
@@ -63,7 +64,11 @@ def _seconds(number: int, part: str, text: str) -> float:
 
 
 class Script:
-    """Plays steps as an `IntentSource` and finishes after the last one."""
+    """Plays steps as an `IntentSource` and finishes after the last one.
+
+    If the robot falls back to DAMPING or ZERO_TORQUE without the script's asking, the rest of the script is dropped:
+    nothing that was planned before a fault may move the robot after it.
+    """
 
     def __init__(self, steps: Sequence[ScriptStep], motion_frames: int = 0) -> None:
         """Prepare a script.
@@ -77,6 +82,8 @@ class Script:
         self._hold_until: float | None = None
         self._sent = False
         self._motion_over = False
+        self._was_moving = False
+        self._asked_to_damp = False
 
     @property
     def finished(self) -> bool:
@@ -92,17 +99,30 @@ class Script:
         """The intent that is due, if any: one per tick, so that each is decided on the result of the one before."""
         if output is not None and output.policy_step is not None:
             self._motion_over = output.policy_step.frame >= self._motion_frames - 1
+        if output is not None and self._fell(output.control_mode.mode):
+            self.cancel()
         if not self._steps:
             return ()
         step = self._steps[0]
         if step.intent is not None:
             self._steps.pop(0)
             self._motion_over = False
+            self._asked_to_damp = step.intent is Intent.DAMP
             return (step.intent,)
         if self._is_over(step, time, output):
             self._steps.pop(0)
             self._hold_until = None
         return ()
+
+    def cancel(self) -> None:
+        """Drop the steps that are left."""
+        self._steps.clear()
+
+    def _fell(self, mode: Mode) -> bool:
+        moving = mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
+        fell = self._was_moving and not moving and not self._asked_to_damp
+        self._was_moving = moving
+        return fell
 
     def _is_over(self, step: ScriptStep, time: float, output: TickOutput | None) -> bool:
         if output is None:
@@ -115,3 +135,31 @@ class Script:
         if self._hold_until is None:
             self._hold_until = time + step.seconds
         return time >= self._hold_until
+
+
+class OverriddenScript:
+    """A script, and operators whose first intent takes the script's place for good."""
+
+    def __init__(self, script: Script, operators: Sequence[IntentSource]) -> None:
+        """Prepare.
+
+        Args:
+            script: plays until an operator acts.
+            operators: a keyboard, a socket; each is asked every tick.
+        """
+        self._script = script
+        self._operators = tuple(operators)
+        self._taken_over = False
+
+    @property
+    def finished(self) -> bool:
+        """The script is done, and no operator has taken over."""
+        return self._script.finished and not self._taken_over
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """The operators' intents, else the script's."""
+        intents = [intent for source in self._operators for intent in source.poll(time, output)]
+        if intents and not self._taken_over:
+            self._taken_over = True
+            self._script.cancel()
+        return intents if self._taken_over else self._script.poll(time, output)

@@ -1,0 +1,47 @@
+"""Send an intent to a running session: `python -m humanoid_sim.mode damp`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent
+
+__all__ = ["main"]
+
+Word = Literal["damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `mode` with command-line arguments; returns the exit status."""
+    import tyro  # noqa: PLC0415 - heavy imports stay out of importing this module
+
+    from humanoid_sim.session.control_socket import running_sessions, send_intent  # noqa: PLC0415
+
+    @dataclass(frozen=True)
+    class ModeConfig:
+        """Send an intent to a session that runs on this machine, and print what became of it."""
+
+        intent: Annotated[Word, tyro.conf.Positional]
+        """What to ask for."""
+        session: int | None = None
+        """Process id of the session. Default: the only one that runs."""
+
+    config = tyro.cli(ModeConfig, prog="humanoid_sim.mode", args=arguments)
+    sessions = running_sessions()
+    session = config.session
+    if session is None:
+        if len(sessions) != 1:
+            running = ", ".join(str(process) for process in sessions) or "none"
+            raise InputError(f"--session: is needed unless exactly one session runs; running: {running}")
+        session = sessions[0]
+    print(send_intent(session, Intent(config.intent)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

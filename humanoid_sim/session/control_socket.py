@@ -1,0 +1,143 @@
+"""Intents from another process on the same machine: a local socket that a running session listens on.
+
+One datagram is one intent's name; the answer is what the session made of it in its next tick. The socket lies in a
+folder that only its user can enter, and never crosses a network.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent, TickOutput
+
+__all__ = ["ControlSocket", "running_sessions", "send_intent"]
+
+_LONGEST = 64
+"""Bytes; no intent's name is longer."""
+_SUFFIX = ".session"
+
+
+def _folder() -> Path:
+    """The folder of the sockets, made for its user alone.
+
+    Raises:
+        InputError: if it exists and belongs to somebody else, or others may enter it.
+    """
+    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+    folder = Path(base) / f"humanoid_sim-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise InputError(f"{folder}: is not a folder that only its user can enter; remove it")
+    return folder
+
+
+class ControlSocket:
+    """An `IntentSource` fed by `send_intent`."""
+
+    def __init__(self) -> None:
+        """Open the socket of this process.
+
+        Raises:
+            InputError: if it cannot be opened.
+        """
+        self._path = _folder() / f"{os.getpid()}{_SUFFIX}"
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._path.unlink(missing_ok=True)  # of a process that had this id before and was killed
+            self._socket.bind(str(self._path))
+        except OSError as error:
+            self._socket.close()
+            raise InputError(f"{self._path}: cannot listen for intents: {error.strerror}") from None
+        self._waiting: list[str] = []
+
+    @property
+    def finished(self) -> bool:
+        """A socket never ends a session."""
+        return False
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """Answer the senders of the last tick, then take what has arrived since."""
+        if self._waiting and output is not None:
+            control = output.control_mode
+            self._answer(f"{control.mode.name} ({control.controller_name}): {control.status_message}")
+        intents: list[Intent] = []
+        while True:
+            try:
+                message, sender = self._socket.recvfrom(_LONGEST)
+            except OSError:  # nothing more
+                return intents
+            try:
+                intents.append(Intent(message.decode(errors="replace")))
+            except ValueError:
+                continue
+            if sender:
+                self._waiting.append(sender)
+
+    def close(self) -> None:
+        """Close and remove the socket."""
+        self._answer("the session has ended")
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
+
+    def _answer(self, text: str) -> None:
+        for sender in self._waiting:
+            try:
+                self._socket.sendto(text.encode(), sender)
+            except OSError:  # the sender did not wait
+                continue
+        self._waiting.clear()
+
+
+def running_sessions() -> list[int]:
+    """Process ids of this user's sessions."""
+    found = []
+    for path in _folder().glob(f"*{_SUFFIX}"):
+        try:
+            process = int(path.stem)
+            os.kill(process, 0)
+        except (ValueError, ProcessLookupError):
+            path.unlink(missing_ok=True)
+        except PermissionError:
+            continue
+        else:
+            found.append(process)
+    return sorted(found)
+
+
+def send_intent(process: int, intent: Intent, timeout: float = 2.0) -> str:
+    """Send an intent to a session and wait for its answer.
+
+    Args:
+        process: id of the session's process.
+        intent: what is asked for.
+        timeout: s
+
+    Returns:
+        What the session made of it, one line.
+
+    Raises:
+        InputError: if there is no such session, or it does not answer.
+    """
+    folder = _folder()
+    reply = folder / f"{os.getpid()}.reply"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
+        reply.unlink(missing_ok=True)
+        client.bind(str(reply))
+        client.settimeout(timeout)
+        try:
+            client.sendto(intent.value.encode(), str(folder / f"{process}{_SUFFIX}"))
+            return client.recv(4096).decode(errors="replace")
+        except TimeoutError:
+            raise InputError(f"session {process}: did not answer within {timeout:g} s") from None
+        except OSError as error:
+            raise InputError(f"session {process}: cannot be reached: {error.strerror}") from None
+        finally:
+            reply.unlink(missing_ok=True)
