@@ -5,32 +5,32 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
+
+import tyro
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
+from humanoid_sim.session.control_socket import running_sessions, send_intent
 
 __all__ = ["main"]
 
 Word = Literal["damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit"]
 
 
+@dataclass(frozen=True)
+class ModeConfig:
+    """Send an intent to a session that runs on this machine, and print what became of it."""
+
+    intent: tyro.conf.Positional[Word]
+    """What to ask for."""
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `mode` with command-line arguments; returns the exit status."""
-    import tyro  # noqa: PLC0415 - heavy imports stay out of importing this module
-
-    from humanoid_sim.session.control_socket import running_sessions, send_intent  # noqa: PLC0415
-
-    @dataclass(frozen=True)
-    class ModeConfig:
-        """Send an intent to a session that runs on this machine, and print what became of it."""
-
-        intent: Annotated[Word, tyro.conf.Positional]
-        """What to ask for."""
-        session: int | None = None
-        """Process id of the session. Default: the only one that runs."""
-
     config = tyro.cli(ModeConfig, prog="humanoid_sim.mode", args=arguments)
     sessions = running_sessions()
     session = config.session
