@@ -47,8 +47,10 @@ class Imu:
                 raise InputError(f"imu: '{name}' is neither a site nor a body of the model")
         self._twist = np.empty(6)
         self._constant: ImuSample | None = None
-        if model.body_weldid[body] == 0:  # welded to the world: nothing to compute, ever
-            self._constant = self._compute(self._data.qpos, self._data.qvel, self._data.qacc)
+        if model.body_weldid[body] == 0:  # welded to the world: it feels gravity, for ever
+            mujoco.mj_kinematics(model, self._data)
+            quaternion, rotation = self._orientation()
+            self._constant = ImuSample(quaternion, np.zeros(3), -rotation.T @ model.opt.gravity)
 
     def read(self, data: mujoco.MjData) -> ImuSample:
         """The reading at the data's present `qpos` and `qvel`, with the acceleration of its latest physics step."""
@@ -61,10 +63,15 @@ class Imu:
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         mujoco.mj_rnePostConstraint(model, data)  # body accelerations, with gravity as an upward acceleration
-        rotation = data.site_xmat[self._id] if self._object == mujoco.mjtObj.mjOBJ_SITE else data.xmat[self._id]
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, rotation)
+        quaternion, _ = self._orientation()
         mujoco.mj_objectVelocity(model, data, self._object, self._id, twist, 1)
         angular_velocity = twist[:3].copy()
         mujoco.mj_objectAcceleration(model, data, self._object, self._id, twist, 1)
         return ImuSample(quaternion, angular_velocity, twist[3:].copy())
+
+    def _orientation(self) -> tuple[FloatArray, FloatArray]:
+        """The frame's orientation in the world: quaternion (4,) w x y z, and rotation matrix (3, 3)."""
+        matrices = self._data.site_xmat if self._object == mujoco.mjtObj.mjOBJ_SITE else self._data.xmat
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, matrices[self._id])
+        return quaternion, matrices[self._id].reshape(3, 3)

@@ -24,12 +24,12 @@ __all__ = ["Actuation", "AffinePlant", "Plant", "QfrcPlant", "make_plant"]
 Actuation = Literal["qfrc_applied", "affine"]
 
 _WATCHED = {
-    mujoco.mjtWarning.mjWARN_BADCTRL: "command",
     mujoco.mjtWarning.mjWARN_BADQPOS: "position",
     mujoco.mjtWarning.mjWARN_BADQVEL: "velocity",
+    mujoco.mjtWarning.mjWARN_BADCTRL: "command",
     mujoco.mjtWarning.mjWARN_BADQACC: "acceleration",
 }
-"""Warnings of a simulation that is no longer sound, and the quantity that each is about."""
+"""Warnings of a simulation that is no longer sound, in the order of MuJoCo's checks, and what each is about."""
 
 
 class Plant(ABC):
@@ -48,7 +48,7 @@ class Plant(ABC):
         # Slices, where the joints are adjacent and in order, make views: nothing to gather at each physics step.
         self._qpos_index = _as_slice(self.addresses.qpos)
         self._dof_index = _as_slice(self.addresses.dof)
-        self._warnings = tuple((kind, self.data.warning[int(kind)]) for kind in _WATCHED)
+        self._warnings = tuple((name, self.data.warning[int(kind)]) for kind, name in _WATCHED.items())
         self.reset()
 
     @abstractmethod
@@ -86,22 +86,12 @@ class Plant(ABC):
             warning.number = 1
 
     def fault(self) -> str:
-        """What is wrong with the simulation, naming the first bad quantity; empty if it is sound."""
-        for kind, warning in self._warnings:
-            if warning.number != 1:
-                joint = self._joint_name(kind, warning.lastinfo)
-                return f"simulation unstable: the {_WATCHED[kind]} of {joint} is not finite, or huge"
-        return ""
-
-    def _joint_name(self, kind: mujoco.mjtWarning, index: int) -> str:
-        """The joint that a warning is about; its index counts in `ctrl`, `qpos` or `qvel`."""
-        if kind is mujoco.mjtWarning.mjWARN_BADCTRL:
-            joint = int(self.model.actuator_trnid[index, 0])
-        elif kind is mujoco.mjtWarning.mjWARN_BADQPOS:
-            joint = int(np.searchsorted(self.model.jnt_qposadr, index, side="right")) - 1
-        else:
-            joint = int(self.model.dof_jntid[index])
-        return self.model.joint(joint).name or f"joint {joint}"
+        """What is wrong with the simulation, naming the quantity that went wrong first; empty if it is sound."""
+        first, count = "", 1
+        for quantity, warning in self._warnings:
+            if warning.number > count:  # it has been warned of for the most steps
+                first, count = quantity, warning.number
+        return f"simulation unstable: {first} is not finite, or huge" if first else ""
 
 
 class QfrcPlant(Plant):

@@ -72,13 +72,13 @@ class DampingStability:
         if measure.eigenvalue <= WARNED_ABOVE:
             return ""
         message = (
-            f"{what}: at {measure.joint} dt·M⁻¹·K_d reaches {measure.eigenvalue:.2f} with a physics step of "
+            f"{what}: dt·M⁻¹·K_d reaches {measure.eigenvalue:.2f} at {measure.joint} with a physics step of "
             f"{self._timestep:g} s"
         )
         if measure.eigenvalue > REFUSED_ABOVE:
             longest = self._timestep * REFUSED_ABOVE / measure.eigenvalue
-            raise InputError(f"{message}, which is unstable above {REFUSED_ABOVE:g}: use less than {longest:.2g} s")
-        return f"{message}, so that its velocity changes sign from step to step (above {WARNED_ABOVE:g})"
+            raise InputError(f"{message}: unstable above {REFUSED_ABOVE:g}, use less than {longest:.2g} s")
+        return f"{message}: stable, but the velocity changes sign from step to step above {WARNED_ABOVE:g}"
 
     def check_description(self) -> tuple[str, ...]:
         """The warnings about all the description's own gains.

@@ -1,0 +1,135 @@
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
+
+RobotFactory = Callable[..., RobotDescription]
+
+WITH_ACTUATORS = """
+<mujoco>
+  <worldbody>
+    <light name="own"/>
+    <body name="base">
+      <site name="imu"/>
+      <body name="link">
+        <joint name="free_wheel" axis="0 1 0" range="-90 90"/>
+        <joint name="hinge" axis="1 0 0" range="-90 90" actuatorfrcrange="-0.5 0.5"/>
+        <geom size="0.1" mass="1"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="servo" joint="hinge" kp="100"/>
+    <motor name="torque" joint="free_wheel"/>
+  </actuator>
+  <sensor>
+    <actuatorfrc name="servo_force" actuator="servo"/>
+    <jointpos name="angle" joint="hinge"/>
+  </sensor>
+  <keyframe>
+    <key name="home" qpos="0 1" ctrl="0 0"/>
+  </keyframe>
+</mujoco>
+"""
+
+
+def test_options() -> None:
+    model = build_model(load_robot("lite"))
+    assert model.opt.timestep == 0.0005
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    assert model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    assert build_model(load_robot("lite"), physics_timestep=0.001).opt.timestep == 0.001
+
+
+def test_the_models_own_actuation_goes(small_robot: RobotFactory) -> None:
+    model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
+    assert (model.nu, model.nkey, model.nsensor) == (0, 0, 1)
+    assert model.sensor(0).name == "angle"
+
+
+def test_limits_are_the_descriptions_whatever_the_models_unit(small_robot: RobotFactory) -> None:
+    """The MJCF is in degrees (MuJoCo's default): ±3 rad must not become ±3°."""
+    model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
+    hinge, free_wheel = model.joint("hinge").id, model.joint("free_wheel").id
+    assert model.jnt_range[hinge].tolist() == [-3.0, 3.0]
+    assert model.jnt_limited[hinge]
+    assert not model.jnt_actfrclimited[hinge]
+    # A joint that the description does not name stays as the MJCF has it.
+    assert model.jnt_range[free_wheel] == pytest.approx([-np.pi / 2, np.pi / 2])
+
+
+def test_limits_hold_in_simulation(small_robot: RobotFactory) -> None:
+    model = build_model(small_robot())
+    data = mujoco.MjData(model)
+    for _ in range(3000):
+        data.qfrc_applied[:] = 5.0
+        mujoco.mj_step(model, data)
+    assert data.qpos.max() == pytest.approx(3.0, abs=0.05)
+
+
+def test_affine_actuators_are_in_joint_order(small_robot: RobotFactory) -> None:
+    model = build_model(small_robot(joints=("elbow", "shoulder")), affine_actuators=True)
+    assert [model.actuator(i).name for i in range(model.nu)] == ["elbow", "shoulder"]
+    assert model.actuator_forcerange.tolist() == [[-5.0, 5.0], [-5.0, 5.0]]
+    assert model.actuator_gainprm[:, 0].tolist() == [1.0, 1.0]
+    assert not model.actuator_biasprm.any()
+    assert not model.actuator_ctrllimited.any()
+
+
+def test_joint_addresses_follow_names(small_robot: RobotFactory) -> None:
+    model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
+    addresses = joint_addresses(model, ("hinge", "free_wheel"))
+    assert addresses.qpos.tolist() == [1, 0]
+    assert addresses.dof.tolist() == [1, 0]
+    with pytest.raises(InputError, match=r"^unknown joint 'knee'; known: free_wheel, hinge$"):
+        joint_addresses(model, ("knee",))
+
+
+def test_base_body_is_the_root_of_the_joints() -> None:
+    robot = load_robot("lite")
+    model = build_model(robot)
+    assert model.body(base_body(model, robot)).name == "chest"
+
+
+NAMES = [
+    ({"joints": ("shoulder", "knee")}, "joints[1] of 'small': unknown joint 'knee'; known: shoulder, elbow"),
+    ({"hands": ["palm"]}, "hands[0] of 'small': unknown body 'palm'; known: world, base, upper, lower"),
+    ({"imu": "gyro"}, "imu of 'small': unknown site or body 'gyro'; known: imu, world, base, upper, lower"),
+]
+
+
+@pytest.mark.parametrize(("fields", "line"), NAMES)
+def test_names_that_the_model_does_not_have(small_robot: RobotFactory, fields: dict[str, object], line: str) -> None:
+    robot = small_robot(**fields)
+    with pytest.raises(InputError) as caught:
+        build_model(robot)
+    assert str(caught.value) == f"{robot.mjcf_path}: {line}"
+
+
+BROKEN = [
+    ("", "not a valid MJCF model: "),
+    ("<mujoco><worldbody></mujoco>", "not a valid MJCF model: "),
+    ("<mujoco><worldbody><body name='x' mass='3'/></worldbody></mujoco>", "not a valid MJCF model: "),
+    (WITH_ACTUATORS.replace('mass="1"', 'mass="0"'), "does not compile: "),
+]
+
+
+@pytest.mark.parametrize(("mjcf", "line"), BROKEN)
+def test_a_broken_model_is_one_line(small_robot: RobotFactory, mjcf: str, line: str) -> None:
+    robot = small_robot(mjcf, ("hinge",))
+    with pytest.raises(InputError) as caught:
+        build_model(robot)
+    assert str(caught.value).startswith(f"{robot.mjcf_path}: {line}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_model_that_vanished(small_robot: RobotFactory) -> None:
+    robot = small_robot()
+    robot.mjcf_path.unlink()
+    with pytest.raises(InputError, match=r"the robot's MJCF model is not there$"):
+        build_model(robot)

@@ -1,0 +1,195 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import MITCommand, MITState, mit_torque
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.plant import Actuation, Plant, make_plant
+
+RobotFactory = Callable[..., RobotDescription]
+ACTUATIONS: tuple[Actuation, ...] = ("qfrc_applied", "affine")
+
+
+def random_command(robot: RobotDescription, generator: np.random.Generator, strength: float = 1.0) -> MITCommand:
+    n = robot.joint_count
+    return MITCommand(
+        position=generator.uniform(robot.lower, robot.upper),
+        velocity=generator.normal(0.0, 1.0, n),
+        effort=generator.normal(0.0, strength, n),
+        stiffness=generator.uniform(0.0, 80.0 * strength, n),
+        damping=generator.uniform(0.0, 4.0, n),
+    )
+
+
+def state_of(plant: Plant) -> MITState:
+    n = len(plant.position)
+    return MITState(
+        time=0.0,
+        joint_position=plant.position,
+        joint_velocity=plant.velocity,
+        joint_effort=np.zeros(n),
+        joint_age=np.zeros(n),
+        imu_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+        imu_angular_velocity=np.zeros(3),
+        imu_linear_acceleration=np.zeros(3),
+    )
+
+
+@pytest.mark.parametrize("name", ["lite", "lite_neck"])
+@pytest.mark.parametrize("strength", [0.02, 3.0])
+def test_both_forms_agree_step_for_step(name: str, strength: float) -> None:
+    """To 1e-9 per physics step from the same state, over commands that saturate and commands that do not."""
+    robot = load_robot(name)
+    reference = make_plant(robot, actuation="qfrc_applied")
+    affine = make_plant(robot, actuation="affine")
+    generator = np.random.default_rng(1)
+    saturated = 0
+    for _ in range(40):
+        command = random_command(robot, generator, strength)
+        reference.apply(command)
+        affine.apply(command)
+        for _ in range(10):
+            reference.step(1)
+            affine.step(1)
+            np.testing.assert_allclose(affine.effort, reference.effort, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(affine.data.qpos, reference.data.qpos, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(affine.data.qvel, reference.data.qvel, rtol=0, atol=1e-9)
+            saturated += int((np.abs(reference.effort) == robot.effort_limit).sum())
+            affine.data.qpos[:], affine.data.qvel[:] = reference.data.qpos, reference.data.qvel
+            affine.data.qacc_warmstart[:] = reference.data.qacc_warmstart
+    share = saturated / (400 * robot.joint_count)
+    assert share > 0.3 if strength > 1.0 else share < 0.3
+    assert not reference.fault()
+    assert not affine.fault()
+
+
+@pytest.mark.parametrize("actuation", ACTUATIONS)
+@pytest.mark.parametrize("joints", [("shoulder", "elbow"), ("elbow", "shoulder")])
+def test_the_torque_is_that_of_the_law(
+    small_robot: RobotFactory, actuation: Actuation, joints: tuple[str, str]
+) -> None:
+    """Whatever the joints' order in the model."""
+    robot = small_robot(joints=joints)
+    plant = make_plant(robot, actuation=actuation)
+    generator = np.random.default_rng(2)
+    for _ in range(200):
+        command = random_command(robot, generator)
+        plant.apply(command)
+        expected = mit_torque(state_of(plant), command, robot.effort_limit)
+        plant.step(1)
+        if actuation == "qfrc_applied":
+            assert plant.effort.tolist() == expected.tolist()
+        else:
+            np.testing.assert_allclose(plant.effort, expected, rtol=0, atol=1e-12)
+        address = [plant.model.joint(name).dofadr[0] for name in joints]
+        assert (plant.data.qfrc_applied + plant.data.qfrc_actuator)[address].tolist() == plant.effort.tolist()
+
+
+@pytest.mark.parametrize("actuation", ACTUATIONS)
+def test_effort_saturates_at_the_hardwares_limit(actuation: Actuation) -> None:
+    robot = load_robot("lite")
+    plant = make_plant(robot, actuation=actuation)
+    zeros = np.zeros(14)
+    sign = np.where(np.arange(14) % 2 == 0, 1.0, -1.0)
+    plant.apply(MITCommand(zeros, zeros, 1000.0 * sign, zeros, zeros))
+    plant.step(1)
+    assert plant.effort.tolist() == (sign * robot.effort_limit).tolist()
+    assert robot.effort_limit[4] == 4.0
+
+
+@pytest.mark.parametrize("actuation", ACTUATIONS)
+def test_many_steps_are_the_same_as_one_by_one(actuation: Actuation) -> None:
+    robot = load_robot("lite")
+    together, apart = make_plant(robot, actuation=actuation), make_plant(robot, actuation=actuation)
+    command = random_command(robot, np.random.default_rng(3))
+    together.apply(command)
+    apart.apply(command)
+    together.step(10)
+    for _ in range(10):
+        apart.step(1)
+    assert together.data.qpos.tolist() == apart.data.qpos.tolist()
+    assert together.effort.tolist() == apart.effort.tolist()
+
+
+@pytest.mark.parametrize("actuation", ACTUATIONS)
+def test_damping_dissipates_energy(small_robot: RobotFactory, actuation: Actuation) -> None:
+    robot = small_robot()
+    plant = make_plant(robot, actuation=actuation)
+    plant.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    plant.data.qpos[:] = 1.0, -0.5
+    plant.data.qvel[:] = 2.0, -3.0
+    zeros = np.zeros(2)
+    plant.apply(MITCommand(zeros, zeros, zeros, zeros, np.array([0.3, 0.2])))
+    energy = []
+    for _ in range(12000):
+        plant.step(1)
+        energy.append(float(plant.data.energy.sum()))  # at the start of the step
+    assert (np.diff(energy) < 1e-6).all()
+    assert energy[-1] < energy[0] - 1.0
+    assert np.abs(plant.velocity).max() < 0.01
+
+
+@pytest.mark.parametrize("actuation", ACTUATIONS)
+def test_reset_forgets_command_and_effort(actuation: Actuation) -> None:
+    robot = load_robot("lite")
+    plant = make_plant(robot, actuation=actuation)
+    plant.apply(random_command(robot, np.random.default_rng(4)))
+    plant.step(5)
+    assert plant.effort.any()
+    plant.reset()
+    assert plant.position.tolist() == list(robot.initial_position)
+    assert not plant.velocity.any()
+    assert not plant.effort.any()
+    plant.step(1)
+    assert not plant.effort.any()
+
+
+BAD_STATES = [
+    ("qpos", np.nan, "position"),
+    ("qvel", np.inf, "velocity"),
+    ("qvel", 1e11, "velocity"),
+    ("qfrc_applied", 1e30, "acceleration"),
+]
+
+
+@pytest.mark.parametrize(("array", "value", "quantity"), BAD_STATES)
+def test_a_bad_state_is_a_fault_and_leaves_no_log(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    array: str,
+    value: float,
+    quantity: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plant = make_plant(load_robot("lite"), actuation="affine")  # which leaves qfrc_applied alone
+    getattr(plant.data, array)[3] = value
+    plant.step(1)
+    assert plant.fault() == f"simulation unstable: {quantity} is not finite, or huge"
+    plant.step(10)
+    assert plant.fault() == f"simulation unstable: {quantity} is not finite, or huge"
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []  # MuJoCo would write MUJOCO_LOG.TXT
+    plant.reset()
+    assert plant.fault() == ""
+
+
+@pytest.mark.parametrize("actuation", ACTUATIONS)
+def test_a_command_that_is_not_finite_is_a_fault(actuation: Actuation) -> None:
+    robot = load_robot("lite")
+    plant = make_plant(robot, actuation=actuation)
+    zeros = np.zeros(14)
+    effort = zeros.copy()
+    effort[3] = np.nan
+    plant.apply(MITCommand(zeros, zeros, effort, zeros, zeros))
+    plant.step(10)
+    assert plant.fault().endswith(" is not finite, or huge")
+
+
+def test_an_unknown_actuation() -> None:
+    with pytest.raises(InputError, match=r"^actuation: is 'servo', expected qfrc_applied or affine$"):
+        make_plant(load_robot("lite"), actuation="servo")  # type: ignore[arg-type]

@@ -1,0 +1,99 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.plant import make_plant
+from humanoid_sim.simulation.stability import DampingStability
+
+RobotFactory = Callable[..., RobotDescription]
+
+# One joint whose inertia about its axis is 0.01 kg m² of rotor and nothing else.
+ROTOR = """
+<mujoco>
+  <worldbody>
+    <body name="base">
+      <site name="imu"/>
+      <body>
+        <joint name="rotor" axis="0 0 1" armature="0.01"/>
+        <inertial pos="0 0 0" mass="1e-6" diaginertia="1e-12 1e-12 1e-12"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def stability(robot: RobotDescription, timestep: float) -> DampingStability:
+    return DampingStability(build_model(robot, physics_timestep=timestep), robot)
+
+
+def test_the_measure_of_one_rotor_is_dt_kd_over_inertia(small_robot: RobotFactory) -> None:
+    measure = stability(small_robot(ROTOR, ("rotor",)), 0.001).measure(4.0)
+    assert measure.eigenvalue == pytest.approx(0.001 * 4.0 / 0.01, rel=1e-6)
+    assert measure.joint == "rotor"
+
+
+def test_it_is_linear_in_step_and_gain() -> None:
+    robot = load_robot("lite")
+    one = stability(robot, 0.0005).measure(2.0).eigenvalue
+    assert stability(robot, 0.001).measure(2.0).eigenvalue == pytest.approx(2 * one, rel=1e-9)
+    assert stability(robot, 0.0005).measure(np.full(14, 4.0)).eigenvalue == pytest.approx(2 * one, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["lite", "lite_neck"])
+def test_the_lite_at_half_a_millisecond(name: str) -> None:
+    """Its working gains are far from the limit; the passive 5.0 is stable, and close enough to be mentioned."""
+    robot = load_robot(name)
+    measured = stability(robot, 0.0005)
+    assert measured.measure(robot.damping).eigenvalue == pytest.approx(0.47, abs=0.01)
+    assert measured.measure(5.0).eigenvalue == pytest.approx(1.18, abs=0.01)
+    assert measured.check_description() == (
+        f"{name}: damping_controller, remote_policy_controller: dt·M⁻¹·K_d reaches 1.18 at left_wrist_yaw with a "
+        "physics step of 0.0005 s: stable, but the velocity changes sign from step to step above 1",
+    )
+
+
+def test_the_lite_at_one_millisecond_is_refused_for_a_wrist() -> None:
+    with pytest.raises(InputError) as caught:
+        MujocoRobot(load_robot("lite"), physics_timestep=0.001)
+    assert str(caught.value) == (
+        "lite: damping_controller, remote_policy_controller: dt·M⁻¹·K_d reaches 2.35 at left_wrist_yaw with a "
+        "physics step of 0.001 s: unstable above 2, use less than 0.00085 s"
+    )
+
+
+@pytest.mark.parametrize(("timestep", "chatters"), [(0.0005, False), (0.001, True)])
+def test_what_the_measure_predicts_happens(timestep: float, chatters: bool) -> None:
+    """Above 2 the wrist chatters at its torque limit for ever, without going non-finite; below, it comes to rest."""
+    robot = load_robot("lite")
+    plant = make_plant(robot, physics_timestep=timestep)
+    zeros = np.zeros(14)
+    plant.apply(MITCommand(zeros, zeros, zeros, zeros, np.full(14, 5.0)))
+    plant.data.qvel[4] = 2.0
+    plant.step(round(1.0 / timestep))
+    speeds = []
+    for _ in range(20):
+        plant.step(1)
+        speeds.append(float(plant.velocity[4]))
+    assert not plant.fault()
+    assert bool(np.abs(speeds).max() > 0.5) is chatters
+
+
+def test_a_policys_gains_are_checked_by_name() -> None:
+    robot = MujocoRobot(load_robot("lite"))
+    gains = np.full(14, 2.0)
+    assert robot.stability.check(gains, "policy.onnx: joint_damping") == ""
+    gains[13] = 50.0
+    with pytest.raises(InputError, match=r"^policy.onnx: joint_damping: dt·M⁻¹·K_d reaches .* at right_wrist_pitch "):
+        robot.stability.check(gains, "policy.onnx: joint_damping")
+
+
+def test_the_same_seed_gives_the_same_measure() -> None:
+    robot = load_robot("lite")
+    assert stability(robot, 0.0005).measure(5.0) == stability(robot, 0.0005).measure(5.0)
