@@ -13,19 +13,16 @@ from dataclasses import dataclass, replace
 from time import perf_counter, sleep
 from typing import Protocol
 
-import numpy as np
-
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.interface import Robot
+from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.sink import SessionHeader, Sink, TickRecord
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
 
 __all__ = ["LoopSettings", "Session", "SessionResult"]
 
-_REST_VELOCITY = 0.02
-"""rad/s below which a joint counts as come to rest."""
 _SPIN = 0.0002
 """s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel."""
 _BACKLOG_LIMIT = 2000
@@ -61,6 +58,8 @@ class SessionResult:
     overruns: int
     skipped: int
     """Deadlines that passed while a tick was still running."""
+    failures: tuple[str, ...] = ()
+    """Sinks that raised on the control thread and were left out from then on, each with its exception."""
 
 
 class SafetyFilter(Protocol):
@@ -100,6 +99,7 @@ class Session:
         self._remote = remote
         self._externs = tuple(externs)
         self._sinks = tuple(sinks)
+        self._failures: list[str] = []
         self._safety_filter = safety_filter
         self._qpos = qpos
         self._stop_reason = ""
@@ -110,7 +110,8 @@ class Session:
         self._index = 0
         self._overruns = 0
         self._skipped = 0
-        self._deadline = 0.0
+        self._deadline: float | None = None
+        self._first_time: float | None = None
 
     @property
     def time(self) -> float:
@@ -143,43 +144,41 @@ class Session:
             RobotError: if the robot cannot be activated.
             InputError: if a sink cannot start.
         """
-        started: list[Sink] = []
         begin = perf_counter()
-        try:
+        # Left in reverse: the robot is closed before any sink may take its time.
+        with contextlib.ExitStack() as sinks, contextlib.closing(self._robot):
             for sink in self._sinks:
                 sink.start(self._header)
-                started.append(sink)
+                sinks.callback(sink.close)
             self._robot.activate()
             try:
                 self._loop()
                 self._rest()
-            except BaseException:
+            except BaseException as error:
                 self._damp_now()
+                self._announce(f"ended by {type(error).__name__}: {error}")
                 raise
-        finally:
-            self._robot.close()
-            for sink in started:
-                sink.close()
+        first = self.time if self._first_time is None else self._first_time
         return SessionResult(
             ticks=self._index,
             reason=self._stop_reason,
-            duration=self._index * self._settings.control_period,
+            duration=self.time - first + self._settings.control_period * bool(self._index),
             wall_time=perf_counter() - begin,
             overruns=self._overruns,
             skipped=self._skipped,
+            failures=tuple(self._failures),
         )
 
     def _loop(self) -> None:
         """Ticks until something ends the run."""
-        self._deadline = perf_counter()
-        first: float | None = None
+        period, limit = self._settings.control_period, self._settings.duration
         while not self._stop_reason:
-            self.tick(self._collect())
-            first = self.time if first is None else first
-            limit = self._settings.duration
+            self.tick()
+            if self._first_time is None:
+                self._first_time = self.time
             if self._output is not None and self._output.quit:
                 self._stop_reason = "QUIT"
-            elif limit is not None and self.time - first >= limit - 0.5 * self._settings.control_period:
+            elif limit is not None and self.time - self._first_time >= limit - 0.5 * period:
                 self._stop_reason = f"duration of {limit:g} s reached"
             elif any(source.finished for source in self._intents):
                 self._stop_reason = "script finished"
@@ -189,32 +188,34 @@ class Session:
         if self._output is None or self._output.quit:
             return
         self._announce(f"ending: {self._stop_reason}")
-        left = round(self._settings.damping_time / self._settings.control_period)
         if self.mode is not Mode.ZERO_TORQUE:
+            rest = RestDetector(self._settings.control_period)
+            left = round(self._settings.damping_time / self._settings.control_period)
             self.tick((Intent.DAMP,))
-            while left > 0 and not self._hurry.is_set() and not self._is_at_rest():
+            while left > 0 and not self._hurry.is_set() and not rest.update(self._state):
                 self.tick(())
                 left -= 1
         self.tick((Intent.QUIT,))
-
-    def _is_at_rest(self) -> bool:
-        velocity = self._state.joint_velocity
-        return bool((np.abs(velocity[np.isfinite(velocity)]) < _REST_VELOCITY).all())
 
     def _collect(self) -> tuple[Intent, ...]:
         time, output = self.time, self._output
         return tuple(intent for source in self._intents for intent in source.poll(time, output))
 
-    def tick(self, intents: tuple[Intent, ...]) -> None:
-        """One turn of the loop with these intents; `run` calls it, and so does whoever wants to drive ticks by hand."""
+    def tick(self, intents: tuple[Intent, ...] | None = None) -> None:
+        """One turn of the loop; `run` calls it, and so does whoever wants to drive ticks by hand.
+
+        Args:
+            intents: of this tick; None: those of the sources.
+        """
         start = perf_counter()
         state, safety = self._robot.read()
         if self._externs:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
-            state = replace(state, extern=live)
+            state = replace(state, extern={**state.extern, **live})
         self._state = state
+        chosen = self._collect() if intents is None else intents
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None
-        tick_input = TickInput(state, self._safety_filter(safety), intents, remote)
+        tick_input = TickInput(state, self._safety_filter(safety), chosen, remote)
         self._memory, self._output = self._supervisor.step(self._memory, tick_input)
         qpos = self._qpos() if self._qpos else None
         decided = perf_counter()
@@ -225,7 +226,10 @@ class Session:
         record = TickRecord(self._index, tick_input, self._output, duration, overrun, qpos)
         self._index += 1
         for sink in self._sinks:
-            sink.tick(record)
+            try:
+                sink.tick(record)
+            except Exception as error:
+                self._drop(sink, error)
         self._wait()
 
     def _next_deadline(self, start: float, now: float) -> bool:
@@ -239,7 +243,7 @@ class Session:
             overrun = now - start > period
             self._overruns += overrun
             return overrun
-        self._deadline += period
+        self._deadline = (start if self._deadline is None else self._deadline) + period
         late = now - self._deadline
         if late <= 0.0:
             return False
@@ -251,8 +255,8 @@ class Session:
 
     def _wait(self) -> None:
         """Wait for the deadline; without real time only for sinks that lag far behind."""
-        if not self._settings.realtime:
-            while any(sink.backlog > _BACKLOG_LIMIT for sink in self._sinks):
+        if not self._settings.realtime or self._deadline is None:
+            while any(sink.backlog > _BACKLOG_LIMIT for sink in self._sinks) and not self._stop_reason:
                 sleep(self._settings.control_period)
             return
         while (left := self._deadline - perf_counter()) > 0.0:
@@ -261,26 +265,26 @@ class Session:
 
     def _announce(self, text: str) -> None:
         for sink in self._sinks:
-            sink.event(self.time, text)
+            try:
+                sink.event(self.time, text)
+            except Exception as error:
+                self._drop(sink, error)
+
+    def _drop(self, sink: Sink, error: Exception) -> None:
+        """Go on without a sink that raised: a broken viewer must not stop a robot in mid-motion."""
+        failure = f"{type(sink).__name__}: {type(error).__name__}: {error}"
+        self._sinks = tuple(other for other in self._sinks if other is not sink)
+        self._failures.append(failure)
+        self._announce(f"left out from here on: {failure}")
 
     def _damp_now(self) -> None:
-        """Last resort after an exception: the fallback's commands until the joints rest, with nothing but the robot.
-
-        Sources and sinks are left out, because one of them may be what broke.
-        """
-        state = self._state
-        left = round(self._settings.damping_time / self._settings.control_period)
-        intents: tuple[Intent, ...] = (Intent.DAMP,)
-        if self._memory.controller == "zero_torque_controller":
-            left, intents = 0, ()
-        while True:
-            with contextlib.suppress(Exception):  # the first exception is the one that is reported
-                state, _ = self._robot.read()
-            self._state = state
-            self._memory, output = self._supervisor.step(self._memory, TickInput(state, intents=intents))
-            self._robot.write(output.command)
-            if left <= 0 or self._is_at_rest():
-                return
-            left, intents = left - 1, ()
-            if self._settings.realtime:
-                sleep(self._settings.control_period)
+        """Last resort after an exception; sources and sinks are left out, because one of them may be what broke."""
+        settings = self._settings
+        self._state = damp_without_supervisor(
+            self._robot,
+            self._supervisor.controllers,
+            self._state,
+            period=settings.control_period,
+            longest=0.0 if self.mode is Mode.ZERO_TORQUE else settings.damping_time,
+            pause=sleep if settings.realtime else None,
+        )

@@ -1,0 +1,87 @@
+"""How a run ends: joints that have come to rest, and damping that needs nothing but the robot."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from humanoid_sim.controllers.base import DAMPING, Controller, Fault
+from humanoid_sim.messages import TickInput
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.robots.interface import Robot
+
+__all__ = ["RestDetector", "damp_without_supervisor"]
+
+_REST_VELOCITY = 0.02
+"""rad/s below which a joint counts as slow."""
+_REST_TIME = 0.5
+"""s that every joint must be slow."""
+
+
+class RestDetector:
+    """Tells when the joints have come to rest: all of them slow, for a while.
+
+    For a while, because an arm that was held still is slow in the very tick in which it is let go, and falls after.
+    """
+
+    def __init__(self, period: float) -> None:
+        """Start; `period` is the time between two updates, s."""
+        self._needed = max(round(_REST_TIME / period), 1)
+        self._slow = 0
+
+    def update(self, state: MITState) -> bool:
+        """Take a state into account; whether the joints are at rest. A velocity that is not finite tells nothing."""
+        velocity = state.joint_velocity
+        is_slow = bool((np.abs(velocity[np.isfinite(velocity)]) < _REST_VELOCITY).all())
+        self._slow = self._slow + 1 if is_slow else 0
+        return self._slow > self._needed
+
+
+def damp_without_supervisor(
+    robot: Robot,
+    controllers: Mapping[str, Controller],
+    state: MITState,
+    *,
+    period: float,
+    longest: float,
+    pause: Callable[[float], None] | None,
+) -> MITState:
+    """Send DAMPING's commands until the joints rest, after something broke; returns the last state.
+
+    Whatever fails here, the next tick tries again: a bus that lost one frame may take the next, and the exception that
+    brought the run here is the one that is reported.
+
+    Args:
+        robot: active.
+        controllers: by name; without a damping controller, or where it fails, the command is zero torque.
+        state: the last one that was read; stands in for those that cannot be.
+        period: s between two commands.
+        longest: s at most; 0 for one command of zero torque, where the robot was without torque before.
+        pause: waits between two commands; None not to wait.
+    """
+    rest = RestDetector(period)
+    for _ in range(round(longest / period) + 1):
+        with contextlib.suppress(Exception):
+            state, _ = robot.read()
+        command = _damped_command(controllers, state) if longest > 0.0 else MITCommand.zeros(len(robot.joints))
+        with contextlib.suppress(Exception):
+            robot.write(command)
+        if rest.update(state):
+            break
+        if pause is not None and longest > 0.0:
+            pause(period)
+    return state
+
+
+def _damped_command(controllers: Mapping[str, Controller], state: MITState) -> MITCommand:
+    """DAMPING's command, captured afresh: at K_p 0 the position exerts no torque."""
+    tick_input = TickInput(state)
+    with contextlib.suppress(Exception):
+        controller = controllers[DAMPING]
+        memory = controller.activate(tick_input)
+        result = memory if isinstance(memory, Fault) else controller.update(memory, tick_input)
+        if not isinstance(result, Fault):
+            return result[1]
+    return MITCommand.zeros(state.joint_count)
