@@ -1,0 +1,80 @@
+"""What every test shares: Hypothesis profiles, and a fixture that fails a test which leaves something open."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# Test modules are imported by file (importlib mode), which leaves sys.path alone; strategies and rigs need a name.
+sys.path.append(str(Path(__file__).parent / "controllers"))
+
+# Shared machines miss any deadline now and then. The normal run is the same everywhere and every time; new examples are
+# drawn by the slow tests, and by `pytest --hypothesis-profile explore`. Both print what reproduces a failure.
+settings.register_profile("normal", deadline=None, derandomize=True, database=None, print_blob=True)
+settings.register_profile(
+    "explore",
+    deadline=None,
+    print_blob=True,
+    max_examples=2000,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+settings.load_profile("normal")
+
+_PATIENCE = 2.0
+"""s that threads get to end after a test."""
+
+_CACHES = ("mesa_shader_cache", "fontconfig", "/dev/", "/proc/", "/sys/")
+"""Opened once by graphics drivers and left open for good."""
+
+
+def _open_files() -> dict[int, str]:
+    """Descriptor and target of every open file and socket of this process; empty where the system cannot tell."""
+    found = {}
+    try:
+        descriptors = os.listdir("/proc/self/fd")
+    except OSError:
+        return {}
+    for name in descriptors:
+        try:
+            target = os.readlink(f"/proc/self/fd/{name}")
+        except OSError:  # the descriptor of this very listing
+            continue
+        if target.startswith(("/", "socket:")) and not any(cache in target for cache in _CACHES):
+            found[int(name)] = target
+    return found
+
+
+def _open_buses() -> set[str]:
+    """Names of the open channels of python-can's virtual bus, if it was ever imported."""
+    virtual = sys.modules.get("can.interfaces.virtual")
+    return {str(name) for name, queues in virtual.channels.items() if queues} if virtual else set()
+
+
+def _leaks(threads: set[threading.Thread], files: dict[int, str], buses: set[str]) -> list[str]:
+    found = [f"thread '{thread.name}'" for thread in threading.enumerate() if thread not in threads]
+    found += [f"file {target}" for number, target in _open_files().items() if files.get(number) != target]
+    return found + [f"bus '{name}'" for name in sorted(_open_buses() - buses)]
+
+
+@pytest.fixture(autouse=True)
+def no_leaks() -> Iterator[None]:
+    """Fail a test that leaves a thread running, or a file, a socket or a bus open."""
+    before = set(threading.enumerate()), _open_files(), _open_buses()
+    yield
+    leaks = _leaks(*before)
+    if leaks:
+        gc.collect()  # what a reference cycle kept open warns by itself
+        deadline = time.monotonic() + _PATIENCE
+        while leaks and time.monotonic() < deadline:
+            time.sleep(0.01)
+            leaks = _leaks(*before)
+    if leaks:
+        pytest.fail(f"left open: {', '.join(leaks)}", pytrace=False)

@@ -1,0 +1,203 @@
+"""A small control stack whose controllers can be told apart by their gains alone, and ticks to feed it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.remote_policy import RemotePolicyController
+from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.controllers.standby import StandbyController
+from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
+from humanoid_sim.controllers.zero_torque import ZeroTorqueController
+from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput, TickOutput
+from humanoid_sim.mit import Extern, MITCommand, MITState
+
+JOINTS = ("shoulder", "elbow", "wrist")
+PERIOD = 0.02
+DAMPING_KD = [1.5, 1.6, 1.7]
+PASSIVE_KD = [6.5, 6.5, 6.5]
+POSE_A = [0.1, 0.2, 0.3]
+POSE_B = [-0.1, -0.2, -0.3]
+POLICY_KP = [33.0, 32.0, 31.0]
+POLICY_KD = [3.3, 3.2, 3.1]
+KNOWN = (0.4, 0.5, 0.6)
+
+
+def contract(**changes: Any) -> PolicyContract:
+    """A tracking policy whose joints come in another order than the robot's; it drives two of the three."""
+    values: dict[str, Any] = {
+        "task_type": "tracking",
+        "joint_names": ("wrist", "elbow", "shoulder"),
+        "action_joint_names": ("elbow", "shoulder"),
+        "joint_stiffness": [31.0, 32.0, 33.0],
+        "joint_damping": [3.1, 3.2, 3.3],
+        "default_joint_pos": [0.01, 0.02, 0.03],
+        "observation_names": ("motion_body_pos_b", "joint_pos", "joint_vel", "actions", "progress", "velocity"),
+        "command_names": (),
+        "action_scale": [0.5, 0.25],
+        "policy_dt": 0.04,
+        "body_names": ("hand",),
+    }
+    return PolicyContract(**{**values, **changes})
+
+
+def reference(frames: int = 4) -> MotionReference:
+    """Frame k of `motion_body_pos_b` is (k, k + 0.25, k + 0.5)."""
+    rows = np.arange(frames)[:, None] + np.array([0.0, 0.25, 0.5])
+    return MotionReference(frames, {"motion_body_pos_b": rows})
+
+
+@dataclass
+class ScriptedPolicy:
+    """Answers what the test tells it to; calls are recorded."""
+
+    answer: Callable[[np.ndarray, int], Any]
+
+    def __post_init__(self) -> None:
+        self.calls: list[tuple[np.ndarray, int]] = []
+
+    def __call__(self, observation: np.ndarray, frame: int) -> Any:
+        self.calls.append((observation, frame))
+        return self.answer(observation, frame)
+
+
+def good_answer(observation: np.ndarray, frame: int) -> np.ndarray:
+    """An action within limits that depends on everything the policy sees."""
+    return np.array([np.tanh(observation.sum(dtype=np.float64)), 0.1 * frame])
+
+
+def _raise(observation: np.ndarray, frame: int) -> Any:
+    raise RuntimeError("no such tensor")
+
+
+BAD_ANSWERS: dict[str, Callable[[np.ndarray, int], Any]] = {
+    "NaN": lambda *_: [0.0, np.nan],
+    "infinite": lambda *_: [-np.inf, 0.0],
+    "beyond float32": lambda *_: [1e300, 0.0],
+    "over the limit": lambda *_: [100.5, 0.0],
+    "too short": lambda *_: [0.0],
+    "too long": lambda *_: [0.0, 0.0, 0.0],
+    "a batch": lambda *_: [[0.0, 0.0]],
+    "a scalar": lambda *_: 0.0,
+    "ragged": lambda *_: [[0.0], [0.0, 1.0]],
+    "text": lambda *_: "left",
+    "nothing": lambda *_: None,
+    "raises": _raise,
+    "writes": lambda observation, *_: observation.fill(0.0),
+}
+
+
+def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Supervisor:
+    """Every controller; `replaced` by name, None to leave one out."""
+    durations = [2 * PERIOD, 2 * PERIOD]
+    controllers = {
+        "zero_torque_controller": ZeroTorqueController(JOINTS),
+        "damping_controller": DampingController(JOINTS, damping=DAMPING_KD),
+        "standby_controller_a": StandbyController(
+            JOINTS, [10.0, 11.0, 12.0], [1.0, 1.1, 1.2], durations, [[0.0, 0.0, 0.0], POSE_A]
+        ),
+        "standby_controller_b": StandbyController(
+            JOINTS, [20.0, 21.0, 22.0], [2.0, 2.1, 2.2], durations, [[0.0, 0.0, 0.0], POSE_B]
+        ),
+        "rl_policy_controller": RLPolicyController(
+            JOINTS, contract(), reference(), policy, control_period=PERIOD, extern={"velocity": 3}
+        ),
+        "remote_policy_controller": RemotePolicyController(JOINTS, damping_scalar=6.5),
+    }
+    controllers.update(replaced)
+    return Supervisor(JOINTS, {name: value for name, value in controllers.items() if value is not None})
+
+
+def state(time: float = 0.0, position: Sequence[float] = KNOWN, **changes: Any) -> MITState:
+    """A robot at rest and upright."""
+    n = len(position)
+    rest = MITState(
+        time=time,
+        joint_position=np.array(position),
+        joint_velocity=np.zeros(n),
+        joint_effort=np.zeros(n),
+        joint_age=np.zeros(n),
+        imu_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+        imu_angular_velocity=np.zeros(3),
+        imu_linear_acceleration=np.array([0.0, 0.0, 9.81]),
+    )
+    return replace(rest, **changes) if changes else rest
+
+
+def tick(
+    time: float = 0.0,
+    *intents: Intent,
+    position: Sequence[float] = KNOWN,
+    safety: tuple[SafetyStatus, ...] = (),
+    remote: RemoteCommand | None = None,
+    extern: dict[str, Extern] | None = None,
+) -> TickInput:
+    """One tick's input."""
+    return TickInput(state(time, position, extern=extern or {}), safety, intents, remote)
+
+
+def command(value: float = 0.7, n: int = len(JOINTS), **changes: Any) -> MITCommand:
+    """A valid remote command that no controller of the rig would give."""
+    ones = np.ones(n)
+    valid = MITCommand(value * ones, 0.0 * ones, 0.1 * ones, 40.0 * ones, 4.0 * ones)
+    return replace(valid, **changes) if changes else valid
+
+
+@dataclass
+class Run:
+    """A supervisor that is being stepped with its own clock, one `PERIOD` a tick."""
+
+    supervisor: Supervisor
+    time: float = 10.0
+
+    def __post_init__(self) -> None:
+        self.memory: SupervisorMemory = self.supervisor.initial()
+
+    def step(self, *intents: Intent, **inputs: Any) -> TickOutput:
+        """One tick."""
+        self.memory, output = self.supervisor.step(self.memory, tick(self.time, *intents, **inputs))
+        self.time += PERIOD
+        return output
+
+    def walk(self, *intents: Intent) -> TickOutput:
+        """One tick per intent, waiting for a standby controller to finish after a LOAD."""
+        output = self.step()
+        for intent in intents:
+            output = self.step(intent)
+            if intent in (Intent.LOAD_A, Intent.LOAD_B):
+                for _ in range(4):
+                    output = self.step()
+                assert output.standby is not None
+                assert output.standby.is_finished
+        return output
+
+
+PATHS: dict[str, tuple[Intent, ...]] = {
+    "zero_torque_controller": (),
+    "damping_controller": (Intent.DAMP,),
+    "standby_controller_a": (Intent.DAMP, Intent.LOAD_A),
+    "standby_controller_b": (Intent.DAMP, Intent.LOAD_B),
+    "rl_policy_controller": (Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION),
+    "remote_policy_controller": (Intent.DAMP, Intent.LOAD_B, Intent.START_REMOTE),
+}
+"""How an operator gets to each controller."""
+
+
+def fingerprint(value: Any) -> Any:
+    """A value that is equal for two things exactly when every bit of them is: -0.0 is not 0.0, NaN equals itself."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return type(value).__name__, tuple(fingerprint(getattr(value, f.name)) for f in fields(value))
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, tuple | list):
+        return tuple(fingerprint(item) for item in value)
+    if hasattr(value, "items"):
+        return tuple((key, fingerprint(item)) for key, item in value.items())
+    return type(value).__name__, repr(value)

@@ -1,0 +1,153 @@
+"""Hypothesis strategies for everything that may reach the control stack, the broken included.
+
+Each takes the number of joints, `n`. What is called "any" holds NaN, infinities, huge and subnormal numbers; what is
+called "healthy" or "valid" is what a working robot or sender produces.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
+
+from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
+from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+
+__all__ = [
+    "any_arrays",
+    "any_commands",
+    "any_externs",
+    "any_numbers",
+    "any_remote_commands",
+    "any_states",
+    "any_tick_inputs",
+    "clock_jumps",
+    "healthy_states",
+    "intents",
+    "safety_statuses",
+    "valid_commands",
+]
+
+SPECIAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan)
+"""Where floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, not a number."""
+
+
+def any_numbers() -> SearchStrategy[float]:
+    """Any float at all, the troublesome ones often."""
+    return st.sampled_from(SPECIAL_NUMBERS) | st.floats(-10.0, 10.0) | st.floats()
+
+
+def _small_numbers() -> SearchStrategy[float]:
+    return st.floats(-3.0, 3.0, allow_subnormal=False)
+
+
+def any_arrays(n: int, numbers: SearchStrategy[float] | None = None) -> SearchStrategy[FloatArray]:
+    """Arrays of shape (n,); one odd value among healthy ones is as likely as a wholly random array."""
+    values = any_numbers() if numbers is None else numbers
+    random = st.lists(values, min_size=n, max_size=n).map(np.array)
+    if numbers is not None:
+        return random
+    one_odd = st.builds(_with_one, st.just(n), st.integers(0, n - 1), values, _small_numbers())
+    return one_odd | random
+
+
+def _with_one(n: int, i: int, odd: float, rest: float) -> FloatArray:
+    array = np.full(n, rest)
+    array[i] = odd
+    return array
+
+
+def any_externs() -> SearchStrategy[dict[str, Extern]]:
+    """Live arrays of any name, width, age and timeout; often none."""
+    names = st.sampled_from(["key_pressed", "velocity", "unheard_of"])
+    extern = st.builds(
+        Extern,
+        value=st.integers(1, 5).flatmap(any_arrays),
+        arrival_time=any_numbers(),
+        timeout=st.sampled_from([np.inf, 0.5, 0.0, -1.0, np.nan]),
+    )
+    return st.dictionaries(names, extern, max_size=2)
+
+
+def any_states(n: int, time: float) -> SearchStrategy[MITState]:
+    """States of any content at `time` s."""
+    return st.builds(
+        MITState,
+        time=st.just(time),
+        joint_position=any_arrays(n) | st.just(np.full(n, np.nan)),
+        joint_velocity=any_arrays(n),
+        joint_effort=any_arrays(n),
+        joint_age=any_arrays(n),
+        imu_quaternion=any_arrays(4),
+        imu_angular_velocity=any_arrays(3),
+        imu_linear_acceleration=any_arrays(3),
+        extern=any_externs(),
+    )
+
+
+def healthy_states(n: int, time: float) -> SearchStrategy[MITState]:
+    """States of a robot whose joints are all known, at `time` s."""
+    return st.builds(
+        MITState,
+        time=st.just(time),
+        joint_position=any_arrays(n, _small_numbers()),
+        joint_velocity=any_arrays(n, _small_numbers()),
+        joint_effort=any_arrays(n, _small_numbers()),
+        joint_age=st.just(np.zeros(n)),
+        imu_quaternion=st.just(np.array([1.0, 0.0, 0.0, 0.0])),
+        imu_angular_velocity=st.just(np.zeros(3)),
+        imu_linear_acceleration=st.just(np.array([0.0, 0.0, 9.81])),
+    )
+
+
+def clock_jumps() -> SearchStrategy[float]:
+    """s between one tick and the next of a clock that nobody can rely on."""
+    return st.sampled_from([0.0, 0.02, 0.02, 0.1, 1.0, -0.02, -5.0, 1e6, -1e6, 1e300, np.nan, np.inf]) | st.floats(
+        -1, 1
+    )
+
+
+def safety_statuses() -> SearchStrategy[tuple[SafetyStatus, ...]]:
+    """None to three sources of any level and flags, bits without a name included."""
+    status = st.builds(
+        SafetyStatus,
+        level=st.sampled_from(SafetyLevel),
+        flags=st.sampled_from(SafetyFlag) | st.integers(0, 2**32 - 1),
+        source=st.sampled_from(["", "can0", "can1", "simulator"]),
+        message=st.sampled_from(["", "left_elbow over-current"]),
+    )
+    return st.lists(status, max_size=3).map(tuple)
+
+
+def intents() -> SearchStrategy[tuple[Intent, ...]]:
+    """None to three intents of one tick, repetitions included."""
+    return st.lists(st.sampled_from(Intent), max_size=3).map(tuple)
+
+
+def any_commands(n: int) -> SearchStrategy[MITCommand]:
+    """Commands of any content: negative gains, NaN."""
+    return st.builds(MITCommand, *[any_arrays(n)] * 5)
+
+
+def valid_commands(n: int) -> SearchStrategy[MITCommand]:
+    """Finite commands with gains that are not negative."""
+    gains = st.floats(0.0, 100.0, allow_subnormal=False)
+    return st.builds(MITCommand, *[any_arrays(n, _small_numbers())] * 3, *[any_arrays(n, gains)] * 2)
+
+
+def any_remote_commands(n: int, time: float) -> SearchStrategy[RemoteCommand]:
+    """Valid, broken and wrongly sized commands, stamped around `time` s or anywhere."""
+    stamps = st.sampled_from([time, time - 0.05, time - 1.0, time + 0.01, time + 100.0]) | any_numbers()
+    commands = valid_commands(n) | any_commands(n) | valid_commands(n + 1)
+    return st.builds(RemoteCommand, command=commands, arrival_time=stamps)
+
+
+def any_tick_inputs(n: int, time: float) -> SearchStrategy[TickInput]:
+    """Everything at once, at `time` s."""
+    return st.builds(
+        TickInput,
+        state=any_states(n, time),
+        safety=safety_statuses(),
+        intents=intents(),
+        remote=st.none() | any_remote_commands(n, time),
+    )

@@ -1,0 +1,86 @@
+"""The policy contract: thirteen keys, checked against each other."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from rig import contract
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import FieldError
+
+
+def test_the_thirteen_keys():
+    assert [f.name for f in fields(PolicyContract)] == [
+        "task_type",
+        "joint_names",
+        "action_joint_names",
+        "joint_stiffness",
+        "joint_damping",
+        "default_joint_pos",
+        "observation_names",
+        "command_names",
+        "action_scale",
+        "policy_dt",
+        "body_names",
+        "dataset_repo_id",
+        "lookahead_steps",
+    ]
+
+
+def test_arrays_are_read_only_and_scalars_spread():
+    made = contract(joint_stiffness=50, action_scale=0.5)
+    assert made.joint_stiffness.tolist() == [50.0, 50.0, 50.0]
+    assert made.action_scale.tolist() == [0.5, 0.5]
+    assert made.action_count == 2
+    for name in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale"):
+        assert not getattr(made, name).flags.writeable
+
+
+@pytest.mark.parametrize("task_type", ["tracking", "piano", "locomotion"])
+def test_task_types(task_type):
+    assert contract(task_type=task_type).task_type == task_type
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"task_type": "dance"}, "task_type: is 'dance', expected one of tracking, piano, locomotion"),
+        ({"task_type": None}, "task_type: is None"),
+        ({"joint_names": ()}, "joint_names: is empty"),
+        ({"joint_names": "wrist"}, "joint_names: is the string 'wrist'"),
+        ({"joint_names": ("wrist", "elbow", "elbow")}, "joint_names: names elbow more than once"),
+        ({"action_joint_names": ()}, "action_joint_names: is empty"),
+        ({"action_joint_names": ("elbow", "neck")}, "action_joint_names: neck not in joint_names: wrist, elbow, shoul"),
+        ({"action_joint_names": ("elbow", "elbow")}, "action_joint_names: names elbow more than once"),
+        ({"joint_stiffness": [1.0, 2.0]}, r"joint_stiffness: has shape \(2,\), expected \(3,\)"),
+        ({"joint_stiffness": [1.0, -2.0, 3.0]}, "joint_stiffness: is -2.0 for elbow, expected a finite number >= 0"),
+        ({"joint_damping": [1.0, 2.0, np.nan]}, "joint_damping: is nan for shoulder"),
+        ({"joint_damping": [-1.0, 2.0, 1.0]}, "joint_damping: is -1.0 for wrist"),
+        ({"default_joint_pos": [0.0, np.inf, 0.0]}, "default_joint_pos: is inf for elbow, expected a finite number"),
+        ({"default_joint_pos": [0.0]}, r"default_joint_pos: has shape \(1,\), expected \(3,\)"),
+        ({"observation_names": ()}, "observation_names: is empty"),
+        ({"observation_names": ("joint_pos", "joint_pos")}, "observation_names: names joint_pos more than once"),
+        ({"action_scale": [0.5, 0.5, 0.5]}, r"action_scale: has shape \(3,\), expected \(2,\)"),
+        ({"action_scale": np.nan}, "action_scale: is nan for elbow"),
+        ({"policy_dt": 0.0}, "policy_dt: is 0.0, expected a finite number > 0"),
+        ({"policy_dt": -0.02}, "policy_dt: is -0.02"),
+        ({"policy_dt": np.nan}, "policy_dt: is nan"),
+        ({"policy_dt": "0.02"}, "policy_dt: is '0.02'"),
+        ({"command_names": "twist"}, "command_names: is the string 'twist'"),
+        ({"command_names": None}, "command_names: is None"),
+        ({"body_names": "hand"}, "body_names: is the string 'hand'"),
+        ({"body_names": ("hand", "hand")}, "body_names: names hand more than once"),
+        ({"body_names": (1,)}, "body_names: holds 1, expected names"),
+        ({"lookahead_steps": (1, -1)}, r"lookahead_steps: is \(1, -1\), expected integers >= 0"),
+        ({"lookahead_steps": (1.5,)}, r"lookahead_steps: is \(1.5,\), expected integers >= 0"),
+        ({"lookahead_steps": (True,)}, r"lookahead_steps: is \(True,\), expected integers >= 0"),
+        ({"lookahead_steps": 3}, "lookahead_steps: is 3, expected integers >= 0"),
+        ({"observation_names": ("target_keys_future",)}, "lookahead_steps: is empty, but the observation has target_k"),
+    ],
+)
+def test_what_is_wrong_is_named(changes, message):
+    with pytest.raises(FieldError, match=rf"^PolicyContract\.{message}"):
+        contract(**changes)

@@ -1,0 +1,351 @@
+"""The state machine, exhaustively: every controller, safety status, intent, standby progress and set of controllers."""
+
+from __future__ import annotations
+
+import re
+from itertools import chain, combinations, permutations, product
+
+import pytest
+
+from humanoid_sim.controllers.fsm import (
+    MODES,
+    Decision,
+    choose_intent,
+    describe_safety,
+    merge_safety,
+    transition,
+)
+from humanoid_sim.messages import OK, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+
+ZERO = "zero_torque_controller"
+DAMPING = "damping_controller"
+A = "standby_controller_a"
+B = "standby_controller_b"
+RL = "rl_policy_controller"
+REMOTE = "remote_policy_controller"
+CONTROLLERS = (ZERO, DAMPING, A, B, RL, REMOTE)
+MODE = {ZERO: "ZERO_TORQUE", DAMPING: "DAMPING", A: "STANDBY", B: "STANDBY", RL: "LOCOMOTION", REMOTE: "REMOTE"}
+
+STAY, NO, QUIT = "stay", "refused", "quit"
+
+SAFE_TABLE = """
+             none  damp     load_a   load_b   start_locomotion  start_remote  quit
+zero         stay  damping  refused  refused  refused           refused       quit
+damping      stay  stay     a        b        refused           refused       quit
+a            stay  damping  refused  refused  refused           refused       refused
+a finished   stay  damping  refused  refused  rl                remote        refused
+b            stay  damping  refused  refused  refused           refused       refused
+b finished   stay  damping  refused  refused  rl                remote        refused
+rl           stay  damping  refused  refused  refused           refused       refused
+remote       stay  damping  refused  refused  refused           refused       refused
+"""
+"""With every source OK and every controller available: who is in control next."""
+
+UNSAFE_TABLE = """
+             none     damp     load_a   load_b   start_locomotion  start_remote  quit
+zero         stay     damping  refused  refused  refused           refused       quit
+damping      stay     stay     refused  refused  refused           refused       quit
+a            damping  damping  damping  damping  damping           damping       damping
+b            damping  damping  damping  damping  damping           damping       damping
+rl           damping  damping  damping  damping  damping           damping       damping
+remote       damping  damping  damping  damping  damping           damping       damping
+"""
+"""With any source not OK."""
+
+NAMES = {"zero": ZERO, "damping": DAMPING, "a": A, "b": B, "rl": RL, "remote": REMOTE}
+
+
+def parse(table: str) -> dict[tuple[str, bool, str], str]:
+    header, *rows = table.strip().splitlines()
+    cells = {}
+    for row in rows:
+        name, finished, rest = re.fullmatch(r"(\w+)( finished)?\s+(.*)", row).groups()
+        for intent, cell in zip(header.split(), rest.split(), strict=True):
+            cells[NAMES[name], bool(finished), intent] = NAMES.get(cell, cell)
+    return cells
+
+
+SAFE, UNSAFE = parse(SAFE_TABLE), parse(UNSAFE_TABLE)
+INTENTS = (None, *Intent)
+STATUSES = [
+    SafetyStatus(level, flags) for level, flags in product(SafetyLevel, (SafetyFlag.NONE, SafetyFlag.BUS_OFF, 1 << 31))
+]
+SUBSETS = [frozenset(chosen) for chosen in chain.from_iterable(combinations(CONTROLLERS, size) for size in range(7))]
+
+
+def expected(current: str, status: SafetyStatus, intent: Intent | None, finished: bool) -> str:
+    word = "none" if intent is None else intent.value
+    table = SAFE if status.level == 0 else UNSAFE
+    return table.get((current, finished, word)) or table[current, False, word]
+
+
+def test_the_tables_are_complete():
+    assert len(SAFE) == 8 * 7
+    assert len(UNSAFE) == 6 * 7
+    assert len(SUBSETS) == 64
+    assert len(STATUSES) == 12
+
+
+def test_modes_of_the_controllers():
+    assert {name: mode.name for name, mode in MODES.items()} == MODE
+
+
+@pytest.mark.parametrize("current", CONTROLLERS)
+def test_every_decision_with_every_controller_available(current):
+    for status, intent, finished in product(STATUSES, INTENTS, (False, True)):
+        decision = transition(current, status, intent, finished, CONTROLLERS)
+        cell = expected(current, status, intent, finished)
+        where = (current, status, intent, finished)
+        assert decision.quit == (cell == QUIT), where
+        assert decision.controller == (None if cell in (STAY, NO, QUIT) else cell), where
+        if cell == NO:
+            assert decision.refusal.startswith(f"{intent.name} refused: "), where
+            assert not decision.message, where
+        if cell in CONTROLLERS:
+            assert decision.message, where
+
+
+@pytest.mark.parametrize("current", CONTROLLERS)
+def test_safety_properties_for_every_set_of_available_controllers(current):
+    count = 0
+    for status, intent, finished, available in product(STATUSES, INTENTS, (False, True), SUBSETS):
+        decision = transition(current, status, intent, finished, available)
+        where = (current, status, intent, finished, available)
+        count += 1
+        target = decision.controller or current
+        unsafe = status.level != 0
+        moved = target != current
+
+        assert decision.controller in (None, ZERO, *available), where
+        if intent is Intent.DAMP:
+            assert target == (DAMPING if DAMPING in available else ZERO), where
+            assert DAMPING in available or f"{DAMPING} is not available" in decision.message, where
+            assert not decision.refusal, where
+        if unsafe:
+            assert target in (ZERO, DAMPING), where
+        if moved and target in (RL, REMOTE):
+            assert current in (A, B), where
+            assert finished, where
+            assert intent is {RL: Intent.START_LOCOMOTION, REMOTE: Intent.START_REMOTE}[target], where
+        if moved and target in (A, B):
+            assert current == DAMPING, where
+            assert intent is {A: Intent.LOAD_A, B: Intent.LOAD_B}[target], where
+        if current in (ZERO, DAMPING) and intent is None:
+            assert decision == Decision(), where
+        if current == ZERO:
+            assert target == ZERO or intent is Intent.DAMP, where
+        if decision.quit:
+            assert intent is Intent.QUIT, where
+            assert current in (ZERO, DAMPING), where
+            assert not moved, where
+        if moved or decision.quit:
+            assert decision.message, where
+        if intent is not None and not decision.quit and not moved and (current, intent) != (DAMPING, Intent.DAMP):
+            gone = current == ZERO and intent is Intent.DAMP and DAMPING not in available
+            assert gone or decision.refusal.startswith(f"{intent.name} refused: "), where
+        if intent is None:
+            assert not decision.refusal, where
+    assert count == 12 * 7 * 2 * 64
+
+
+def test_availability_only_ever_takes_away():
+    """With fewer controllers a decision is the full one, a refusal by name, or ZERO_TORQUE for a missing DAMPING."""
+    refused = 0
+    for current, status, intent, finished, available in product(CONTROLLERS, STATUSES, INTENTS, (False, True), SUBSETS):
+        full = transition(current, status, intent, finished, CONTROLLERS)
+        decision = transition(current, status, intent, finished, available)
+        if full.controller is None or full.controller in available:
+            if not (current == DAMPING and intent is Intent.DAMP and DAMPING not in available):
+                assert decision == full
+        elif full.controller == DAMPING:
+            assert decision.controller == ZERO
+            assert decision.refusal == full.refusal
+        else:
+            refused += 1
+            assert decision == Decision(refusal=f"{intent.name} refused: {full.controller} is not available")
+    assert refused == (2 + 4) * 3 * 32 + 2 * 3 * 32  # LOADs, and STARTs from each finished pose, times OK flags
+
+
+def test_reachable_controllers():
+    def successors(current, statuses):
+        for status, intent, finished in product(statuses, INTENTS, (False, True)):
+            decision = transition(current, status, intent, finished, CONTROLLERS)
+            if decision.controller not in (None, current):
+                yield decision.controller
+
+    seen, frontier, edges = {ZERO}, [ZERO], set()
+    while frontier:
+        current = frontier.pop()
+        for target in successors(current, STATUSES):
+            edges.add((current, target))
+            if target not in seen:
+                seen.add(target)
+                frontier.append(target)
+    assert seen == set(CONTROLLERS)
+    assert edges == {
+        (ZERO, DAMPING),
+        (DAMPING, A),
+        (DAMPING, B),
+        (A, DAMPING),
+        (B, DAMPING),
+        (A, RL),
+        (A, REMOTE),
+        (B, RL),
+        (B, REMOTE),
+        (RL, DAMPING),
+        (REMOTE, DAMPING),
+    }
+    while_unsafe = [status for status in STATUSES if status.level != 0]
+    assert set(successors(ZERO, while_unsafe)) == {DAMPING}
+    assert set(successors(DAMPING, while_unsafe)) == set()
+
+
+def test_pose_a_never_becomes_pose_b_without_damping_between():
+    for current, other in ((A, B), (B, A)):
+        for status, intent, finished, available in product(STATUSES, INTENTS, (False, True), SUBSETS):
+            assert transition(current, status, intent, finished, available).controller != other
+
+
+@pytest.mark.parametrize(
+    ("current", "status", "intent", "finished", "missing", "text"),
+    [
+        (A, OK, Intent.LOAD_A, False, None, "LOAD_A refused: requires DAMPING, mode is STANDBY"),
+        (A, OK, Intent.LOAD_B, True, None, "LOAD_B refused: requires DAMPING, mode is STANDBY"),
+        (ZERO, OK, Intent.LOAD_B, False, None, "LOAD_B refused: requires DAMPING, mode is ZERO_TORQUE"),
+        (RL, OK, Intent.QUIT, False, None, "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is LOCOMOTION"),
+        (
+            DAMPING,
+            OK,
+            Intent.START_REMOTE,
+            True,
+            None,
+            "START_REMOTE refused: requires finished STANDBY, mode is DAMPING",
+        ),
+        (
+            B,
+            OK,
+            Intent.START_LOCOMOTION,
+            False,
+            None,
+            "START_LOCOMOTION refused: requires finished STANDBY, standby_controller_b has not finished",
+        ),
+        (
+            A,
+            OK,
+            Intent.START_LOCOMOTION,
+            True,
+            RL,
+            "START_LOCOMOTION refused: rl_policy_controller is not available",
+        ),
+        (
+            DAMPING,
+            SafetyStatus(2, SafetyFlag.MOTOR_FAULT, "can0", "left_elbow over-current"),
+            Intent.LOAD_A,
+            False,
+            None,
+            "LOAD_A refused: safety FAULT MOTOR_FAULT from can0: left_elbow over-current",
+        ),
+        (
+            REMOTE,
+            SafetyStatus(1, SafetyFlag.TX_QUEUE_OVERRUN, "can1"),
+            Intent.QUIT,
+            False,
+            None,
+            "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is REMOTE",
+        ),
+    ],
+)
+def test_refusal_texts(current, status, intent, finished, missing, text):
+    available = set(CONTROLLERS) - {missing}
+    assert transition(current, status, intent, finished, available).refusal == text
+
+
+@pytest.mark.parametrize(
+    ("current", "status", "intent", "available", "text"),
+    [
+        (ZERO, OK, Intent.DAMP, CONTROLLERS, "DAMP requested"),
+        (DAMPING, OK, Intent.LOAD_B, CONTROLLERS, "LOAD_B requested"),
+        (DAMPING, OK, Intent.QUIT, CONTROLLERS, "QUIT requested"),
+        (RL, SafetyStatus(3, 0, "can0"), None, CONTROLLERS, "safety CRITICAL from can0"),
+        (ZERO, OK, Intent.DAMP, (ZERO,), "DAMP requested; damping_controller is not available"),
+        (A, SafetyStatus(1), None, (ZERO, A), "safety WARNING; damping_controller is not available"),
+    ],
+)
+def test_reasons(current, status, intent, available, text):
+    assert transition(current, status, intent, False, available).message == text
+
+
+# --- intents ---
+
+
+def test_choose_intent_over_every_order_of_every_set():
+    count = 0
+    for size in range(7):
+        for intents in permutations(Intent, size):
+            chosen, others = choose_intent(intents)
+            count += 1
+            if Intent.DAMP in intents:
+                assert chosen is Intent.DAMP
+            elif Intent.QUIT in intents:
+                assert chosen is Intent.QUIT
+            else:
+                assert chosen is (intents[0] if intents else None)
+            assert others == tuple(intent for intent in intents if intent is not chosen)
+    assert count == 1957
+
+
+def test_choose_intent_counts_repetitions_once():
+    twice = (Intent.LOAD_A, Intent.LOAD_B, Intent.LOAD_A, Intent.LOAD_B)
+    assert choose_intent(twice) == (Intent.LOAD_A, (Intent.LOAD_B,))
+    assert choose_intent([Intent.DAMP, Intent.DAMP]) == (Intent.DAMP, ())
+
+
+# --- safety ---
+
+
+def test_merge_safety_of_nothing_is_ok():
+    assert merge_safety(()) == SafetyStatus(0, 0, "", "")
+
+
+def test_merge_safety_of_every_pair():
+    for first, second in product(STATUSES, STATUSES):
+        merged = merge_safety([first, second])
+        assert merged.level == max(first.level.value, second.level.value)
+        assert merged.flags.value == first.flags.value | second.flags.value
+        assert merged == merge_safety([second, first])
+        assert merge_safety([first]) == first
+
+
+def test_merge_safety_names_only_what_is_wrong():
+    merged = merge_safety(
+        [
+            SafetyStatus(0, 0, "simulator", "all well"),
+            SafetyStatus(1, SafetyFlag.TX_QUEUE_OVERRUN, "can0", "queue overflowed"),
+            SafetyStatus(2, SafetyFlag.BUS_OFF, "can1", "bus is down"),
+            SafetyStatus(2, SafetyFlag.BUS_OFF, "can1", "bus is down"),
+        ]
+    )
+    assert merged == SafetyStatus(
+        SafetyLevel.FAULT,
+        SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.BUS_OFF,
+        "can0, can1",
+        "queue overflowed; bus is down",
+    )
+
+
+@pytest.mark.parametrize(
+    ("status", "line"),
+    [
+        (SafetyStatus(1), "safety WARNING"),
+        (SafetyStatus(3, 0b11, "can0", "cable"), "safety CRITICAL BUS_OFF|RX_TIMEOUT from can0: cable"),
+        (SafetyStatus(2, 0x41), "safety FAULT BUS_OFF|0x40"),
+        (SafetyStatus(2, 0x80000000, "plugin"), "safety FAULT 0x80000000 from plugin"),
+        (SafetyStatus(2, 0, "", "no reason given"), "safety FAULT: no reason given"),
+    ],
+)
+def test_describe_safety(status, line):
+    assert describe_safety(status) == line
+
+
+def test_modes_are_enough_for_the_wire():
+    assert set(MODES.values()) == set(Mode)

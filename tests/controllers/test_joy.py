@@ -1,0 +1,150 @@
+"""Gamepad bindings: the defaults, remapping, edges, and gamepads that cannot work."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import pytest
+
+from humanoid_sim.controllers.fsm import choose_intent
+from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import Intent
+
+A, B, X, Y, L1, R1, BACK, START = range(8)
+DEFAULTS = {
+    Intent.DAMP: {2},
+    Intent.QUIT: {6},
+    Intent.LOAD_A: {4, 0},
+    Intent.LOAD_B: {4, 1},
+    Intent.START_LOCOMOTION: {5, 0},
+    Intent.START_REMOTE: {5, 1},
+}
+
+
+def buttons(*down: int, count: int = 8) -> tuple[int, ...]:
+    return tuple(int(i in down) for i in range(count))
+
+
+def press(*down: int, held: tuple[int, ...] = ()) -> tuple[Intent, ...]:
+    return pressed_intents(JoyBindings(), buttons(*down), buttons(*held))
+
+
+def test_defaults():
+    assert JoyBindings() == JoyBindings(
+        damp_button=2,
+        quit_button=6,
+        load_combo_a=(4, 0),
+        load_combo_b=(4, 1),
+        start_combo_locomotion=(5, 0),
+        start_combo_remote=(5, 1),
+    )
+    assert {intent: set(combo) for intent, combo in JoyBindings().combos().items()} == DEFAULTS
+
+
+@pytest.mark.parametrize("intent", Intent)
+def test_pressing_a_combination_gives_its_intent(intent):
+    assert press(*DEFAULTS[intent]) == (intent,)
+
+
+def test_every_step_between_two_readings():
+    """All 256 x 256 readings: an intent comes exactly when its combination was completed."""
+    readings = [set(down) for size in range(9) for down in combinations(range(8), size)]
+    bindings = JoyBindings()
+    states = [(down, buttons(*down)) for down in readings]
+    for before, before_buttons in states:
+        for now, now_buttons in states:
+            wanted = {intent for intent, combo in DEFAULTS.items() if combo <= now and not combo <= before}
+            assert set(pressed_intents(bindings, now_buttons, before_buttons)) == wanted
+
+
+def test_holding_does_not_repeat():
+    for intent in Intent:
+        combo = tuple(DEFAULTS[intent])
+        assert press(*combo, held=combo) == ()
+        assert press(held=combo) == ()
+
+
+def test_the_order_of_pressing_does_not_matter():
+    assert press(L1, A, held=(L1,)) == (Intent.LOAD_A,)
+    assert press(L1, A, held=(A,)) == (Intent.LOAD_A,)
+    assert press(L1, held=(L1, A)) == ()
+    assert press(L1, B, held=(L1, A)) == (Intent.LOAD_B,)
+
+
+def test_a_lone_shoulder_or_letter_is_nothing():
+    for down in ((A,), (B,), (L1,), (R1,), (Y,), (START,), (L1, R1), (A, B)):
+        assert press(*down) == ()
+
+
+@pytest.mark.parametrize("held", [(L1, A), (R1, B), (L1, R1, A, B), (BACK,), (L1,), (A, B, Y, L1, R1, BACK, START)])
+def test_damp_while_others_are_held(held):
+    assert press(X, *held, held=held) == (Intent.DAMP,)
+
+
+@pytest.mark.parametrize("combo", [(L1, A), (R1, A), (BACK,), (L1, R1, A, B, BACK)])
+def test_damp_wins_over_what_is_pressed_with_it(combo):
+    intents = press(X, *combo)
+    assert len(intents) >= 2
+    assert choose_intent(intents)[0] is Intent.DAMP
+
+
+def test_a_gamepad_that_connects_with_buttons_held_can_only_damp():
+    bindings = JoyBindings()
+    assert pressed_intents(bindings, buttons(L1, A, BACK, R1, B), ()) == ()
+    assert pressed_intents(bindings, buttons(X, L1, A), ()) == (Intent.DAMP,)
+    assert pressed_intents(bindings, (), buttons(X)) == ()
+
+
+def test_booleans_are_buttons_too():
+    assert pressed_intents(JoyBindings(), [False, False, True], [False] * 3) == (Intent.DAMP,)
+
+
+def test_remapping():
+    bindings = JoyBindings(
+        damp_button=9, quit_button=0, load_combo_a=[1, 2, 3], load_combo_b=(1, 4), start_combo_locomotion=(7,)
+    )
+    assert bindings.load_combo_a == (1, 2, 3)
+    for down, intent in (
+        ((9,), Intent.DAMP),
+        ((0,), Intent.QUIT),
+        ((1, 2, 3), Intent.LOAD_A),
+        ((1, 4), Intent.LOAD_B),
+        ((7,), Intent.START_LOCOMOTION),
+        ((5, 1), Intent.START_REMOTE),
+    ):
+        assert pressed_intents(bindings, buttons(*down, count=10), buttons(count=10)) == (intent,)
+    assert pressed_intents(bindings, buttons(2, count=10), buttons(count=10)) == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"damp_button": -1}, r"damp_button: is \(-1,\), expected button indices >= 0"),
+        ({"damp_button": "X"}, r"damp_button: is \('X',\), expected button indices"),
+        ({"quit_button": True}, r"quit_button: is \(True,\), expected button indices"),
+        ({"quit_button": 6.0}, r"quit_button: is \(6.0,\), expected button indices"),
+        ({"load_combo_a": ()}, r"load_combo_a: is \(\), expected button indices"),
+        ({"load_combo_a": 4}, r"load_combo_a: is 4, expected a list of button indices"),
+        ({"load_combo_b": "41"}, r"load_combo_b: is '41', expected a list of button indices"),
+        ({"start_combo_remote": None}, r"start_combo_remote: is None, expected a list of button indices"),
+        ({"start_combo_locomotion": (5, 5)}, r"start_combo_locomotion: is \(5, 5\), expected each button once"),
+        ({"quit_button": 2}, r"damp_button: \(2,\) is pressed whenever quit_button \(2,\) is"),
+        ({"load_combo_a": (2, 0)}, r"damp_button: \(2,\) is pressed whenever load_combo_a \(2, 0\) is"),
+        ({"load_combo_b": (0, 4)}, r"load_combo_a: \(4, 0\) is pressed whenever load_combo_b \(0, 4\) is"),
+        ({"start_combo_remote": (5,)}, r"start_combo_remote: \(5,\) is pressed whenever start_combo_locomotion"),
+    ],
+)
+def test_bindings_that_cannot_work_are_refused(changes, message):
+    with pytest.raises(FieldError, match=f"^JoyBindings.{message}"):
+        JoyBindings(**changes)
+
+
+def test_a_gamepad_without_a_bound_button_is_refused():
+    JoyBindings().check(7)
+    with pytest.raises(FieldError, match=r"^JoyBindings.quit_button: is \(6,\), but the gamepad has buttons 0 to 5$"):
+        JoyBindings().check(6)
+    with pytest.raises(FieldError, match=r"^JoyBindings.damp_button: is \(2,\), but the gamepad has buttons 0 to 1$"):
+        JoyBindings().check(2)
+    with pytest.raises(FieldError, match=r"but the gamepad has no buttons$"):
+        JoyBindings().check(0)

@@ -1,0 +1,177 @@
+"""The observation: widths, order, live terms, and batches that equal their robots bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rig import JOINTS, contract, reference, state
+from strategies import any_states
+
+from humanoid_sim.controllers.observation import ObservationContext, joint_indices, pack, resolve_observation
+from humanoid_sim.controllers.reference import build_reference, no_reference
+from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import Extern, MITState
+
+ALL_TERMS = (
+    "progress",
+    "imu_quaternion",
+    "joint_vel",
+    "velocity",
+    "imu_angular_velocity",
+    "motion_body_pos_b",
+    "actions",
+    "imu_linear_acceleration",
+    "joint_pos",
+)
+WIDTHS = (1, 4, 3, 2, 3, 3, 2, 3, 3)
+
+
+def layout(*names, **changes):
+    return resolve_observation(contract(observation_names=names), JOINTS, reference(), {"velocity": 2}, **changes)
+
+
+def test_terms_follow_each_other_in_the_contracts_order():
+    resolved = layout(*ALL_TERMS)
+    assert tuple(term.name for term in resolved.terms) == ALL_TERMS
+    assert tuple(term.width for term in resolved.terms) == WIDTHS
+    assert [term.start for term in resolved.terms] == [0, 1, 5, 8, 10, 13, 16, 18, 21]
+    assert resolved.width == 24
+
+
+def test_locate():
+    resolved = layout("joint_pos", "imu_quaternion", "progress")
+    assert resolved.locate(0) == "joint_pos[0]"
+    assert resolved.locate(2) == "joint_pos[2]"
+    assert resolved.locate(3) == "imu_quaternion[0]"
+    assert resolved.locate(7) == "progress[0]"
+
+
+def context(robot_state, frame=2, last_action=(0.5, -0.5)):
+    return ObservationContext(robot_state, np.array(last_action, dtype=np.float32), reference(), frame)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("joint_pos", [0.6 - 0.01, 0.5 - 0.02, 0.4 - 0.03]),
+        ("joint_vel", [3.0, 2.0, 1.0]),
+        ("actions", [0.5, -0.5]),
+        ("imu_quaternion", [0.1, 0.2, 0.3, 0.4]),
+        ("imu_angular_velocity", [5.0, 6.0, 7.0]),
+        ("imu_linear_acceleration", [8.0, 9.0, 10.0]),
+        ("motion_body_pos_b", [2.0, 2.25, 2.5]),
+        ("progress", [2 / 3]),
+        ("velocity", [11.0, 12.0]),
+    ],
+)
+def test_values_of_each_term(name, values):
+    robot_state = state(
+        1.0,
+        joint_velocity=[1.0, 2.0, 3.0],
+        imu_quaternion=[0.1, 0.2, 0.3, 0.4],
+        imu_angular_velocity=[5.0, 6.0, 7.0],
+        imu_linear_acceleration=[8.0, 9.0, 10.0],
+        extern={"velocity": Extern([11.0, 12.0], 1.0)},
+    )
+    packed = pack(layout(name), context(robot_state))
+    assert packed.dtype == np.float32
+    assert packed.tolist() == np.array(values, dtype=np.float32).tolist()
+
+
+def test_orientation_and_key_terms():
+    tracking = build_reference(contract(), np.arange(18.0).reshape(2, 9))
+    names = ("motion_body_ori_b", "motion_body_pos_b")
+    resolved = resolve_observation(contract(observation_names=names), JOINTS, tracking, {})
+    packed = pack(resolved, ObservationContext(state(), np.zeros(2, np.float32), tracking, 1))
+    assert packed.tolist() == [12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 9.0, 10.0, 11.0]
+
+    piano = contract(
+        task_type="piano",
+        observation_names=("target_keys", "target_keys_future", "key_pressed"),
+        lookahead_steps=(1, 5),
+    )
+    song = build_reference(piano, [[0, 1], [1, 0], [1, 1]])
+    resolved = resolve_observation(piano, JOINTS, song, {"key_pressed": 2})
+    live = state(1.0, extern={"key_pressed": Extern([0.0, 1.0], 1.0)})
+    packed = pack(resolved, ObservationContext(live, np.zeros(2, np.float32), song, 0))
+    assert packed.tolist() == [0, 1, 1, 0, 1, 1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("names", "source", "message"),
+    [
+        (("joint_pos", "nonsense"), reference(), "unknown observation term 'nonsense'; known: actions, imu_"),
+        (("motion_body_pos_b",), no_reference(), "observation term 'motion_body_pos_b' needs a tracking motion"),
+        (("motion_body_ori_b",), reference(), "observation term 'motion_body_ori_b' needs a tracking motion"),
+        (("target_keys",), reference(), "observation term 'target_keys' needs a piano motion, and there is none"),
+        (("progress",), no_reference(), "observation term 'progress' needs a motion, and there is none"),
+    ],
+)
+def test_a_term_without_a_source_is_refused(names, source, message):
+    with pytest.raises(FieldError, match=f"^{message}"):
+        resolve_observation(contract(observation_names=names), JOINTS, source, {})
+
+
+def test_joint_indices():
+    assert joint_indices(("c", "a"), ("a", "b", "c"), "x").tolist() == [2, 0]
+    with pytest.raises(FieldError, match=r"^unknown joint 'd'; known: a, b \(joint_names of x\)$"):
+        joint_indices(("a", "d"), ("a", "b"), "joint_names of x")
+
+
+BATCH_ARRAYS = (
+    "joint_position",
+    "joint_velocity",
+    "joint_effort",
+    "joint_age",
+    "imu_quaternion",
+    "imu_angular_velocity",
+    "imu_linear_acceleration",
+)
+
+
+@given(st.data())
+def test_a_batch_is_its_robots_bit_for_bit(data):
+    """Any values, a clock, a last action, a live term and a motion frame of its own for each robot."""
+    resolved = layout(*ALL_TERMS)
+    size = data.draw(st.integers(1, 4))
+    times = data.draw(st.lists(st.sampled_from([0.0, 0.4, 0.6, np.nan]), min_size=size, max_size=size))
+    states = [data.draw(any_states(3, time)) for time in times]
+    live = Extern(data.draw(st.lists(st.floats(width=32), min_size=2, max_size=2)), 0.0, timeout=0.5)
+    frames = np.array(data.draw(st.lists(st.integers(0, 9), min_size=size, max_size=size)))
+    actions = np.arange(2 * size, dtype=np.float32).reshape(size, 2)
+    batch = MITState(
+        np.array(times), *(np.stack([getattr(s, name) for s in states]) for name in BATCH_ARRAYS), {"velocity": live}
+    )
+    together = pack(resolved, ObservationContext(batch, actions, reference(), frames))
+    one_by_one = [
+        pack(
+            resolved,
+            ObservationContext(
+                MITState(s.time, *(getattr(s, name) for name in BATCH_ARRAYS), {"velocity": live}),
+                actions[i],
+                reference(),
+                int(frames[i]),
+            ),
+        )
+        for i, s in enumerate(states)
+    ]
+    assert together.shape == (size, 24)
+    assert together.tobytes() == np.stack(one_by_one).tobytes()
+
+
+def test_live_terms_of_a_batch_may_differ_between_robots():
+    batch = MITState(
+        0.0, *(np.zeros((2, 4 if name == "imu_quaternion" else 3)) for name in BATCH_ARRAYS),
+        {"velocity": Extern([[1.0, 2.0], [3.0, 4.0]], 0.0)},
+    )  # fmt: skip
+    packed = pack(layout("velocity"), ObservationContext(batch, np.zeros((2, 2), np.float32), reference(), 0))
+    assert packed.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+
+
+@pytest.mark.parametrize("shape", [(1,), (3,), (2, 2)])
+def test_a_live_term_of_another_shape_is_refused(shape):
+    robot_state = state(extern={"velocity": Extern(np.zeros(shape), 0.0)})
+    with pytest.raises(FieldError, match=r"^MITState\.extern\['velocity'\]: has shape \(.*\), expected \(2,\)$"):
+        pack(layout("velocity"), context(robot_state))

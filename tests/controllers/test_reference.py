@@ -1,0 +1,94 @@
+"""Motion references: tables, their end, and the layouts of motion files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rig import contract, reference
+
+from humanoid_sim.controllers.reference import MotionReference, build_reference, no_reference
+from humanoid_sim.errors import FieldError
+
+PIANO = {"task_type": "piano", "observation_names": ("target_keys",), "lookahead_steps": (1, 2)}
+
+
+@pytest.mark.parametrize(("frame", "shown"), [(0, 0), (3, 3), (4, 3), (10**9, 3)])
+def test_the_last_frame_is_held(frame, shown):
+    assert reference().clamp(frame) == shown
+    assert reference().term("motion_body_pos_b", frame).tolist() == [shown, shown + 0.25, shown + 0.5]
+
+
+def test_frames_of_a_batch():
+    frames = np.array([[0, 3], [9, 1]])
+    rows = reference().term("motion_body_pos_b", frames)
+    assert rows.shape == (2, 2, 3)
+    assert rows[..., 0].tolist() == [[0.0, 3.0], [3.0, 1.0]]
+    assert reference().progress(frames).tolist() == [[0.0, 1.0], [1.0, 1 / 3]]
+
+
+@pytest.mark.parametrize(("frame", "progress"), [(0, 0.0), (1, 1 / 3), (3, 1.0), (99, 1.0)])
+def test_progress(frame, progress):
+    assert reference().progress(frame) == progress
+
+
+def test_progress_of_a_single_frame_is_one():
+    assert no_reference().progress(0) == 1.0
+    assert no_reference().progress(np.array([0, 5])).tolist() == [1.0, 1.0]
+
+
+def test_tables_are_read_only_copies():
+    rows = np.zeros((2, 3), dtype=np.float32)
+    terms = {"x": rows}
+    motion = MotionReference(2, terms)
+    rows[:] = 1.0
+    terms["y"] = rows
+    assert list(motion.terms) == ["x"]
+    assert motion.term("x", 0).tolist() == [0.0, 0.0, 0.0]
+    with pytest.raises(ValueError, match="read-only"):
+        motion.terms["x"][0] = 1.0
+    with pytest.raises(TypeError):
+        motion.terms["z"] = rows
+
+
+@pytest.mark.parametrize(
+    ("count", "terms", "message"),
+    [
+        (0, {}, r"frame_count: is 0, expected at least 1"),
+        (-1, {}, r"frame_count: is -1, expected at least 1"),
+        (2, {"x": np.zeros((3, 1))}, r"terms\['x'\]: has shape \(3, 1\), expected \(2, width\)"),
+        (2, {"x": np.zeros(2)}, r"terms\['x'\]: has shape \(2,\), expected \(2, width\)"),
+        (2, {"x": [[0.0], [np.nan]]}, r"terms\['x'\]: frame 1 is not finite"),
+    ],
+)
+def test_malformed_tables_are_named(count, terms, message):
+    with pytest.raises(FieldError, match=rf"^MotionReference\.{message}"):
+        MotionReference(count, terms)
+
+
+def test_a_tracking_motion_is_cut_into_positions_and_orientations():
+    two = contract(body_names=("left_hand", "right_hand"))
+    motion = build_reference(two, np.arange(36.0).reshape(2, 18))
+    assert motion.frame_count == 2
+    assert motion.term("motion_body_pos_b", 0).tolist() == [0, 1, 2, 3, 4, 5]
+    assert motion.term("motion_body_ori_b", 1).tolist() == list(range(24, 36))
+
+
+def test_a_song_looks_ahead_and_holds_its_end():
+    song = build_reference(contract(**PIANO), [[0, 0], [1, 0], [0, 1]])
+    assert song.term("target_keys", 1).tolist() == [1, 0]
+    assert [song.term("target_keys_future", k).tolist() for k in range(3)] == [[1, 0, 0, 1], [0, 1, 0, 1], [0, 1, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "frames", "message"),
+    [
+        ({}, np.zeros((2, 8)), r"motion: frames are 8 wide, expected 9, 9 for each of the policy's 1 bodies \(hand\)"),
+        ({}, np.zeros(9), r"motion: has shape \(9,\), expected \(frames, width\)"),
+        ({}, np.zeros((0, 9)), r"motion: has shape \(0, 9\), expected \(frames, width\)"),
+        ({"task_type": "locomotion"}, np.zeros((2, 9)), "motion: a policy of task_type 'locomotion' follows no motion"),
+        ({}, np.full((2, 9), np.inf), r"MotionReference.terms\['motion_body_pos_b'\]: frame 0 is not finite"),
+    ],
+)
+def test_a_motion_that_does_not_fit_is_refused(changes, frames, message):
+    with pytest.raises(FieldError, match=f"^{message}"):
+        build_reference(contract(**changes), frames)

@@ -1,0 +1,295 @@
+"""REMOTE: what is applied, what is too old, and what never counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rig import JOINTS, KNOWN, command, fingerprint, tick
+
+from humanoid_sim.controllers.base import Fault
+from humanoid_sim.controllers.remote_policy import RemotePolicyController
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import RemoteCommand
+from humanoid_sim.mit import MITCommand
+
+NAN, INF = np.nan, np.inf
+PASSIVE = "passive"
+
+
+def remote_controller(**parameters):
+    return RemotePolicyController(JOINTS, **parameters)
+
+
+def run(controller, *steps, position=KNOWN):
+    """What each `(time, remote)` leads to: a position (the rig's commands are uniform), PASSIVE or a fault's text."""
+    first = steps[0]
+    memory = controller.activate(tick(first[0], remote=first[1], position=position))
+    assert not isinstance(memory, Fault)
+    seen = []
+    for time, remote in steps:
+        result = controller.update(memory, tick(time, remote=remote, position=position))
+        if isinstance(result, Fault):
+            seen.append(result.message)
+            continue
+        memory, sent = result
+        seen.append(PASSIVE if sent.damping.tolist() == controller.damping.tolist() else sent.position[0])
+    return seen
+
+
+def cmd(value, arrival):
+    return RemoteCommand(command(value), arrival)
+
+
+def test_defaults():
+    controller = remote_controller()
+    assert controller.stale_command_policy == "passive"
+    assert controller.stale_command_timeout_ms == 100.0
+    assert controller.damping_scalar == 6.0
+    assert controller.damping.tolist() == [6.0, 6.0, 6.0]
+    assert controller.fallback == "damping_controller"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "kd"),
+    [
+        ({}, [6.0, 6.0, 6.0]),
+        ({"damping_scalar": 5.0}, [5.0, 5.0, 5.0]),
+        ({"damping": [1.0, 2.0, 3.0]}, [1.0, 2.0, 3.0]),
+        ({"damping": []}, [6.0, 6.0, 6.0]),
+    ],
+)
+def test_passive_is_a_damped_hold_of_the_live_position(parameters, kd):
+    controller = remote_controller(**parameters)
+    memory = controller.activate(tick(10.0))
+    for time, position in ((10.0, (0.1, 0.2, 0.3)), (10.02, (0.4, 0.5, 0.6))):
+        memory, sent = controller.update(memory, tick(time, position=position))
+        assert sent.position.tolist() == list(position)
+        assert sent.damping.tolist() == kd
+        assert sent.stiffness.tolist() == sent.velocity.tolist() == sent.effort.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_fresh_command_is_applied_as_it_is():
+    controller = remote_controller()
+    memory = controller.activate(tick(10.0))
+    wanted = MITCommand([1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0], [10.0, 11.0, 12.0], [13.0, 14.0, 15.0])
+    _, sent = controller.update(memory, tick(10.02, remote=RemoteCommand(wanted, 10.01)))
+    assert fingerprint(sent) == fingerprint(wanted)
+
+
+def test_the_newest_command_replaces_the_last():
+    a, b = cmd(0.7, 10.01), cmd(0.8, 10.03)
+    assert run(remote_controller(), (10.0, None), (10.02, a), (10.04, b), (10.06, b)) == [PASSIVE, 0.7, 0.8, 0.8]
+
+
+def test_two_commands_of_the_same_instant():
+    """The second is applied, but it does not prolong the first."""
+    a, b = cmd(0.7, 10.01), cmd(0.8, 10.01)
+    steps = [(10.0, None), (10.02, a), (10.1, b), (10.12, b)]
+    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, 0.8, PASSIVE]
+
+
+@pytest.mark.parametrize(("policy", "late"), [("passive", PASSIVE), ("hold", 0.7)])
+def test_staleness(policy, late):
+    a = cmd(0.7, 10.01)
+    steps = [(10.0, None), (10.02, a), (10.1, a), (10.109, a), (10.111, a), (10.2, a), (99.0, a)]
+    seen = run(remote_controller(stale_command_policy=policy), *steps)
+    assert seen == [PASSIVE, 0.7, 0.7, 0.7, late, late, late]
+
+
+@pytest.mark.parametrize("policy", ["passive", "hold"])
+def test_hold_is_passive_until_the_first_command(policy):
+    old = cmd(0.7, 9.0)
+    steps = [(10.0, old), (10.02, old), (11.0, old), (12.0, None)]
+    assert run(remote_controller(stale_command_policy=policy), *steps) == [PASSIVE] * 4
+
+
+def test_a_sender_that_comes_back():
+    a, b = cmd(0.7, 10.01), cmd(0.8, 20.0)
+    steps = [(10.0, None), (10.02, a), (15.0, a), (20.0, b), (20.05, b), (20.2, b)]
+    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, PASSIVE, 0.8, 0.8, PASSIVE]
+
+
+@pytest.mark.parametrize("timeout", [20, 500.0])
+def test_the_timeout_is_a_parameter(timeout):
+    a = cmd(0.7, 10.01)
+    edge = 10.01 + timeout / 1000
+    steps = [(10.0, None), (10.01, a), (edge - 1e-6, a), (edge + 1e-6, a)]
+    assert run(remote_controller(stale_command_timeout_ms=timeout), *steps) == [PASSIVE, 0.7, 0.7, PASSIVE]
+
+
+def test_a_command_that_is_already_old_when_first_seen():
+    assert run(remote_controller(), (10.0, None), (12.0, cmd(0.7, 11.0))) == [PASSIVE, PASSIVE]
+    assert run(remote_controller(), (10.0, None), (12.0, cmd(0.7, 11.95))) == [PASSIVE, 0.7]
+
+
+# --- commands from before activation ---
+
+
+@pytest.mark.parametrize("arrival", [-1e9, 0.0, 9.95, 9.9999999, 10.0])
+def test_commands_from_before_activation_never_count(arrival):
+    old = cmd(0.7, arrival)
+    for policy in ("passive", "hold"):
+        controller = remote_controller(stale_command_policy=policy)
+        assert run(controller, (10.0, old), (10.02, old), (10.04, old)) == [PASSIVE] * 3
+        assert run(controller, (10.0, None), (10.02, old), (10.04, old)) == [PASSIVE] * 3
+
+
+@pytest.mark.parametrize("arrival", [10.001, 10.5, 1e9, INF])
+def test_a_future_stamp_does_not_make_an_old_command_new(arrival):
+    """It was there when the controller was activated, so it is from before, whatever its stamp says."""
+    old = cmd(0.7, arrival)
+    for policy in ("passive", "hold"):
+        steps = [(10.0, old), (10.02, old), (10.5, old), (10.52, old)]
+        assert run(remote_controller(stale_command_policy=policy), *steps) == [PASSIVE] * 4
+
+
+def test_the_first_command_after_activation_counts():
+    old, new = cmd(0.7, 9.99), cmd(0.8, 10.01)
+    assert run(remote_controller(), (10.0, old), (10.02, new)) == [PASSIVE, 0.8]
+
+
+def test_each_activation_starts_anew():
+    controller = remote_controller(stale_command_policy="hold")
+    a = cmd(0.7, 10.01)
+    assert run(controller, (10.0, None), (10.02, a), (10.04, a))[-1] == 0.7
+    assert run(controller, (10.06, a), (10.08, a)) == [PASSIVE, PASSIVE]
+
+
+# --- clocks and stamps ---
+
+
+def test_a_future_stamp_buys_no_time():
+    future = cmd(0.7, 1e6)
+    steps = [(10.0, None), (10.02, future), (10.1, future), (10.13, future), (500.0, future), (1e6, future)]
+    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, 0.7, PASSIVE, PASSIVE, PASSIVE]
+
+
+@pytest.mark.parametrize("arrival", [NAN, -INF])
+def test_a_stamp_that_is_no_time_never_counts(arrival):
+    bad = cmd(0.7, arrival)
+    for policy in ("passive", "hold"):
+        steps = [(10.0, None), (10.02, bad), (10.04, bad)]
+        assert run(remote_controller(stale_command_policy=policy), *steps) == [PASSIVE] * 3
+
+
+def test_a_nan_stamp_at_activation_does_not_block_later_commands():
+    assert run(remote_controller(), (10.0, cmd(0.7, NAN)), (10.02, cmd(0.8, 10.01))) == [PASSIVE, 0.8]
+
+
+def test_a_clock_that_jumps_back_does_not_revive_a_stale_command():
+    a = cmd(0.7, 10.01)
+    steps = [(10.0, None), (10.02, a), (10.3, a), (10.02, a), (10.04, a), (5.0, a)]
+    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, PASSIVE, PASSIVE, PASSIVE, PASSIVE]
+
+
+def test_a_clock_that_jumps_back_does_not_keep_a_dead_senders_command_fresh():
+    a = cmd(0.7, 10.01)
+    steps = [(10.0, None), (10.02, a), (5.0, a), (5.05, a), (5.11, a), (7.0, a), (10.0, a)]
+    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, 0.7, 0.7, PASSIVE, PASSIVE, PASSIVE]
+
+
+def test_a_clock_that_jumps_forward_makes_commands_stale_and_new_ones_count():
+    a, b = cmd(0.7, 10.01), cmd(0.8, 1000.01)
+    assert run(remote_controller(), (10.0, None), (10.02, a), (1000.0, a), (1000.02, b)) == [PASSIVE, 0.7, PASSIVE, 0.8]
+
+
+@pytest.mark.parametrize("time", [NAN, INF, -INF])
+def test_time_must_be_a_number(time):
+    controller = remote_controller()
+    memory = controller.activate(tick(0.0))
+    for fault in (controller.activate(tick(time)), controller.update(memory, tick(time))):
+        assert isinstance(fault, Fault)
+        assert fault.message == f"time is {time}, expected a finite number"
+
+
+# --- broken commands and states ---
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"stiffness": [1.0, -1.0, 1.0]}, "remote command's stiffness of elbow is -1.0, expected a finite number >= 0"),
+        ({"damping": [1.0, 1.0, -1e-9]}, "remote command's damping of wrist is -1e-09, expected a finite number >= 0"),
+        ({"damping": [NAN, 1.0, 1.0]}, "remote command's damping of shoulder is nan, expected a finite number >= 0"),
+        ({"position": [NAN, 0.0, 0.0]}, "remote command's position of shoulder is nan, expected a finite number"),
+        ({"velocity": [0.0, INF, 0.0]}, "remote command's velocity of elbow is inf, expected a finite number"),
+        ({"effort": [0.0, 0.0, -INF]}, "remote command's effort of wrist is -inf, expected a finite number"),
+    ],
+)
+def test_a_broken_command_is_a_fault(changes, message):
+    bad = RemoteCommand(command(0.7, **changes), 10.01)
+    assert run(remote_controller(), (10.0, None), (10.02, bad)) == [PASSIVE, message]
+
+
+def test_a_command_of_another_width_is_a_fault():
+    bad = RemoteCommand(command(0.7, n=2), 10.01)
+    seen = run(remote_controller(), (10.0, None), (10.02, bad))
+    assert seen == [PASSIVE, "remote command has shape (2,), expected (3,)"]
+
+
+def test_a_broken_command_from_before_activation_does_not_matter():
+    bad = RemoteCommand(command(0.7, stiffness=[-1.0, 0.0, 0.0]), 9.0)
+    assert run(remote_controller(), (10.0, bad), (10.02, bad)) == [PASSIVE, PASSIVE]
+
+
+def test_unknown_joints_are_damped_at_zero():
+    controller = remote_controller()
+    memory = controller.activate(tick(10.0))
+    _, sent = controller.update(memory, tick(10.0, position=(NAN, 0.2, INF)))
+    assert sent.position.tolist() == [0.0, 0.2, 0.0]
+    assert sent.damping.tolist() == [6.0, 6.0, 6.0]
+
+
+def test_a_state_of_another_width_is_a_fault():
+    controller = remote_controller()
+    fault = controller.update(controller.activate(tick(10.0)), tick(10.02, position=(0.0,)))
+    assert isinstance(fault, Fault)
+    assert fault.message == "state has (1,) joint positions, expected (3,)"
+
+
+@given(st.lists(st.tuples(st.floats(-0.2, 0.2), st.booleans(), st.floats(-0.3, 0.3)), max_size=40))
+def test_a_live_sender_is_heard_and_a_dead_one_is_not(steps):
+    """Against a model that counts the seconds that passed since each command was first seen."""
+    controller = remote_controller()
+    time, remote = 10.0, None
+    memory = controller.activate(tick(time))
+    age, in_force = INF, None
+    for i, (jump, sends, skew) in enumerate(steps):
+        time += jump
+        if sends:
+            remote = cmd(float(i), time + skew)
+        age += max(jump, 0.0)
+        if remote is not None and remote.arrival_time > 10.0 and remote is not in_force:
+            in_force, age = remote, max(-skew, 0.0)
+        memory, sent = controller.update(memory, tick(time, remote=remote))
+        if abs(age - 0.1) > 1e-9:
+            assert (sent.damping[0] == 4.0) == (age < 0.1)
+            assert age > 0.1 or sent.position[0] == in_force.command.position[0]
+
+
+# --- parameters ---
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"joints": ()}, "joints: is empty"),
+        ({"stale_command_policy": "limp"}, "stale_command_policy: is 'limp', expected passive or hold"),
+        ({"stale_command_policy": None}, "stale_command_policy: is None, expected passive or hold"),
+        ({"stale_command_timeout_ms": 0}, "stale_command_timeout_ms: is 0, expected a finite number > 0"),
+        ({"stale_command_timeout_ms": -1.0}, "stale_command_timeout_ms: is -1.0, expected a finite number > 0"),
+        ({"stale_command_timeout_ms": NAN}, "stale_command_timeout_ms: is nan"),
+        ({"stale_command_timeout_ms": INF}, "stale_command_timeout_ms: is inf"),
+        ({"stale_command_timeout_ms": "100"}, "stale_command_timeout_ms: is '100'"),
+        ({"damping": [1.0]}, r"damping: has shape \(1,\), expected \(3,\)"),
+        ({"damping": [1.0, -1.0, 1.0]}, "damping: is -1.0 for elbow"),
+        ({"damping": [[1.0], [1.0, 2.0]]}, "damping: not a rectangular array"),
+        ({"damping_scalar": -6.0}, "damping_scalar: is -6.0, expected a finite number >= 0"),
+        ({"damping_scalar": NAN}, "damping_scalar: is nan"),
+    ],
+)
+def test_invalid_parameters_are_named(parameters, message):
+    with pytest.raises(FieldError, match=rf"^RemotePolicyController\.{message}"):
+        RemotePolicyController(**{"joints": JOINTS, **parameters})

@@ -1,0 +1,332 @@
+"""The joint surface: types that cannot be changed or malformed, and the MIT law."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import FrozenInstanceError, fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rig import fingerprint
+from strategies import any_arrays, any_commands, any_numbers, any_states, valid_commands
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import COMMAND_FIELDS, Extern, MITCommand, MITState, frozen_array, mit_torque
+
+STATE_ARRAYS = (
+    "joint_position",
+    "joint_velocity",
+    "joint_effort",
+    "joint_age",
+    "imu_quaternion",
+    "imu_angular_velocity",
+    "imu_linear_acceleration",
+)
+
+
+def state_arrays(*batch: int, n: int = 2) -> dict[str, np.ndarray]:
+    widths = dict.fromkeys(STATE_ARRAYS[:4], n) | {"imu_quaternion": 4}
+    return {name: np.full((*batch, widths.get(name, 3)), 0.5) for name in STATE_ARRAYS}
+
+
+def command_arrays(*batch: int, n: int = 2) -> dict[str, np.ndarray]:
+    return {name: np.full((*batch, n), 0.5) for name in COMMAND_FIELDS}
+
+
+def test_field_order_is_frozen():
+    assert tuple(f.name for f in fields(MITState)) == ("time", *STATE_ARRAYS, "extern")
+    assert [f.name for f in fields(MITCommand)] == ["position", "velocity", "effort", "stiffness", "damping"]
+    assert COMMAND_FIELDS == ("position", "velocity", "effort", "stiffness", "damping")
+    assert [f.name for f in fields(Extern)] == ["value", "arrival_time", "timeout"]
+
+
+def test_instances_cannot_be_changed():
+    state, command = MITState.unknown(2), MITCommand.zeros(2)
+    with pytest.raises(FrozenInstanceError):
+        state.time = 1.0
+    with pytest.raises(FrozenInstanceError):
+        command.position = np.zeros(2)
+    with pytest.raises((FrozenInstanceError, TypeError, AttributeError)):
+        command.torque = np.zeros(2)
+    with pytest.raises(TypeError):
+        state.extern["key_pressed"] = Extern([1.0], 0.0)
+
+
+@pytest.mark.parametrize("name", STATE_ARRAYS)
+def test_state_array_is_a_read_only_copy(name):
+    arrays = state_arrays()
+    state = MITState(time=0.0, **arrays)
+    arrays[name][0] = 9.0
+    assert getattr(state, name)[0] == 0.5
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(state, name)[0] = 1.0
+
+
+@pytest.mark.parametrize("name", COMMAND_FIELDS)
+def test_command_array_is_a_read_only_copy(name):
+    arrays = command_arrays()
+    command = MITCommand(**arrays)
+    arrays[name][0] = 9.0
+    assert getattr(command, name)[0] == 0.5
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(command, name)[0] = 1.0
+
+
+def test_a_read_only_view_of_a_writable_array_is_copied_too():
+    base = np.zeros(2)
+    view = base[:]
+    view.setflags(write=False)
+    command = MITCommand(view, *[np.zeros(2)] * 4)
+    base[0] = 1.0
+    assert command.position[0] == 0.0
+
+
+def test_extern_is_a_copy_and_so_is_the_mapping():
+    value = np.array([1.0])
+    mapping = {"key_pressed": Extern(value, 0.0)}
+    state = MITState(time=0.0, **state_arrays(), extern=mapping)
+    value[0] = 2.0
+    mapping["velocity"] = Extern([0.0], 0.0)
+    assert list(state.extern) == ["key_pressed"]
+    assert state.extern["key_pressed"].value.tolist() == [1.0]
+    with pytest.raises(ValueError, match="read-only"):
+        state.extern["key_pressed"].value[0] = 3.0
+
+
+@pytest.mark.parametrize("name", STATE_ARRAYS)
+def test_state_shape_error_names_the_field(name):
+    arrays = state_arrays()
+    arrays[name] = np.zeros((3, 7))
+    wrong = "joint_velocity" if name == "joint_position" else name  # every other array is measured by the positions
+    with pytest.raises(FieldError, match=rf"^MITState\.{wrong}: shape is \(.*\), expected \("):
+        MITState(time=0.0, **arrays)
+
+
+@pytest.mark.parametrize("name", COMMAND_FIELDS)
+def test_command_shape_error_names_the_field(name):
+    arrays = command_arrays()
+    arrays[name] = np.zeros(3)
+    wrong = "velocity" if name == "position" else name
+    with pytest.raises(FieldError, match=rf"^MITCommand\.{wrong}: shape is \(.*\), expected \("):
+        MITCommand(**arrays)
+
+
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [
+        (1.0, "is a scalar"),
+        ("left", "dtype is <U4"),
+        (["1.0", "2.0"], "dtype is <U3"),
+        ([1.0, None], "dtype is object"),
+        (None, "dtype is object"),
+        ([1j, 0.0], "dtype is complex128"),
+        ([True, False], "dtype is bool"),
+        ([[1.0], [1.0, 2.0]], "not a rectangular array"),
+        ({"a": 1.0}, "dtype is object"),
+    ],
+)
+@pytest.mark.parametrize("name", ["position", "damping"])
+def test_command_value_error_names_the_field(name, value, why):
+    arrays = command_arrays()
+    arrays[name] = value
+    if name == "damping" and why == "is a scalar":
+        why = r"shape is \(\)"
+    with pytest.raises(FieldError, match=rf"^MITCommand\.{name}: {why}"):
+        MITCommand(**arrays)
+
+
+@pytest.mark.parametrize("name", STATE_ARRAYS)
+def test_state_value_error_names_the_field(name):
+    arrays = state_arrays()
+    arrays[name] = ["a", "b"]
+    with pytest.raises(FieldError, match=rf"^MITState\.{name}: dtype is <U1, expected real numbers"):
+        MITState(time=0.0, **arrays)
+
+
+@pytest.mark.parametrize("time", ["now", None, [0.0, 1.0, 2.0], 1j])
+def test_time_error_names_the_field(time):
+    with pytest.raises(FieldError, match=r"^MITState\.time: "):
+        MITState(time=time, **state_arrays())
+
+
+def test_extern_error_names_the_entry():
+    with pytest.raises(FieldError, match=r"^MITState\.extern\['key_pressed'\]: is a list, expected an Extern"):
+        MITState(time=0.0, **state_arrays(), extern={"key_pressed": [1.0]})
+    with pytest.raises(FieldError, match=r"^Extern\.value: is a scalar"):
+        Extern(1.0, 0.0)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int8, np.uint16, ">f8"])
+def test_every_real_dtype_becomes_float64(dtype):
+    array = frozen_array("T", "x", np.array([1, 2], dtype=dtype))
+    assert array.dtype == np.float64
+    assert array.dtype.isnative
+    assert array.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("batch", [(), (5,), (2, 3), (0,)])
+def test_batches(batch):
+    state = MITState(time=0.0, **state_arrays(*batch, n=7))
+    command = MITCommand(**command_arrays(*batch, n=7))
+    assert state.joint_count == command.joint_count == 7
+    assert state.imu_quaternion.shape == (*batch, 4)
+    assert mit_torque(state, command, 10.0).shape == (*batch, 7)
+
+
+def test_a_batch_may_have_a_clock_per_robot():
+    state = MITState(time=np.array([0.0, 1.0]), **state_arrays(2))
+    assert state.time.tolist() == [0.0, 1.0]
+    with pytest.raises(ValueError, match="read-only"):
+        state.time[0] = 5.0
+    with pytest.raises(FieldError, match=r"^MITState\.time: shape is \(3,\), expected \(\) or \(2,\)"):
+        MITState(time=np.zeros(3), **state_arrays(2))
+
+
+@pytest.mark.parametrize("time", [1, np.float32(1.0), np.float64(1.0), np.array(1.0)])
+def test_a_scalar_time_becomes_a_float(time):
+    state = MITState(time=time, **state_arrays())
+    assert type(state.time) is float
+    assert state.time == 1.0
+
+
+def test_unknown_state():
+    state = MITState.unknown(3, time=2.0)
+    assert state.time == 2.0
+    assert np.isnan(state.joint_position).all()
+    assert state.joint_age.tolist() == [np.inf] * 3
+    assert state.imu_quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert state.imu_linear_acceleration.tolist() == [0.0, 0.0, 9.81]
+    assert dict(state.extern) == {}
+
+
+def arrays_of(value):
+    for f in fields(value):
+        item = getattr(value, f.name)
+        if isinstance(item, np.ndarray):
+            yield item
+        elif f.name == "extern":
+            for extern in item.values():
+                yield from arrays_of(extern)
+
+
+@pytest.mark.parametrize(
+    "duplicate", [copy.copy, copy.deepcopy, *(lambda v, p=p: pickle.loads(pickle.dumps(v, p)) for p in (2, 4, 5))]
+)
+@given(st.one_of(any_states(3, 1.0), any_commands(3)))
+def test_copies_and_pickles_are_equal_and_read_only(duplicate, value):
+    twin = duplicate(value)
+    assert fingerprint(twin) == fingerprint(value)
+    arrays = list(arrays_of(twin))
+    assert len(arrays) >= 5
+    assert not any(array.flags.writeable for array in arrays)
+
+
+def test_replace_checks_again():
+    command = replace(MITCommand.zeros(2), stiffness=[1.0, 2.0])
+    assert command.stiffness.tolist() == [1.0, 2.0]
+    assert not command.stiffness.flags.writeable
+    with pytest.raises(FieldError, match=r"^MITCommand\.stiffness"):
+        replace(command, stiffness=np.zeros(3))
+
+
+@given(any_commands(3))
+def test_is_finite(command):
+    expected = all(abs(x) < np.inf for name in COMMAND_FIELDS for x in getattr(command, name).tolist())
+    assert command.is_finite() == expected
+
+
+@pytest.mark.parametrize("name", COMMAND_FIELDS)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_is_finite_looks_at_every_field(name, value):
+    assert not replace(MITCommand.zeros(2), **{name: [0.0, value]}).is_finite()
+    assert MITCommand.zeros(2).is_finite()
+
+
+# --- the law ---
+
+
+def test_torque_literal():
+    state = MITState(time=0.0, **state_arrays() | {"joint_position": [0.5, -1.0], "joint_velocity": [2.0, 0.0]})
+    command = MITCommand([1.0, 0.0], [0.0, 3.0], [0.25, -0.5], [10.0, 20.0], [1.5, 2.0])
+    # 10 (1 - 0.5) + 1.5 (0 - 2) + 0.25;  20 (0 + 1) + 2 (3 - 0) - 0.5
+    assert mit_torque(state, command, np.inf).tolist() == [2.25, 25.5]
+    assert mit_torque(state, command, [4.0, 4.0]).tolist() == [2.25, 4.0]
+    assert mit_torque(state, command, 1.0).tolist() == [1.0, 1.0]
+    assert mit_torque(state, replace(command, effort=[-99.0, 0.0]), 1.0).tolist() == [-1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("field", "torque"), [("position", 6.0), ("velocity", 5.0), ("effort", 1.0), ("stiffness", -4.0), ("damping", -3.0)]
+)
+def test_torque_depends_on_every_field(field, torque):
+    """Each field alone raised by one, from q 4, qd 3 and otherwise K_p 6 or K_d 5 at zero error."""
+    state = MITState(time=0.0, **state_arrays(n=1) | {"joint_position": [4.0], "joint_velocity": [3.0]})
+    at_rest = {"position": 4.0, "velocity": 3.0, "effort": 0.0, "stiffness": 6.0, "damping": 5.0}
+    if field in ("stiffness", "damping"):
+        at_rest |= {"position": 0.0, "velocity": 0.0, "stiffness": 0.0, "damping": 0.0}
+    at_rest[field] += 1.0
+    command = MITCommand(*([value] for value in at_rest.values()))
+    assert mit_torque(state, command, np.inf).tolist() == [torque]
+
+
+@given(any_states(3, 0.0), valid_commands(3), st.floats(1e-6, 1e3))
+def test_torque_stays_within_the_limit(state, command, limit):
+    with np.errstate(all="ignore"):
+        torque = mit_torque(state, command, limit)
+    known = np.isfinite(state.joint_position) & np.isfinite(state.joint_velocity)
+    assert (np.abs(torque[known]) <= limit).all()
+    assert not np.isnan(torque[known & (np.abs(state.joint_position) < 1e300)]).any()
+
+
+def test_torque_broadcasts_one_command_over_a_batch():
+    state = MITState(time=0.0, **state_arrays(4, n=2))
+    command = MITCommand(*[np.ones(2)] * 5)
+    single = mit_torque(MITState(time=0.0, **state_arrays(n=2)), command, [3.0, 0.5])
+    batch = mit_torque(state, command, [3.0, 0.5])
+    assert single.tolist() == [2.0, 0.5]
+    assert batch.tolist() == [[2.0, 0.5]] * 4
+
+
+@given(st.data())
+def test_torque_of_a_batch_is_that_of_its_robots_bit_for_bit(data):
+    states = data.draw(st.lists(any_states(3, 0.0), min_size=1, max_size=3))
+    commands = [data.draw(any_commands(3)) for _ in states]
+    batch_state = MITState(0.0, *(np.stack([getattr(s, name) for s in states]) for name in STATE_ARRAYS))
+    batch_command = MITCommand(*(np.stack([getattr(c, name) for c in commands]) for name in COMMAND_FIELDS))
+    with np.errstate(all="ignore"):
+        batch = mit_torque(batch_state, batch_command, [1.0, np.inf, 5.0])
+        single = [mit_torque(s, c, [1.0, np.inf, 5.0]) for s, c in zip(states, commands, strict=True)]
+    assert batch.tobytes() == np.stack(single).tobytes()
+
+
+# --- live values ---
+
+
+@pytest.mark.parametrize(
+    ("time", "arrival", "timeout", "alive"),
+    [
+        (10.0, 10.0, 0.5, True),
+        (10.5, 10.0, 0.5, True),
+        (10.501, 10.0, 0.5, False),
+        (9.99, 10.0, 0.5, True),  # it arrived after the state was read
+        (1e9, 10.0, np.inf, True),
+        (np.nan, 10.0, 0.5, False),
+        (10.0, np.nan, 0.5, False),
+        (10.0, 10.0, np.nan, False),
+        (np.inf, np.inf, np.inf, False),
+        (10.0, 10.0, -1.0, False),
+    ],
+)
+def test_extern_is_zero_when_too_old(time, arrival, timeout, alive):
+    extern = Extern([1.0, -2.0], arrival, timeout)
+    assert extern.at(time).tolist() == ([1.0, -2.0] if alive else [0.0, 0.0])
+    assert extern.at(np.array([time, time])).tolist() == ([[1.0, -2.0]] * 2 if alive else [[0.0, 0.0]] * 2)
+
+
+@given(any_arrays(3), any_numbers(), any_numbers())
+def test_extern_never_raises_and_never_invents(value, arrival, time):
+    at = Extern(value, arrival, 0.5).at(time)
+    assert at.tobytes() in (value.tobytes(), np.zeros(3).tobytes())
