@@ -69,7 +69,7 @@ class StandbyController:
         owner = "StandbyController"
         rows: list[FloatArray] = []
         for i, row in enumerate(np.atleast_1d(np.asarray(poses, dtype=object))):
-            pose = frozen_array(owner, f"pose_segments[{i}]", list(np.atleast_1d(row)))
+            pose = frozen_array(owner, f"pose_segments[{i}]", np.atleast_1d(np.asarray(row, dtype=object)).tolist())
             if pose.shape != (len(self.joints),):
                 raise FieldError(f"{owner}.pose_segments[{i}]: has shape {pose.shape}, expected ({len(self.joints)},)")
             rows.append(per_joint(owner, f"pose_segments[{i}]", pose, self.joints))
