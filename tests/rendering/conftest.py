@@ -1,0 +1,44 @@
+"""Ticks without a robot, and a small model whose pictures are easy to predict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.session.sink import TickRecord
+
+PENDULUM = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="0 0 1" pos="0 0 -1" rgba="0.7 0.7 0.7 1"/>
+    <body>
+      <joint name="hinge" axis="1 0 0"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.6" size="0.08" rgba="0.9 0.2 0.2 1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+MakeTick = Callable[..., TickRecord]
+
+
+@pytest.fixture
+def pendulum() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(PENDULUM)
+
+
+@pytest.fixture
+def make_tick() -> MakeTick:
+    def make(
+        index: int, time: float, qpos: FloatArray | None, mode: Mode = Mode.STANDBY, message: str = ""
+    ) -> TickRecord:
+        output = TickOutput(MITCommand.zeros(1), ControlMode(mode, "standby_controller_a", message))
+        pose = None if qpos is None else np.asarray(qpos, dtype=np.float64)
+        return TickRecord(index, TickInput(MITState.unknown(1, time)), output, 0.001, False, pose)
+
+    return make

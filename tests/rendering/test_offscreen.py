@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import ctypes.util
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.rendering import offscreen
+from humanoid_sim.rendering.backend import Choice
+from humanoid_sim.rendering.offscreen import make_renderer, update_pose
+
+OSMESA, PAINTER = Choice("osmesa", "asked for"), Choice("none", "asked for")
+
+
+@pytest.fixture(autouse=True)
+def _no_memory_of_failures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(offscreen, "_failures", {})
+
+
+def silhouette(model: mujoco.MjModel, choice: Choice) -> tuple[str, np.ndarray]:
+    data = mujoco.MjData(model)
+    update_pose(model, data, np.array([0.8]))
+    renderer = make_renderer(model, 320, 240, choice=choice)
+    try:
+        picture = renderer.render(data).astype(np.int64)
+    finally:
+        renderer.close()
+        renderer.close()
+    assert picture.shape == (240, 320, 3)
+    return renderer.backend, picture[..., 0] > 1.8 * picture[..., 2]
+
+
+@pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
+def test_osmesa_and_the_painter_show_the_same(pendulum: mujoco.MjModel) -> None:
+    name, reference = silhouette(pendulum, OSMESA)
+    assert name == "osmesa (asked for)"
+    painter_name, painted = silhouette(pendulum, PAINTER)
+    assert painter_name == "software painter (asked for)"
+    assert reference.sum() > 500
+    assert (reference & painted).sum() / (reference | painted).sum() > 0.93
+
+
+@pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
+def test_pictures_may_be_larger_than_the_models_buffer(pendulum: mujoco.MjModel) -> None:
+    renderer = make_renderer(pendulum, 800, 600, choice=OSMESA)
+    data = mujoco.MjData(pendulum)
+    update_pose(pendulum, data, np.zeros(1))
+    assert renderer.backend == "osmesa (asked for)"
+    assert renderer.render(data).shape == (600, 800, 3)
+    renderer.close()
+
+
+def test_a_window_that_cannot_be_opened_gives_way_to_the_painter_every_time(
+    pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":4711")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    for _ in range(2):
+        name, painted = silhouette(pendulum, Choice("glfw", "there is a display"))
+        assert name == "software painter (glfw (there is a display): RuntimeError: no window can be opened)"
+        assert painted.any()
+
+
+def test_an_egl_that_makes_no_context_is_never_tried_in_this_process(
+    pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(offscreen, "egl_works", lambda: False)
+    name, painted = silhouette(pendulum, Choice("egl", "MUJOCO_GL=egl"))
+    assert name == "software painter (egl (MUJOCO_GL=egl): makes no context)"
+    assert painted.any()
+
+
+def test_a_driver_whose_error_has_no_text_gives_way_too(
+    pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class DriverError(Exception):
+        def __str__(self) -> str:
+            raise RuntimeError("the driver is gone")
+
+    def fail(*_: object) -> None:
+        raise DriverError
+
+    monkeypatch.setattr(offscreen, "_OpenGLRenderer", fail)
+    assert silhouette(pendulum, OSMESA)[0] == "software painter (osmesa (asked for): DriverError:)"
+
+
+def test_an_unknown_camera_is_an_input_error(pendulum: mujoco.MjModel) -> None:
+    with pytest.raises(InputError, match=r"unknown camera 'top'; known: none"):
+        make_renderer(pendulum, 32, 32, "top", choice=PAINTER)
+
+
+def test_a_pose_that_is_not_finite_is_not_taken(pendulum: mujoco.MjModel) -> None:
+    data = mujoco.MjData(pendulum)
+    assert update_pose(pendulum, data, np.array([0.5]))
+    before = data.geom_xpos.copy()
+    assert not update_pose(pendulum, data, np.array([np.nan]))
+    assert data.qpos[0] == 0.5
+    np.testing.assert_array_equal(data.geom_xpos, before)

@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import av
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
+from humanoid_sim.rendering.caption import Caption, draw_caption
+from humanoid_sim.rendering.video import VideoSink, save_snapshot
+from humanoid_sim.session.sink import TickRecord
+
+MakeTick = Callable[..., TickRecord]
+SIZE = (160, 120)
+
+
+@pytest.fixture(autouse=True)
+def _painter(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "off")
+
+
+def decode(path: Path) -> tuple[list[np.ndarray], float, str]:
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        frames = [frame.to_ndarray(format="rgb24").astype(np.int64) for frame in container.decode(stream)]
+        assert stream.average_rate is not None
+        return frames, float(stream.average_rate), f"{stream.codec_context.name} {stream.codec_context.pix_fmt}"
+
+
+def test_a_second_of_ticks_is_a_second_of_video(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=SIZE)
+    for index in range(201):
+        sink.tick(make_tick(index, 5.0 + index / 200, [index / 100]))
+    done: list[tuple[int, int]] = []
+    report = sink.render(lambda count, total: done.append((count, total)))
+
+    frames, rate, kind = decode(tmp_path / "run.mp4")
+    assert (len(frames), rate, kind) == (31, 30.0, "h264 yuv420p")
+    assert all(frame.shape == (120, 160, 3) for frame in frames)
+    assert done == [(count, 31) for count in range(1, 32)]
+    assert (report.frame_count, report.fps, report.notice) == (31, 30.0, "")
+    assert report.backend == "software painter (MUJOCO_GL=off)"
+    assert np.abs(frames[0] - frames[30]).max() > 60, "the pendulum has moved"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.mp4"]
+
+
+def test_the_time_between_frames_is_the_robots(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
+    for index, time in enumerate([0.0, 0.05, 0.1, 0.5, 0.4, np.nan, 0.4, 0.5, 1e9]):
+        sink.tick(make_tick(index, time, [0.0]))
+    # 0.5 s forward, a step back that counts as none, 0.1 s forward, and a jump that counts as one second.
+    assert sink.frame_count == 17
+
+
+def test_a_long_run_keeps_its_length_at_a_lower_rate(
+    tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick
+) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=32, size=SIZE, max_frames=20)
+    for index in range(401):
+        sink.tick(make_tick(index, index / 100, [0.0]))
+    report = sink.render()
+    assert (report.frame_count, report.fps) == (17, 4.0)
+    assert report.notice == "a long run: 4 instead of 32 frames per second"
+    assert len(decode(tmp_path / "run.mp4")[0]) == 17
+
+
+def test_a_pose_that_is_not_finite_shows_the_one_before(
+    tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick
+) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
+    for index, angle in enumerate([1.0, np.nan, 1.0]):
+        sink.tick(make_tick(index, index / 10, [angle]))
+    sink.render()
+    frames = decode(tmp_path / "run.mp4")[0]
+    robot = [frame[:100] for frame in frames]
+    assert len(frames) == 3
+    assert np.abs(robot[0] - robot[1]).mean() < 2.0
+
+
+def test_nothing_to_show_is_an_error_and_no_file(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, size=SIZE)
+    sink.tick(make_tick(0, 0.0, None))
+    with pytest.raises(InputError, match=r"nothing to show: no tick came from a simulated robot"):
+        sink.render()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fps": 0}, r"frame rate is 0, accepted: 1 and more"),
+        ({"size": (161, 120)}, r"size is 161x120, accepted: even numbers from 16"),
+        ({"size": (0, 0)}, r"size is 0x0"),
+    ],
+)
+def test_bad_options_are_refused_before_the_run(
+    tmp_path: Path, pendulum: mujoco.MjModel, options: dict[str, int], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        VideoSink(tmp_path / "run.mp4", lambda: pendulum, **options)
+
+
+@pytest.fixture
+def _full_disk() -> Iterator[None]:
+    """Files stop growing at 4 KiB; Python ignores the signal that comes with it, so writes fail."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.usefixtures("_full_disk")
+def test_a_full_disk_leaves_no_half_of_a_video(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=(640, 480))
+    for index in range(60):
+        sink.tick(make_tick(index, index / 30, [index / 10]))
+    with pytest.raises(InputError, match=r"video '.*run\.mp4': cannot be written: File too large"):
+        sink.render()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("_full_disk")
+def test_a_full_disk_leaves_no_half_of_a_snapshot(tmp_path: Path, pendulum: mujoco.MjModel) -> None:
+    with pytest.raises(InputError, match=r"snapshot '.*run\.png': cannot be written: File too large"):
+        save_snapshot(tmp_path / "run.png", pendulum, np.zeros(1))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["run.png", "run.jpg"])
+def test_a_snapshot_is_a_picture_of_the_pose(tmp_path: Path, pendulum: mujoco.MjModel, name: str) -> None:
+    pictures = []
+    for angle in (0.0, 1.0, np.nan):
+        backend = save_snapshot(tmp_path / name, pendulum, np.array([angle]), size=(320, 240))
+        assert backend == "software painter (MUJOCO_GL=off)"
+        with Image.open(tmp_path / name) as image:
+            assert (image.size, image.format) == ((320, 240), "PNG" if name.endswith("png") else "JPEG")
+            pictures.append(np.asarray(image, dtype=np.int64))
+    assert np.abs(pictures[0] - pictures[1]).max() > 60
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+    with pytest.raises(InputError, match=r"snapshot '.*': suffix is '\.bmp', accepted: \.png, \.jpg, \.jpeg"):
+        save_snapshot(tmp_path / "run.bmp", pendulum, np.zeros(1))
+
+
+def test_the_caption_says_who_is_in_control() -> None:
+    blank = np.full((480, 640, 3), 200, dtype=np.uint8)
+
+    def strip(mode: Mode, message: str) -> np.ndarray:
+        picture = draw_caption(blank, Caption(1.25, mode, "damping_controller", message))
+        np.testing.assert_array_equal(picture[:440], blank[:440])
+        return picture[450:].astype(np.int64)
+
+    assert strip(Mode.DAMPING, "").mean() < 100
+    assert np.abs(strip(Mode.DAMPING, "") - strip(Mode.LOCOMOTION, "")).max() > 60
+    assert np.abs(strip(Mode.DAMPING, "") - strip(Mode.DAMPING, "LOAD_A refused")).max() > 60
+    np.testing.assert_array_equal(strip(Mode.DAMPING, "m" * 500)[:, -4:], strip(Mode.DAMPING, "")[:, -4:])
