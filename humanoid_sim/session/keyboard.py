@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 import select
 import sys
 import termios
@@ -15,7 +17,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.sources import IntentQueue
 
-__all__ = ["KEYS", "Keyboard", "key_help"]
+__all__ = ["KEYS", "KeyReader", "Keyboard", "key_help"]
 
 KEYS = MappingProxyType(
     {
@@ -34,6 +36,31 @@ _POLL = 0.1
 """s between two looks at whether to stop."""
 
 
+_ESCAPE = "\x1b"
+_UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")
+"""The beginning of what an arrow key or a function key sends."""
+
+
+class KeyReader:
+    """From what a terminal sends to intents.
+
+    An arrow key sends an escape character and letters: `A` for up must not load pose A. Of what comes in one piece with
+    an escape character only DAMP counts, and likewise of a piece that continues an unfinished one.
+    """
+
+    def __init__(self) -> None:
+        """Start with no sequence under way."""
+        self._unfinished = ""
+
+    def intents(self, text: str) -> list[Intent]:
+        """The intents in a piece of input, in order."""
+        text = self._unfinished + text
+        unfinished = _UNFINISHED.search(text)
+        self._unfinished = unfinished[0] if unfinished else ""
+        found = [KEYS[key] for key in text.lower() if key in KEYS]
+        return [intent for intent in found if intent is Intent.DAMP] if _ESCAPE in text else found
+
+
 def key_help() -> str:
     """One line that names the keys."""
     return "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, q QUIT"
@@ -49,6 +76,7 @@ class Keyboard:
             InputError: if standard input is no terminal.
         """
         self._queue = IntentQueue()
+        self._reader = KeyReader()
         self._stop = threading.Event()
         try:
             self._fd = sys.stdin.fileno()
@@ -72,17 +100,20 @@ class Keyboard:
         """Stop reading and give the terminal back as it was."""
         self._stop.set()
         self._thread.join()
-        termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+        with contextlib.suppress(termios.error):  # there is no terminal left to give back
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     def _read(self) -> None:
         while not self._stop.is_set():
             ready, _, _ = select.select([self._fd], [], [], _POLL)
             if not ready:
                 continue
-            keys = os.read(self._fd, 64)
+            try:
+                keys = os.read(self._fd, 64)
+            except OSError:  # a terminal that has hung up
+                keys = b""
             if not keys:  # the terminal went away: an operator who cannot be heard must not be moved on
                 self._queue.put(Intent.DAMP)
                 return
-            for key in keys.decode(errors="replace").lower():
-                if key in KEYS:
-                    self._queue.put(KEYS[key])
+            for intent in self._reader.intents(keys.decode(errors="replace")):
+                self._queue.put(intent)
