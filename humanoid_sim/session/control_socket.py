@@ -20,6 +20,8 @@ __all__ = ["ControlSocket", "running_sessions", "send_intent"]
 
 _LONGEST = 64
 """Bytes; no intent's name is longer."""
+_MOST = 16
+"""Messages that one tick takes: a sender that floods the socket must not keep the loop."""
 _SUFFIX = ".session"
 
 
@@ -29,9 +31,14 @@ def _folder() -> Path:
     Raises:
         InputError: if it exists and belongs to somebody else, or others may enter it.
     """
-    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
-    folder = Path(base) / f"humanoid_sim-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
+    base = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
+    if not base.is_absolute() or not base.is_dir():  # left over from another user, as `su` does
+        base = Path(tempfile.gettempdir())
+    folder = base / f"humanoid_sim-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
     status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise InputError(f"{folder}: is not a folder that only its user can enter; remove it")
@@ -55,7 +62,7 @@ class ControlSocket:
             self._socket.bind(str(self._path))
         except OSError as error:
             self._socket.close()
-            raise InputError(f"{self._path}: cannot listen for intents: {error.strerror}") from None
+            raise InputError(f"{self._path}: cannot listen for intents: {error.strerror or error}") from None
         self._waiting: list[str] = []
 
     @property
@@ -69,17 +76,18 @@ class ControlSocket:
             control = output.control_mode
             self._answer(f"{control.mode.name} ({control.controller_name}): {control.status_message}")
         intents: list[Intent] = []
-        while True:
+        for _ in range(_MOST):
             try:
                 message, sender = self._socket.recvfrom(_LONGEST)
             except OSError:  # nothing more
-                return intents
+                break
             try:
                 intents.append(Intent(message.decode(errors="replace")))
             except ValueError:
                 continue
             if sender:
                 self._waiting.append(sender)
+        return intents
 
     def close(self) -> None:
         """Close and remove the socket."""
@@ -130,14 +138,14 @@ def send_intent(process: int, intent: Intent, timeout: float = 2.0) -> str:
     reply = folder / f"{os.getpid()}.reply"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
         reply.unlink(missing_ok=True)
-        client.bind(str(reply))
         client.settimeout(timeout)
         try:
+            client.bind(str(reply))
             client.sendto(intent.value.encode(), str(folder / f"{process}{_SUFFIX}"))
             return client.recv(4096).decode(errors="replace")
         except TimeoutError:
             raise InputError(f"session {process}: did not answer within {timeout:g} s") from None
         except OSError as error:
-            raise InputError(f"session {process}: cannot be reached: {error.strerror}") from None
+            raise InputError(f"session {process}: cannot be reached: {error.strerror or error}") from None
         finally:
             reply.unlink(missing_ok=True)
