@@ -7,7 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from humanoid_sim.messages import Mode
+from humanoid_sim.controllers.fsm import describe_safety, merge_safety
+from humanoid_sim.messages import Mode, SafetyStatus
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.sink import TickRecord
@@ -16,7 +17,7 @@ from humanoid_sim.session.worker import WorkerSink
 __all__ = ["ModeSpan", "RunMonitor", "Tracker"]
 
 _KEPT = 1000
-"""Mode spans, faults and refusals beyond this many are counted but not kept."""
+"""Mode spans, faults, refusals and safety statuses beyond this many are counted but not kept."""
 
 
 class Tracker(Protocol):
@@ -55,9 +56,11 @@ class RunMonitor(WorkerSink):
         self._tracker = tracker
         self.spans: list[ModeSpan] = []
         self.faults: list[tuple[float, str]] = []
+        self.safety: list[tuple[float, str]] = []
+        """Each change to a safety status that is not OK."""
         self.refusals: list[tuple[float, str]] = []
         self.dropped = 0
-        """Spans, faults and refusals that were not kept."""
+        """Spans, faults, refusals and safety statuses that were not kept."""
         self.ticks = 0
         self.overruns = 0
         self.inferences = 0
@@ -66,6 +69,8 @@ class RunMonitor(WorkerSink):
         self.largest_effort = 0.0
         """N·m"""
         self.tick_time = DurationHistogram()
+        self._span: ModeSpan | None = None
+        self._safety = ""
         self.pose: FloatArray | None = None
         """Shape (nq,), the last pose in the most interesting mode that was reached, for a picture."""
         self._pose_rank = -1
@@ -81,9 +86,11 @@ class RunMonitor(WorkerSink):
         self.largest_effort = max(self.largest_effort, float(np.nanmax(effort, initial=0.0)))
         self.saturated += bool((effort >= self._effort_limit * (1.0 - 1e-9)).any())
         control = output.control_mode
-        if not self.spans or self.spans[-1].controller != control.controller_name:
-            self._keep(self.spans, ModeSpan(control.mode, control.controller_name, control.status_message, time, time))
-        self.spans[-1].end = time
+        if self._span is None or self._span.controller != control.controller_name:
+            self._span = ModeSpan(control.mode, control.controller_name, control.status_message, time)
+            self._keep(self.spans, self._span)
+        self._span.end = time
+        self._note_safety(time, record.input.safety)
         rank = min(int(control.mode), Mode.LOCOMOTION)
         if record.qpos is not None and rank >= self._pose_rank:
             self.pose, self._pose_rank = record.qpos, rank
@@ -95,6 +102,15 @@ class RunMonitor(WorkerSink):
             self.inferences += 1
             if self._tracker is not None:
                 self._tracker.update(output.policy_step.frame, state.joint_position)
+
+    def _note_safety(self, time: float, statuses: tuple[SafetyStatus, ...]) -> None:
+        if all(status.is_ok for status in statuses):
+            self._safety = ""
+            return
+        text = describe_safety(merge_safety(statuses))
+        if text != self._safety:
+            self._keep(self.safety, (time, text))
+        self._safety = text
 
     def _keep(self, items: list[Any], item: Any) -> None:
         if len(items) < _KEPT:
