@@ -71,6 +71,7 @@ class Injector:
         self._start = dict.fromkeys(get_args(FaultKind), math.inf)
         for injection in injections:
             self._start[injection.kind] = min(self._start[injection.kind], injection.time)
+        self._pulses = tuple(injection.time for injection in injections if injection.kind == "safety")
         self._clock = clock
 
     def policy(self, policy: Policy) -> Policy:
@@ -85,9 +86,9 @@ class Injector:
         return failing
 
     def safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """The statuses, with the injected one while it lasts."""
-        since = self._clock() - self._start["safety"]
-        if not 0.0 <= since < _PULSE:
+        """The statuses, with an injected one while it lasts."""
+        now = self._clock()
+        if not any(0.0 <= now - start < _PULSE for start in self._pulses):
             return statuses
         injected = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "injected", "motor fault on purpose")
         return (*statuses, injected)
