@@ -42,5 +42,6 @@ class DurationHistogram:
         """Duration in s that `percent` of the counted ones do not exceed; 0 if nothing was counted."""
         if not self.count:
             return 0.0
-        bin_index = int(np.searchsorted(np.cumsum(self._bins), math.ceil(self.count * percent / 100.0)))
+        rank = max(math.ceil(self.count * percent / 100.0), 1)
+        bin_index = int(np.searchsorted(np.cumsum(self._bins), rank))
         return float(min(_LOWEST * 10.0 ** ((bin_index + 1) / _PER_DECADE), self.max))

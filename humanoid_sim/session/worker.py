@@ -55,7 +55,8 @@ class WorkerSink:
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join()
-        self._guarded_drain()
+        if self.error is None:
+            self._guarded_drain()
         try:
             self.handle_close()
         except Exception as error:  # a sink that cannot finish must not keep the session from closing the robot
