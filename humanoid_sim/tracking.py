@@ -1,0 +1,149 @@
+"""How far a robot's bodies are from the motion they follow: errors accumulated frame by frame.
+
+The convention is strict: the error of frame k is the pose that was read in the very tick in which the policy was shown
+frame k, minus frame k. Nothing is shifted in time. What is kept does not grow with the length of the run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+
+__all__ = ["BodyError", "TrackingErrors", "TrackingSummary", "peak_speed", "rotation_angle", "rotation_from_6d"]
+
+
+@dataclass(frozen=True, slots=True)
+class BodyError:
+    """Errors of one body, or of several taken together."""
+
+    name: str
+    position_rms: float
+    """m; NaN if nothing was measured, as all the others."""
+    position_max: float
+    """m"""
+    orientation_rms: float
+    """rad"""
+    orientation_max: float
+    """rad"""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingSummary:
+    """What a run's tracking comes to."""
+
+    samples: int
+    """Policy steps that were measured."""
+    peak_speed: float
+    """m/s, the fastest that the reference moves a hand."""
+    hands: BodyError
+    """The root mean square is over frames and hands."""
+    bodies: tuple[BodyError, ...]
+    """In the motion's order."""
+
+
+class TrackingErrors:
+    """Accumulates the errors of a run. The hands are the description's; where a motion holds none, all its bodies."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        frames: npt.NDArray[np.floating],
+        body_names: tuple[str, ...],
+        policy_dt: float,
+    ) -> None:
+        """Look the bodies up.
+
+        Args:
+            description: the robot.
+            frames: shape (F, 9 B), tracking frames `[positions 3 B | orientations 6 B]`, m, base frame.
+            body_names: the B bodies.
+            policy_dt: s between two frames.
+
+        Raises:
+            InputError: if the robot lacks one of the bodies.
+            FieldError: if the frames' width does not fit the bodies.
+        """
+        count = len(body_names)
+        if frames.ndim != 2 or frames.shape[1] != 9 * count or count == 0:
+            raise FieldError(
+                f"TrackingErrors.frames: shape is {frames.shape}, expected (F, {9 * count}), "
+                f"9 for each of {count} bodies"
+            )
+        self._kinematics = ForwardKinematics(description, body_names)
+        self._names = body_names
+        hands = [i for i, name in enumerate(body_names) if name in description.hands]
+        self._hands = hands or list(range(count))
+        self._position = np.asarray(frames[:, : 3 * count], dtype=np.float64).reshape(-1, count, 3)
+        self._rotation = rotation_from_6d(np.asarray(frames[:, 3 * count :], dtype=np.float64).reshape(-1, count, 6))
+        self._peak_speed = peak_speed(self._position[:, self._hands], policy_dt)
+        self._samples = 0
+        # Columns: position (m), orientation (rad).
+        self._sum_of_squares = np.zeros((count, 2))
+        self._largest = np.zeros((count, 2))
+
+    def update(self, frame: int, joint_position: FloatArray) -> None:
+        """Take one policy step.
+
+        Args:
+            frame: the frame that the policy was shown; from the end of the motion on the last one counts.
+            joint_position: shape (n,), rad, joint frame, read in that same tick.
+        """
+        position, rotation = self._kinematics(joint_position)
+        k = min(frame, len(self._position) - 1)
+        offset = position - self._position[k]
+        error = np.stack(
+            [np.sqrt((offset * offset).sum(axis=-1)), rotation_angle(rotation, self._rotation[k])], axis=-1
+        )
+        self._sum_of_squares += error * error
+        np.maximum(self._largest, error, out=self._largest)
+        self._samples += 1
+
+    def summary(self) -> TrackingSummary:
+        """The errors so far."""
+        bodies = tuple(self._error(name, [i]) for i, name in enumerate(self._names))
+        return TrackingSummary(self._samples, self._peak_speed, self._error("hands", self._hands), bodies)
+
+    def _error(self, name: str, rows: list[int]) -> BodyError:
+        if not self._samples:
+            return BodyError(name, *[float("nan")] * 4)
+        rms = np.sqrt(self._sum_of_squares[rows].sum(axis=0) / (self._samples * len(rows)))
+        largest = self._largest[rows].max(axis=0)
+        return BodyError(name, float(rms[0]), float(largest[0]), float(rms[1]), float(largest[1]))
+
+
+def peak_speed(position: npt.NDArray[np.floating], period: float) -> float:
+    """m/s, the largest difference quotient of points of shape (F, B, 3), m, `period` s apart; 0 for a single frame."""
+    step = np.diff(position, axis=0)
+    return float(np.sqrt((step * step).sum(axis=-1)).max(initial=0.0)) / period
+
+
+def rotation_angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angle between rotation matrices of shape (..., 3, 3): shape (...), rad, in [0, π].
+
+    From the Frobenius norm of the difference, |A - B| = 2√2 sin(angle / 2): unlike the arc cosine of the trace it is
+    accurate near zero.
+    """
+    difference = a - b
+    norm = np.sqrt((difference * difference).sum(axis=(-2, -1)))
+    angle: FloatArray = 2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0))
+    return angle
+
+
+def rotation_from_6d(columns: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) from their first two columns, row by row (..., 6), made orthonormal (Gram-Schmidt).
+
+    Rounding to float32, and writers of other packages, leave the two columns not quite orthonormal.
+    """
+    pair = columns.reshape(*columns.shape[:-1], 3, 2)
+    x, y = pair[..., 0], pair[..., 1]
+    x = x / np.sqrt((x * x).sum(axis=-1, keepdims=True))
+    y = y - (x * y).sum(axis=-1, keepdims=True) * x
+    y = y / np.sqrt((y * y).sum(axis=-1, keepdims=True))
+    return np.stack([x, y, np.cross(x, y)], axis=-1)

@@ -1,0 +1,1 @@
+"""How the sample policy and the sample motions are made, and measured: `python -m humanoid_sim.training`."""

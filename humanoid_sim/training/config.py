@@ -1,0 +1,57 @@
+"""The options of `python -m humanoid_sim.training`. Nothing heavy is imported here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["EvaluateConfig", "MotionsConfig", "TrainConfig"]
+
+
+@dataclass(frozen=True)
+class MotionsConfig:
+    """Make the sample motions."""
+
+    output: str = "motions"
+    """Folder for the .mcap files; made if it is missing."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Train the tracking policy for the Lite's arms, and write it as ONNX."""
+
+    output: str = "lite_tracking.onnx"
+    """The checkpoint; written under a temporary name and renamed at the end."""
+    seed: int = 0
+    """Of everything random."""
+    motions: int = 800
+    """Random arm motions of 8 s each to train on."""
+    poses: int = 250_000
+    """Random arm poses to learn the geometry from."""
+    static_steps: int = 6000
+    """Updates of the first part, on poses."""
+    loop_steps: int = 800
+    """Updates of the second part, through the closed loop."""
+    arms: int = 512
+    """Arms simulated at once in the second part."""
+    threads: int = 2
+    """Of PyTorch."""
+    quick: bool = False
+    """A few updates on little data: shows that everything runs, the policy is no good."""
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """Measure a tracking policy in closed loop, beside inverse kinematics through the same gains."""
+
+    policy: str | None = None
+    """ONNX checkpoint. Default: the sample policy."""
+    motion: tuple[str, ...] = ()
+    """Motion files (.mcap). Default: the sample motions."""
+    random: int = 0
+    """Random motions to measure as well, of the kind that the policy was trained on, but others."""
+    seed: int = 0
+    """Of the random motions."""
+    command_delay: float = 0.0
+    """s from a command to the motors' obeying it; a multiple of the physics step."""
+    json: str | None = None
+    """Write the figures to this file too."""

@@ -1,0 +1,114 @@
+"""Inverse kinematics by damped least squares (Wampler 1986): how motions are made, and the baseline of the report."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
+
+__all__ = ["InverseKinematics"]
+
+_LENGTH = 0.3
+"""m per rad: how an orientation error is weighed against a position error; about the length of a forearm with hand."""
+_LARGEST_STEP = 0.3
+"""rad per iteration and joint, so that a far target does not throw the arm across a singularity."""
+
+
+class InverseKinematics:
+    """Joint positions that bring bodies to given poses in the base frame, within the joints' limits."""
+
+    def __init__(self, description: RobotDescription, bodies: tuple[str, ...], *, damping: float = 0.01) -> None:
+        """Build the model.
+
+        Args:
+            description: the robot.
+            bodies: names of the B bodies.
+            damping: m/rad; larger is steadier near singular poses, and slower to converge.
+        """
+        self._model = build_model(description, scene=False)
+        self._data = mujoco.MjData(self._model)
+        self._addresses = joint_addresses(self._model, description.joint_names)
+        self._ids = [self._model.body(name).id for name in bodies]
+        self._lower, self._upper = description.lower, description.upper
+        self._damping = damping
+        mujoco.mj_kinematics(self._model, self._data)
+        base = base_body(self._model, description)
+        self._base_position = self._data.xpos[base].copy()
+        self._base_rotation = self._data.xmat[base].reshape(3, 3).copy()
+
+    def solve(
+        self,
+        position: FloatArray,
+        rotation: FloatArray,
+        start: FloatArray,
+        *,
+        posture: FloatArray | None = None,
+        iterations: int = 20,
+    ) -> FloatArray:
+        """One pose.
+
+        Args:
+            position: shape (B, 3), m, base frame.
+            rotation: shape (B, 3, 3), base frame.
+            start: shape (n,), rad, where the search begins.
+            posture: shape (n,), rad, where the joints drift in the directions that move no body; None for nowhere.
+            iterations: at most this many; the search ends when a step is below a microradian.
+
+        Returns:
+            Shape (n,), rad.
+        """
+        world_position = self._base_position + position @ self._base_rotation.T
+        world_rotation = self._base_rotation @ rotation
+        q = np.clip(start, self._lower, self._upper)
+        identity = np.eye(len(q))
+        for _ in range(iterations):
+            error, jacobian = self._linearise(q, world_position, world_rotation)
+            normal = jacobian.T @ jacobian + self._damping**2 * identity
+            step = np.linalg.solve(normal, jacobian.T @ error)
+            if posture is not None:
+                # What the damped inverse leaves of a pull towards the posture lies (almost) in the null space.
+                pull = posture - q
+                step += 0.2 * (pull - np.linalg.solve(normal, jacobian.T @ (jacobian @ pull)))
+            step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+            q = np.clip(q + step, self._lower, self._upper)
+            if np.abs(step).max() < 1e-6:
+                break
+        return q
+
+    def solve_path(
+        self, position: FloatArray, rotation: FloatArray, start: FloatArray, *, posture: FloatArray | None = None
+    ) -> FloatArray:
+        """A sequence of poses (F, B, 3) and (F, B, 3, 3), each search beginning at the solution before: (F, n), rad."""
+        path = np.empty((len(position), len(start)))
+        q = start
+        for k, (p, r) in enumerate(zip(position, rotation, strict=True)):
+            q = path[k] = self.solve(p, r, q, posture=posture, iterations=100 if k == 0 else 20)
+        return path
+
+    def _linearise(self, q: FloatArray, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Stacked pose errors (6 B,) and their Jacobian (6 B, n), world frame; rotations scaled to metres."""
+        model, data = self._model, self._data
+        data.qpos[self._addresses.qpos] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        rows, errors = [], []
+        jac_position, jac_rotation = np.empty((3, model.nv)), np.empty((3, model.nv))
+        for i, body in enumerate(self._ids):
+            mujoco.mj_jacBody(model, data, jac_position, jac_rotation, body)
+            rows += [jac_position[:, self._addresses.dof], _LENGTH * jac_rotation[:, self._addresses.dof]]
+            errors += [
+                position[i] - data.xpos[body],
+                _LENGTH * _rotation_vector(rotation[i] @ data.xmat[body].reshape(3, 3).T),
+            ]
+        return np.concatenate(errors), np.concatenate(rows)
+
+
+def _rotation_vector(rotation: FloatArray) -> FloatArray:
+    """Axis times angle of a rotation matrix (3, 3): shape (3,), rad."""
+    quaternion, vector = np.empty(4), np.empty(3)
+    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
+    mujoco.mju_quat2Vel(vector, quaternion, 1.0)
+    return vector

@@ -1,0 +1,108 @@
+"""Train the sample policy from nothing: random motions and poses, statics, closed loop, export."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from humanoid_sim.errors import HumanoidSimError
+from humanoid_sim.policy.onnx_policy import load_checkpoint
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.training.arm import ArmModel
+from humanoid_sim.training.closed_loop import ClosedLoop, train_closed_loop
+from humanoid_sim.training.config import TrainConfig
+from humanoid_sim.training.export import export_policy, sample_contract
+from humanoid_sim.training.losses import tensor
+from humanoid_sim.training.random_motions import random_motions
+from humanoid_sim.training.statics import PoseBatches, train_statics
+from humanoid_sim.training.student import ArmGeometry, ArmNetwork, Student
+from humanoid_sim.training.teacher import training_motions, training_poses
+
+__all__ = ["train"]
+
+_EXPORT_TOLERANCE = 1e-4
+"""action: ONNX Runtime adds up in another order than PyTorch."""
+
+
+def train(config: TrainConfig) -> int:
+    """Run the whole training; returns the exit status.
+
+    Raises:
+        InputError: if the output cannot be written.
+    """
+    if config.quick:
+        config = replace(config, motions=8, poses=500, static_steps=20, loop_steps=4, arms=32)
+    torch.manual_seed(config.seed)
+    torch.set_num_threads(config.threads)
+    description = load_robot("lite")
+    console = Console()
+    with _progress(console) as progress:
+        arm_network = _train(config, ArmModel(description), progress)
+    path = Path(config.output)
+    _export(path, description, arm_network)
+    console.print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+    return 0
+
+
+def _train(config: TrainConfig, arm: ArmModel, progress: Progress) -> ArmNetwork:
+    rng = np.random.default_rng(config.seed)
+    generator = torch.Generator().manual_seed(config.seed)
+
+    advance = _task(progress, "motions", config.motions)
+    paths = []
+    for path in islice(random_motions(arm, rng), config.motions):
+        paths.append(path)
+        advance(len(paths), float("nan"))
+    motions = training_motions(arm, paths, rng)
+    poses = training_poses(arm, config.poses, rng)
+
+    default = tensor(arm.home)
+    network = ArmNetwork(ArmGeometry(arm.home, arm.shoulder))
+    batches = PoseBatches(poses, default, generator)
+    train_statics(network, batches, config.static_steps, report=_task(progress, "statics", config.static_steps))
+    loop = ClosedLoop(motions, default, config.arms, generator)
+    report = _task(progress, "closed loop", config.loop_steps)
+    train_closed_loop(network, loop, batches, config.loop_steps, report=report)
+    return network
+
+
+def _export(path: Path, description: RobotDescription, network: ArmNetwork) -> None:
+    """Write the checkpoint and compare it, as ONNX Runtime runs it, with the network that was trained."""
+    weights = {name: value.detach().numpy() for name, value in network.named_parameters()}
+    export_policy(path, weights, network.origin.numpy(), sample_contract(description))
+    policy = load_checkpoint(path).policy
+    observations = torch.randn(16, 78)
+    with torch.no_grad():
+        expected = Student(network)(observations).numpy()
+    actual = np.array([policy(observation, 0) for observation in observations.numpy()])
+    worst = float(np.abs(actual - expected).max())
+    if not worst <= _EXPORT_TOLERANCE:
+        raise HumanoidSimError(f"{path}: its actions differ from the network's by up to {worst:g}")
+
+
+def _progress(console: Console) -> Progress:
+    columns = (
+        TextColumn("{task.description:<12}"),
+        BarColumn(),
+        TextColumn("{task.completed:>6.0f}/{task.total:.0f}"),
+        TextColumn("{task.fields[cost]:<12}"),
+        TimeElapsedColumn(),
+    )
+    return Progress(*columns, console=console)
+
+
+def _task(progress: Progress, name: str, total: int) -> Callable[[int, float], None]:
+    """A report function that moves a new bar."""
+    task = progress.add_task(name, total=total, cost="")
+
+    def report(done: int, cost: float) -> None:
+        progress.update(task, completed=done, cost="" if np.isnan(cost) else f"cost {cost:.4f}")
+
+    return report
