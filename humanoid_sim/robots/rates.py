@@ -9,27 +9,30 @@ from humanoid_sim.errors import InputError
 __all__ = ["steps_per_period"]
 
 
-def steps_per_period(period: float, step: float, what: str = "physics timestep") -> int:
+def steps_per_period(
+    period: float, step: float, *, period_name: str = "control period", step_name: str = "physics timestep"
+) -> int:
     """How many steps of `step` make up `period`; both in s.
 
     Args:
-        period: the longer one, such as the control period.
+        period: the longer one.
         step: the shorter one.
-        what: what to call `step` in the message.
+        period_name: what to call `period` in messages.
+        step_name: what to call `step` in messages.
 
     Raises:
         InputError: either is not a positive number, or `step` does not divide `period` to within 1e-9; the message
             names the nearest step that does.
     """
-    for name, value in ((what, step), ("period", period)):
+    for name, value in ((step_name, step), (period_name, period)):
         if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"{what}: {value} s is no {name}, expected a finite number > 0")
+            raise InputError(f"{name}: is {value} s, expected a finite number > 0")
     ratio = period / step
     count = max(round(ratio), 1)
     if abs(ratio - count) > 1e-9 * ratio:
         nearest = min((math.floor(ratio) or 1, math.ceil(ratio)), key=lambda n: abs(period / n - step))
         raise InputError(
-            f"{what}: {step:g} s does not divide the period of {period:g} s; the nearest that does is "
+            f"{step_name}: {step:g} s does not divide the {period_name} of {period:g} s; the nearest that does is "
             f"{period / nearest:g} s ({nearest} per period)"
         )
     return count

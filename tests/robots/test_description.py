@@ -77,7 +77,7 @@ BAD_VALUES = [
     (
         "simulation.physics_timestep",
         0.0006,
-        "0.0006 s does not divide the period of 0.005 s; the nearest that does is 0.000625 s (8 per period)",
+        "0.0006 s does not divide the control period of 0.005 s; the nearest that does is 0.000625 s (8 per period)",
     ),
     ("simulation.physics_timestep", 0.0, "is 0.0, expected a finite number > 0"),
     ("simulation.control_frequency", -200, "is -200.0, expected a finite number > 0"),

@@ -228,8 +228,11 @@ OPTIONS = [
     ({"actuation": "servo"}, "actuation: is 'servo', expected qfrc_applied or affine"),
     ({"command_delay": 0.0015}, "command_delay: 0.0015 s is not a multiple of the physics step of 0.001 s; "),
     ({"state_delay": -1.0}, "state_delay: is -1.0 s, expected a finite number >= 0"),
-    ({"physics_timestep": 0.003}, "physics timestep: 0.003 s does not divide the period of 0.005 s; the nearest "),
-    ({"control_period": 0.0}, "physics timestep: 0.0 s is no period, expected a finite number > 0"),
+    (
+        {"physics_timestep": 0.003},
+        "physics timestep: 0.003 s does not divide the control period of 0.005 s; the nearest ",
+    ),
+    ({"control_period": 0.0}, "control period: is 0.0 s, expected a finite number > 0"),
 ]
 
 
