@@ -120,7 +120,7 @@ class MujocoRobot:
 
     @property
     def data(self) -> mujoco.MjData:
-        """MuJoCo's state, live. What it derives from `qpos` (`xpos`, contacts) is one physics step older than `qpos`."""
+        """MuJoCo's state, live. What it derives from `qpos` (`xpos`, contacts) is one physics step older."""
         return self._plant.data
 
     @property
