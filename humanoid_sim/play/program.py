@@ -96,8 +96,9 @@ def _write_files(console: Console, run: Run) -> int:
     if run.video is not None:
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             task = progress.add_task("drawing the video", total=None)
-            run.video.render(lambda done, total: progress.update(task, completed=done, total=total))
-        console.print(f"video      {run.outputs.video}")
+            report = run.video.render(lambda done, total: progress.update(task, completed=done, total=total))
+        notice = f"   {report.notice}" if report.notice else ""
+        console.print(f"video      {report.path}   drawn by {report.backend}{notice}")
     if run.outputs.snapshot is not None:
         pose = run.robot.qpos if run.monitor.pose is None else run.monitor.pose
         save_snapshot(run.outputs.snapshot, run.robot.model, pose)

@@ -17,6 +17,7 @@ from PIL import Image
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.rendering.backend import choose_video_backend
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.offscreen import make_renderer, update_pose
 from humanoid_sim.rendering.output import check_output, replacing
@@ -137,7 +138,7 @@ class VideoSink:
         if not self._moments:
             raise InputError(f"video '{self.path}': nothing to show: no tick came from a simulated robot")
         model = self._model_factory()
-        renderer = make_renderer(model, *self._size, self._camera)
+        renderer = make_renderer(model, *self._size, self._camera, choice=choose_video_backend())
         try:
             with replacing(self.path) as temporary:
                 count = self._encode(temporary, self._pictures(model, renderer.render), progress)
