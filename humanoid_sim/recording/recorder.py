@@ -30,7 +30,7 @@ __all__ = ["EVENT_TOPIC", "FLUSH_PERIOD", "QUEUE_LIMIT", "TICK_TOPIC", "McapReco
 TICK_TOPIC = "/humanoid_sim/tick"
 EVENT_TOPIC = "/humanoid_sim/event"
 
-FLUSH_PERIOD = 0.4
+FLUSH_PERIOD = 0.3
 """s of wall time after which a chunk is written, full or not."""
 QUEUE_LIMIT = 4096
 """Ticks that may wait for the writer (20 s at 200 Hz). Beyond that they are left out, and the recording says so."""

@@ -113,7 +113,7 @@ def _records(opcode: int, body: bytes) -> Iterator[Record]:
             record = _parse(opcode, body)
             if record is not None:
                 yield record
-    except (McapError, struct.error, UnicodeDecodeError, ValueError, IndexError) as error:
+    except (McapError, struct.error, ValueError, OverflowError) as error:
         raise _UnsoundError(f"damaged ({error or type(error).__name__})") from error
 
 

@@ -201,6 +201,8 @@ def _decode(reader: CdrReader) -> TickRecord:
     overrun, has_quit, has_qpos, mode = reader.unpack(_FLAG_CODES)
     position, velocity, effort, age = (reader.array(np.float64) for _ in range(4))
     command = MITCommand(*(reader.array(np.float64) for _ in range(5)))
+    if command.position.shape != position.shape or not len(position):
+        raise CdrError(f"a state of {len(position)} joints and a command of {command.joint_count}")
     qpos = reader.array(np.float64)
     step = _optional(reader, _decode_step)
     standby = _optional(reader, _decode_standby)

@@ -1,0 +1,161 @@
+"""`python -m humanoid_sim.record info|recover`: look into a recording, or make a whole file of one that was cut off."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, assert_never
+
+import tyro
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.recover import default_output, recover
+from humanoid_sim.recording.summary import Summary, summarize
+
+__all__ = ["Info", "Recover", "main"]
+
+_MAX_WORDS = 40
+"""Lines of a summary's list before it is cut; --json has them all."""
+
+
+@dataclass(frozen=True)
+class Info:
+    """Show what happened in a recording, finished or cut off."""
+
+    file: Path
+    """Recording (.mcap)."""
+    json: bool = False
+    """Print everything as JSON."""
+
+
+@dataclass(frozen=True)
+class Recover:
+    """Copy a recording that was cut off, up to its last whole chunk, into a file that every MCAP reader opens."""
+
+    file: Path
+    """Recording (.mcap) without an index."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File to write. Default: <file>.recovered.mcap beside it."""
+    force: bool = False
+    """Replace the output if it exists."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `record` with command-line arguments; returns the exit status."""
+    command: Info | Recover = tyro.cli(
+        Info | Recover,
+        prog="humanoid_sim.record",
+        description="Look into a recording, or recover one that was cut off.",
+        args=arguments,
+        config=(tyro.conf.PositionalRequiredArgs,),
+    )
+    match command:
+        case Info():
+            _info(command)
+        case Recover():
+            _recover(command)
+        case _:
+            assert_never(command)
+    return 0
+
+
+def _info(command: Info) -> None:
+    summary = summarize(open_recording(command.file))
+    if command.json:
+        print(json.dumps(summary.as_json(), indent=2))
+    else:
+        _print_summary(Console(highlight=False), summary)
+
+
+def _recover(command: Recover) -> None:
+    result = recover(command.file, command.output or default_output(command.file), force=command.force)
+    if result.was_complete:
+        print(f"{command.file}: is complete; copied all the same")
+    else:
+        print(f"{command.file}: {result.damage}")
+    print(f"{result.output}: {result.messages} messages, {result.duration:.2f} s")
+
+
+def _print_summary(console: Console, summary: Summary) -> None:
+    console.print(_overview(summary))
+    console.print(_timeline(summary))
+    if summary.words:
+        console.print(_words(summary))
+    console.print(_topics(summary))
+
+
+def _overview(summary: Summary) -> Table:
+    recording, header = summary.recording, summary.recording.header
+    table = Table(title=escape(str(recording.path)), show_header=False, title_justify="left")
+    table.add_column(style="bold")
+    table.add_column()
+    rows = {
+        "robot": f"{header.robot}, {len(header.joint_names)} joints",
+        "started": summary.started,
+        "duration": f"{summary.duration:.2f} s on the robot's clock",
+        "ticks": f"{summary.ticks} at {1.0 / header.control_period:g} Hz, {summary.overruns} overruns",
+        "tick time": f"mean {1e3 * summary.mean_duration:.3f} ms, max {1e3 * summary.max_duration:.3f} ms",
+        "policy steps": str(summary.policy_steps),
+        "size": f"{recording.size / 1e6:.2f} MB",
+        "file": "complete" if recording.is_complete else f"not complete: {recording.damage}",
+        "documents": ", ".join(f"{name} ({len(text)} B)" for name, text in header.documents.items()) or "none",
+        "attachments": ", ".join(f"{name} ({len(data)} B)" for name, data in header.attachments.items()) or "none",
+    }
+    if summary.missing:
+        rows["missing"] = f"[red]{summary.missing} ticks are not in the recording"
+    for name, text in rows.items():
+        table.add_row(name, text if name == "missing" else escape(text))
+    return table
+
+
+def _timeline(summary: Summary) -> Table:
+    table = Table(title="modes", title_justify="left")
+    table.add_column("from", justify="right")
+    table.add_column("for", justify="right")
+    table.add_column("mode")
+    table.add_column("controller")
+    table.add_column("why")
+    for stretch in summary.timeline:
+        seconds = stretch.ticks * summary.recording.header.control_period
+        table.add_row(
+            f"{stretch.start:.2f} s",
+            f"{seconds:.2f} s",
+            stretch.mode.name,
+            escape(stretch.controller),
+            escape(stretch.reason),
+        )
+    return table
+
+
+def _words(summary: Summary) -> Table:
+    table = Table(title="events, faults, refusals", title_justify="left")
+    table.add_column("at", justify="right")
+    table.add_column("what")
+    table.add_column("")
+    for word in summary.words[:_MAX_WORDS]:
+        table.add_row(f"{word.time:.2f} s", word.kind, escape(word.text))
+    left = len(summary.words) - _MAX_WORDS
+    if left > 0:
+        table.add_row("", "", f"and {left} more (--json lists all)")
+    return table
+
+
+def _topics(summary: Summary) -> Table:
+    table = Table(title="topics", title_justify="left")
+    table.add_column("topic", overflow="fold")
+    table.add_column("messages", justify="right")
+    table.add_column("type", overflow="fold")
+    for name, topic in sorted(summary.topics.items()):
+        table.add_row(escape(name), str(topic.messages), escape(topic.schema))
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

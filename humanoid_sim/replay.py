@@ -1,0 +1,193 @@
+"""`python -m humanoid_sim.replay run.mcap`: repeat a recording bit for bit, and name the first value that differs."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import PolicyStep
+from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.recording.reader import Recording, open_recording
+from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
+from humanoid_sim.session.sink import TickRecord
+
+__all__ = ["ReplayConfig", "main", "replay"]
+
+_PLACEHOLDER = "placeholder"
+
+
+@dataclass(frozen=True)
+class ReplayConfig:
+    """Repeat a recording through the control stack, with the recorded actions in the policy's place.
+
+    Exit status 0: every tick is bit for bit identical. 1: one differs, or ticks are missing. 2: the file is no
+    recording.
+    """
+
+    file: Path
+    """Recording (.mcap), finished or cut off."""
+    infer: bool = False
+    """Also run the policy on the recorded observations; its actions are exact on the same build only."""
+    policy: Path | None = None
+    """Model for --infer, which it implies. Default: the file that the recording names."""
+    json: bool = False
+    """Print the result as JSON."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `replay` with command-line arguments; returns the exit status."""
+    config = tyro.cli(
+        ReplayConfig, prog="humanoid_sim.replay", args=arguments, config=(tyro.conf.PositionalRequiredArgs,)
+    )
+    return replay(config)
+
+
+def replay(config: ReplayConfig, build: StackBuilder | None = None) -> int:
+    """Repeat the recording and print what came of it; returns the exit status.
+
+    Args:
+        config: what to do.
+        build: makes the control stack of the recording's header; the real one by default.
+
+    Raises:
+        InputError: if the recording, or the policy, cannot be used.
+    """
+    recording = open_recording(config.file)
+    if build is None:
+        from humanoid_sim.stack import rebuild_supervisor  # noqa: PLC0415 - heavy; not needed for `--help`
+
+        build = rebuild_supervisor
+    inference = _Inference(recording, config.policy) if config.infer or config.policy else None
+    report = repeat_run(recording, build, inference, _with_progress(recording))
+    if config.json:
+        print(json.dumps(_as_json(recording, report, inference), indent=2))
+    else:
+        for line in _lines(recording, report, inference):
+            print(line)
+    return 0 if report.is_identical else 1
+
+
+class _Inference:
+    """Runs the model on every recorded observation."""
+
+    def __init__(self, recording: Recording, path: Path | None) -> None:
+        settings = json.loads(recording.header.documents.get("settings", "{}"))
+        self.checkpoint = _load(recording, settings, path)
+        recorded = settings.get("policy_sha256")
+        self.is_same_file = recorded == self.checkpoint.sha256 if recorded else None
+        self.report = InferenceReport()
+
+    def __call__(self, record: TickRecord, step: PolicyStep) -> None:
+        width = self.checkpoint.observation_width
+        if width is not None and step.observation.shape != (width,):
+            raise InputError(
+                f"{self.checkpoint.source}: its input is {width} wide, "
+                f"the recorded observation {step.observation.shape[0]}"
+            )
+        self.report.add(record, step, self.checkpoint.policy(step.observation, step.frame))
+
+    def line(self) -> str:
+        report, source = self.report, self.checkpoint.source
+        other = (
+            "" if self.is_same_file is not False else " (another file than the one that was recorded: SHA-256 differs)"
+        )
+        if not report.steps:
+            return f"infer: the recording has no policy steps{other}"
+        if not report.differing:
+            return f"infer: {source}{other}: {report.steps} actions, bit for bit identical"
+        return (
+            f"infer: {source}{other}: {report.differing} of {report.steps} actions differ, by at most "
+            f"{report.max_difference:.3g}; first at tick {report.first_tick}, t = {report.first_time:.3f} s, "
+            f"frame {report.first_frame}"
+        )
+
+
+def _load(recording: Recording, settings: dict[str, Any], path: Path | None) -> Checkpoint:
+    """The model to run: the given one, or the one that the recording names."""
+    from humanoid_sim.policy.onnx_policy import load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
+
+    if path is None:
+        named = settings.get("policy")
+        if not named or named == _PLACEHOLDER:
+            raise InputError(f"{recording.path}: ran {named or 'no policy'}, which is no model to infer with")
+        path = Path(named)
+        if not path.is_file():
+            raise InputError(f"{recording.path}: ran {path}, which is not there; name the file with --policy")
+    return load_checkpoint(path)
+
+
+def _with_progress(recording: Recording) -> Iterator[TickRecord]:
+    """The ticks, with a bar on stderr while they pass if a person is watching."""
+    from rich.console import Console  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    columns = ("replaying", BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("", total=recording.size)
+        for record in recording.ticks():
+            yield record
+            if record.index % 256 == 0:
+                progress.update(task, completed=recording.position)
+
+
+def _lines(recording: Recording, report: RepeatReport, inference: _Inference | None) -> Iterator[str]:
+    if report.difference is not None:
+        yield f"{report.ticks} ticks identical; tick {report.tick}, t = {_seconds(report.time)}, differs"
+        yield f"  {report.difference}"
+    elif report.gap:
+        yield (
+            f"{report.ticks} ticks identical; then {report.gap} ticks are missing from the recording (up to tick "
+            f"{report.tick}, t = {_seconds(report.time)}), and what follows them cannot be repeated"
+        )
+    else:
+        yield f"{report.ticks} ticks, bit for bit identical"
+        if not recording.is_complete:
+            yield f"the recording is not complete: {recording.damage}"
+    if inference is not None:
+        yield inference.line()
+
+
+def _seconds(time: float | None) -> str:
+    return f"{time:.3f} s"
+
+
+def _json_number(value: float | None) -> float | str | None:
+    """JSON has no NaN and no infinity: a broken clock becomes a text."""
+    return value if value is None or math.isfinite(value) else str(value)
+
+
+def _as_json(recording: Recording, report: RepeatReport, inference: _Inference | None) -> dict[str, Any]:
+    result: dict[str, Any] = {
+        "file": str(recording.path),
+        "ticks": report.ticks,
+        "identical": report.is_identical,
+        "tick": report.tick,
+        "time": _json_number(report.time),
+        "difference": None if report.difference is None else asdict(report.difference),
+        "missing_ticks": report.gap,
+        # An early end of the replay leaves the rest of the file unread.
+        "complete": recording.is_complete if report.is_identical else None,
+        "damage": recording.damage,
+    }
+    if inference is not None:
+        result["infer"] = {
+            "policy": inference.checkpoint.source,
+            "same_file": inference.is_same_file,
+            **asdict(inference.report),
+            "first_time": _json_number(inference.report.first_time),
+        }
+    return result
+
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

@@ -1,0 +1,77 @@
+"""A run of the real control stack through all five modes, for tests of replay."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.stack import build_supervisor, header_documents, load_policy
+
+PERIOD = 0.02
+INTENTS = {
+    1: Intent.DAMP,
+    2: Intent.LOAD_A,
+    3: Intent.LOAD_B,  # refused
+    210: Intent.START_LOCOMOTION,
+    260: Intent.LOAD_B,
+    480: Intent.START_REMOTE,
+    540: Intent.QUIT,
+}
+COUNT = 560
+HEALTHY = SafetyStatus(source="can0")
+
+
+class Wobble:
+    """A policy that uses what it sees, and breaks: in its 21st answer with a NaN, or before with an exception."""
+
+    def __init__(self, raises_at: int | None = None) -> None:
+        self.calls = 0
+        self.raises_at = raises_at
+
+    def __call__(self, observation, frame):
+        self.calls += 1
+        if self.calls == self.raises_at:
+            raise RuntimeError("the model: ran out of memory")
+        action = np.tanh(observation[:14] + 0.1 * np.sin(0.3 * self.calls)).astype(np.float32)
+        if self.calls == 21:
+            action[3] = np.nan
+        return action
+
+
+def run(policy, settings=None) -> tuple[SessionHeader, list[TickRecord]]:
+    """A run through all five modes on a robot that obeys at once, with faults of every kind on the way."""
+    description = load_robot("lite")
+    checkpoint = placeholder_checkpoint(description, policy_dt=2 * PERIOD)
+    loaded = load_policy(checkpoint.contract, policy, None)
+    supervisor = build_supervisor(description, PERIOD, loaded, remote=True)
+    joints = len(description.joint_names)
+    rng = np.random.default_rng(0)
+    memory, ticks, remote = supervisor.initial(), [], None
+    position = np.zeros(joints)
+    for index in range(COUNT):
+        time = index * PERIOD
+        noise = 1e-3 * rng.normal(size=(3, joints))
+        state = MITState(
+            time, position + noise[0], noise[1], noise[2], np.zeros(joints), [1, 0, 0, 0], np.zeros(3), [0, 0, 9.81]
+        )
+        if index >= 500 and index % 3 == 0:
+            remote = RemoteCommand(MITCommand(*rng.normal(size=(5, joints)) ** 2), time - 0.001)
+        intent = INTENTS.get(index)
+        status = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, "can0", "wrist") if index == 530 else HEALTHY
+        tick_input = TickInput(state, (status,), (intent,) if intent else (), remote)
+        memory, output = supervisor.step(memory, tick_input)
+        ticks.append(TickRecord(index, tick_input, output, 1e-4, False))
+        position = output.command.position
+    header = SessionHeader(
+        robot=description.name,
+        joint_names=description.joint_names,
+        control_period=PERIOD,
+        start_time_ns=0,
+        documents=header_documents(description, loaded, remote=True, settings=settings or {"policy": "placeholder"}),
+        observation_terms=tuple((term.name, term.width) for term in loaded.layout.terms),
+    )
+    return header, ticks

@@ -1,0 +1,165 @@
+"""Sample headers and ticks, Hypothesis strategies for them, and what makes two of them the same bit for bit."""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+from collections.abc import Mapping
+
+import numpy as np
+from hypothesis import strategies as st
+
+from humanoid_sim.messages import (
+    ControlMode,
+    FaultReport,
+    Intent,
+    Mode,
+    PolicyStep,
+    RemoteCommand,
+    SafetyFlag,
+    SafetyLevel,
+    SafetyStatus,
+    StandbyState,
+    TickInput,
+    TickOutput,
+)
+from humanoid_sim.mit import Extern, MITCommand, MITState
+from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+
+JOINTS = ("shoulder", "elbow", "wrist")
+START_NS = 1_700_000_000_000_000_000
+PERIOD = 0.005
+
+
+def bits(value):
+    """A value that is equal for two objects exactly if they are the same bit for bit."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, float):
+        return struct.pack("<d", value)
+    if isinstance(value, Mapping):
+        return [(name, bits(item)) for name, item in value.items()]
+    if isinstance(value, tuple):
+        return [bits(item) for item in value]
+    if dataclasses.is_dataclass(value):
+        return type(value).__name__, [bits(getattr(value, field.name)) for field in dataclasses.fields(value)]
+    return type(value).__name__, value
+
+
+def make_header(**changes) -> SessionHeader:
+    fields = {
+        "robot": "lite",
+        "joint_names": JOINTS,
+        "control_period": PERIOD,
+        "start_time_ns": START_NS,
+        "documents": {"robot": '{"name": "lité"}', "settings": "{}"},
+        "attachments": {"motion.mcap": bytes(range(256))},
+        "observation_terms": (("joint_pos", 3), ("actions", 2)),
+    }
+    return SessionHeader(**fields | changes)
+
+
+def make_tick(index: int, **output) -> TickRecord:
+    """A tick of a plausible run: STANDBY at first, then a policy at 50 Hz."""
+    rng = np.random.default_rng(index)
+    time = index * PERIOD
+    state = MITState(time, *rng.normal(size=(4, 3)), rng.normal(size=4), rng.normal(size=3), rng.normal(size=3))
+    running = index >= 40
+    mode = ControlMode(Mode.LOCOMOTION, "rl_policy_controller", "START_LOCOMOTION accepted")
+    fields = {
+        "command": MITCommand(*rng.normal(size=(5, 3))),
+        "control_mode": mode if running else ControlMode(Mode.STANDBY, "standby_controller_a", "LOAD_A accepted"),
+        "standby": None if running else StandbyState(index // 20, 2, index % 20 / 20, index == 39),
+        "policy_step": PolicyStep(index // 4, *np.split(rng.normal(size=7).astype(np.float32), [5]))
+        if running and index % 4 == 0
+        else None,
+    }
+    return TickRecord(
+        index=index,
+        input=TickInput(state, (SafetyStatus(source="simulation"),), (Intent.LOAD_A,) if index == 0 else ()),
+        output=TickOutput(**fields | output),
+        duration=1e-4,
+        overrun=index % 50 == 7,
+        qpos=rng.normal(size=3),
+    )
+
+
+def write_recording(path, ticks, header=None, events=()) -> None:
+    """Record ticks, and events given as (time, text), through the recorder."""
+    recorder = McapRecorder(path)
+    recorder.start(make_header() if header is None else header)
+    for record in ticks:
+        recorder.tick(record)
+    for time, text in events:
+        recorder.event(time, text)
+    recorder.close()
+    assert recorder.error is None
+
+
+any_float = st.binary(min_size=8, max_size=8).map(lambda data: struct.unpack("<d", data)[0])
+"""Every bit pattern: NaNs with payloads, infinities, subnormals, both zeros."""
+
+any_text = st.text(max_size=12)
+
+
+def any_array(count: int, dtype=np.float64):
+    size = count * np.dtype(dtype).itemsize
+    return st.binary(min_size=size, max_size=size).map(lambda data: np.frombuffer(data, dtype))
+
+
+@st.composite
+def tick_records(draw, joints: int | None = None) -> TickRecord:
+    """Any record that one robot's tick can be."""
+    n = draw(st.integers(1, 5)) if joints is None else joints
+
+    def command():
+        return MITCommand(*(draw(any_array(n)) for _ in range(5)))
+
+    extern = draw(
+        st.dictionaries(
+            any_text, st.builds(Extern, st.integers(0, 4).flatmap(any_array), any_float, any_float), max_size=2
+        )
+    )
+    state = MITState(
+        draw(any_float),
+        *(draw(any_array(n)) for _ in range(4)),
+        *(draw(any_array(width)) for width in (4, 3, 3)),
+        extern,
+    )
+    safety = st.builds(
+        SafetyStatus, st.sampled_from(SafetyLevel), st.integers(0, 2**32 - 1).map(SafetyFlag), any_text, any_text
+    )
+    fault = st.builds(FaultReport, any_text, any_text, any_text, st.booleans())
+    count = st.integers(0, 2**32 - 1)
+    step = st.builds(
+        PolicyStep,
+        st.integers(-(2**63), 2**63 - 1),
+        st.integers(0, 5).flatmap(lambda width: any_array(width, np.float32)),
+        st.one_of(
+            st.integers(0, 5).flatmap(lambda width: any_array(width, np.float32)),
+            any_array(6, np.float32).map(lambda action: action.reshape(2, 3)),
+            any_array(1, np.float32).map(lambda action: action.reshape(())),
+        ),
+    )
+    return TickRecord(
+        index=draw(st.integers(0, 2**64 - 1)),
+        input=TickInput(
+            state,
+            tuple(draw(st.lists(safety, max_size=3))),
+            tuple(draw(st.lists(st.sampled_from(Intent), max_size=3))),
+            RemoteCommand(command(), draw(any_float)) if draw(st.booleans()) else None,
+        ),
+        output=TickOutput(
+            command(),
+            ControlMode(draw(st.sampled_from(Mode)), draw(any_text), draw(any_text)),
+            draw(st.none() | st.builds(StandbyState, count, count, any_float, st.booleans())),
+            draw(st.booleans()),
+            tuple(draw(st.lists(fault, max_size=2))),
+            tuple(draw(st.lists(any_text, max_size=2))),
+            draw(st.none() | step),
+        ),
+        duration=draw(any_float),
+        overrun=draw(st.booleans()),
+        qpos=draw(st.none() | st.integers(0, 4).flatmap(any_array)),
+    )

@@ -1,0 +1,105 @@
+"""`replay --infer`: the model answers the recorded observations again, and its answers are compared bit by bit."""
+
+import json
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+from recorded_run import PERIOD, Wobble, run
+from recording_samples import write_recording
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.policy.checkpoint import file_digest
+from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.replay import main as replay_main
+from humanoid_sim.robots.description import load_robot
+
+pytest.importorskip("onnxruntime")  # here, because its first import opens a file for good
+
+WIDTH, ACTIONS = 42, 14
+
+replay = partial(run_program, replay_main)
+
+
+def save_model(path, seed=0, width=WIDTH):
+    """`tanh(observation @ weight)` for the Lite."""
+    weight = 0.1 * np.random.default_rng(seed).normal(size=(width, ACTIONS)).astype(np.float32)
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["obs", "weight"], ["product"]), helper.make_node("Tanh", ["product"], ["action"])],
+        "policy",
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, width])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, ACTIONS])],
+        [numpy_helper.from_array(weight.astype(np.float32), "weight")],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    contract = placeholder_checkpoint(load_robot("lite"), policy_dt=2 * PERIOD).contract
+    helper.set_model_props(model, write_metadata(contract))
+    onnx.save(model, str(path))
+    return path
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """A run of a model: the recording and the model."""
+    model = save_model(tmp_path / "policy.onnx")
+    header, ticks = run(OnnxPolicy(model), {"policy": str(model), "policy_sha256": file_digest(model)})
+    write_recording(tmp_path / "run.mcap", ticks, header)
+    return tmp_path / "run.mcap", model
+
+
+def test_the_same_model_answers_the_same(recorded, capsys):
+    path, model = recorded
+    assert replay([str(path), "--infer"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith("ticks, bit for bit identical")
+    assert lines[1].startswith(f"infer: {model}: ")
+    assert lines[1].endswith(" actions, bit for bit identical")
+
+
+def test_another_model_is_named_and_measured(recorded, tmp_path, capsys):
+    path, _ = recorded
+    other = save_model(tmp_path / "other.onnx", seed=1)
+    assert replay([str(path), "--policy", str(other)]) == 0
+    line = capsys.readouterr().out.splitlines()[1]
+    assert line.startswith(f"infer: {other} (another file than the one that was recorded: SHA-256 differs): ")
+    assert "actions differ, by at most" in line
+    assert replay([str(path), "--policy", str(other), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["infer"]
+    assert result["same_file"] is False
+    assert result["differing"] > 0.9 * result["steps"] > 10
+    assert 0.0 < result["max_difference"] < 2.0
+    assert result["first_tick"] is not None
+
+
+def test_a_changed_action_is_found_without_the_model_that_made_it(recorded, tmp_path, capsys):
+    header, ticks = run(Wobble())
+    write_recording(tmp_path / "wobble.mcap", ticks, header)
+    assert replay([str(tmp_path / "wobble.mcap"), "--policy", str(recorded[1]), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["infer"]
+    assert result["same_file"] is None
+    assert (result["first_tick"], result["differing"]) == (210, 21)
+    assert np.isfinite(result["max_difference"])
+
+
+def test_a_model_of_another_width_is_refused(recorded, tmp_path, capsys):
+    wide = save_model(tmp_path / "wide.onnx", width=50)
+    assert replay([str(recorded[0]), "--policy", str(wide)]) == 2
+    assert capsys.readouterr().err == f"error: {wide}: its input is 50 wide, the recorded observation 42\n"
+
+
+def test_infer_needs_a_model(tmp_path, capsys):
+    header, ticks = run(Wobble())
+    path = tmp_path / "wobble.mcap"
+    write_recording(path, ticks, header)
+    assert replay([str(path), "--infer"]) == 2
+    assert capsys.readouterr().err == f"error: {path}: ran placeholder, which is no model to infer with\n"
+    gone = replace(header, documents={**header.documents, "settings": '{"policy": "gone.onnx"}'})
+    write_recording(path, ticks, gone)
+    assert replay([str(path), "--infer"]) == 2
+    expected = f"error: {path}: ran gone.onnx, which is not there; name the file with --policy\n"
+    assert capsys.readouterr().err == expected

@@ -1,0 +1,181 @@
+"""Reading what is left of a recording: a prefix of its ticks, or one line that says why not; never a wrong tick."""
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+from recording_samples import bits, make_header, make_tick, write_recording
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.recording.header import write_header
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.recorder import TICK_TOPIC
+from humanoid_sim.recording.schemas import SCHEMA_ENCODING, TICK, schema_text
+from humanoid_sim.recording.tick_codec import TickEncoder
+from humanoid_sim.session.sink import TickRecord
+
+COUNT = 4
+
+
+def small_recording(path):
+    """Two chunks of two ticks, without the schemas' long texts: small enough to cut at every byte."""
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4)
+        writer.start(profile="ros2", library="test")
+        write_header(writer, make_header(attachments={"motion.mcap": b"motion"}))
+        channel = writer.register_channel(TICK_TOPIC, "cdr", writer.register_schema(TICK, SCHEMA_ENCODING, b""))
+        encoder = TickEncoder(3)
+        for index in range(COUNT):
+            writer.add_message(channel, index, encoder.encode(make_tick(index)), index)
+            if index == 1:
+                writer.flush()
+        writer.finish()
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def originals():
+    return [bits(make_tick(index)) for index in range(COUNT)]
+
+
+def read_all(path):
+    """The ticks that can be read, and the error that ended the reading, if one did."""
+    ticks = []
+    try:
+        recording = open_recording(path)
+        ticks.extend(recording.ticks())
+    except InputError as error:
+        message = str(error)
+    else:
+        return ticks, recording
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return ticks, None
+
+
+def test_cut_at_every_byte_it_gives_a_prefix(tmp_path, originals):
+    path = tmp_path / "run.mcap"
+    data = small_recording(path)
+    counts = []
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        ticks, recording = read_all(path)
+        assert [bits(tick) for tick in ticks] == originals[: len(ticks)]
+        assert recording is None or not recording.is_complete
+        assert recording is None or "byte" in recording.damage
+        counts.append(len(ticks))
+    assert counts == sorted(counts)
+    assert set(counts) == {0, 2, 4}
+
+
+def test_with_a_damaged_byte_it_gives_no_wrong_tick(tmp_path, originals):
+    path = tmp_path / "run.mcap"
+    data = small_recording(path)
+    rng = np.random.default_rng(0)
+    refused = 0
+    for position in range(0, len(data), 3):
+        flipped = data[position] ^ (1 << rng.integers(8))
+        path.write_bytes(data[:position] + bytes([flipped]) + data[position + 1 :])
+        ticks, recording = read_all(path)
+        assert all(bits(tick) == originals[tick.index] for tick in ticks)
+        refused += recording is None
+        if recording is not None:
+            assert recording.header == make_header(attachments={"motion.mcap": b"motion"})
+    assert refused > 100
+
+
+def test_with_a_damaged_stretch_it_gives_no_wrong_tick(tmp_path, originals):
+    path = tmp_path / "run.mcap"
+    data = small_recording(path)
+    rng = np.random.default_rng(1)
+    for _ in range(1000):
+        start, length = rng.integers(len(data)), rng.integers(1, 64)
+        path.write_bytes(data[:start] + rng.bytes(length) + data[start + length :])
+        ticks, _ = read_all(path)
+        assert all(bits(tick) == originals[tick.index] for tick in ticks)
+
+
+def test_after_a_power_cut_the_zeros_are_not_read(tmp_path, originals):
+    path = tmp_path / "run.mcap"
+    data = small_recording(path)
+    path.write_bytes(data[: len(data) // 2] + bytes(4096))
+    ticks, recording = read_all(path)
+    assert len(ticks) in (0, 2)
+    assert recording is not None
+    assert not recording.is_complete
+
+
+def test_what_is_no_recording_is_refused(tmp_path):
+    empty, text, directory, foreign = (tmp_path / name for name in ("empty", "text", "directory", "foreign"))
+    empty.touch()
+    text.write_text("time, position\n")
+    directory.mkdir()
+    with foreign.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        writer.finish()
+    reasons = {
+        empty: "the file is empty",
+        text: "not an MCAP file",
+        directory: "is a directory, expected a recording (.mcap)",
+        foreign: "an MCAP file, but no recording of this program: it has no metadata record 'humanoid_sim.session'",
+        tmp_path / "gone": "cannot be read: No such file or directory",
+    }
+    for path, reason in reasons.items():
+        with pytest.raises(InputError) as caught:
+            open_recording(path)
+        assert str(caught.value) == f"{path}: {reason}"
+
+
+def test_another_format_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("humanoid_sim.recording.header._FORMAT", "2")
+    write_recording(tmp_path / "new.mcap", [])
+    monkeypatch.undo()
+    with pytest.raises(InputError, match="header has format '2', expected '1'"):
+        open_recording(tmp_path / "new.mcap")
+
+
+def test_a_message_that_is_no_tick_is_refused(tmp_path):
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        write_header(writer, make_header())
+        schema = writer.register_schema(TICK, SCHEMA_ENCODING, schema_text(TICK).encode())
+        channel = writer.register_channel(TICK_TOPIC, "cdr", schema)
+        writer.add_message(channel, 0, TickEncoder(3).encode(make_tick(0)), 0, sequence=0)
+        writer.add_message(channel, 1, TickEncoder(3).encode(make_tick(1))[:-1], 1, sequence=1)
+        writer.finish()
+    ticks = open_recording(path).ticks()
+    assert isinstance(next(ticks), TickRecord)
+    with pytest.raises(InputError, match=r"run\.mcap: message 1 of /humanoid_sim/tick: "):
+        next(ticks)
+
+
+def test_a_chunk_that_asks_for_all_memory_is_refused(tmp_path):
+    path = tmp_path / "run.mcap"
+    data = bytearray(small_recording(path))
+    chunk = data.index(b"\x03\x00\x00\x00lz4") - 12  # uncompressed_size, then its CRC
+    data[chunk : chunk + 8] = (1 << 60).to_bytes(8, "little")
+    path.write_bytes(data)
+    recording = open_recording(path)
+    assert list(recording.ticks()) == []
+    assert "damaged (a chunk of 1152921504606846976 bytes)" in recording.damage
+
+
+def test_reading_goes_on_while_the_file_grows(tmp_path, originals):
+    """A recording in progress is one that is cut."""
+    path = tmp_path / "run.mcap"
+    data = small_recording(path)
+    path.write_bytes(data[: data.index(b"lz4") + 40])
+    assert list(open_recording(path).ticks()) == []
+    path.write_bytes(data)
+    assert [bits(tick) for tick in open_recording(path).ticks()] == originals
+
+
+def test_a_damaged_attachment_is_refused(tmp_path):
+    path = tmp_path / "run.mcap"
+    data = small_recording(path)
+    content = data.index(b"motion", data.index(b"application/octet-stream"))
+    path.write_bytes(data[:content] + b"M" + data[content + 1 :])
+    with pytest.raises(InputError, match=r"damaged \(checksum of an attachment\) at byte"):
+        open_recording(path)

@@ -1,0 +1,117 @@
+"""`record info` and `record recover` as a user meets them."""
+
+import json
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from recorded_run import COUNT, PERIOD, Wobble, run
+from recording_samples import write_recording
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.record import main as record_main
+
+record = partial(run_program, record_main)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return run(Wobble())
+
+
+@pytest.fixture
+def path(tmp_path, sample):
+    header, ticks = sample
+    ticks = [replace(ticks[0], overrun=True), *ticks[1:]]
+    path = tmp_path / "run.mcap"
+    write_recording(path, ticks, header, events=[(3.5, "the support let go")])
+    return path
+
+
+def test_info_as_json(path, capsys):
+    assert record(["info", str(path), "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert (info["robot"], info["complete"], info["damage"]) == ("lite", True, "")
+    assert (info["ticks"], info["missing_ticks"], info["overruns"], info["policy_steps"]) == (COUNT, 0, 1, 21)
+    assert info["bytes"] == path.stat().st_size
+    assert info["duration"] == pytest.approx((COUNT - 1) * PERIOD)
+    modes = [(stretch["mode"], stretch["ticks"]) for stretch in info["timeline"]]
+    assert modes == [
+        ("ZERO_TORQUE", 1),
+        ("DAMPING", 1),
+        ("STANDBY", 208),
+        ("LOCOMOTION", 40),
+        ("DAMPING", 10),
+        ("STANDBY", 220),
+        ("REMOTE", 50),
+        ("DAMPING", 30),
+    ]
+    assert info["timeline"][3]["start"] == pytest.approx(210 * PERIOD)
+    kinds = [word["kind"] for word in info["words"]]
+    assert kinds == ["refused", "fault", "safety", "safety", "event"]
+    assert info["words"][2]["text"] == "can0: FAULT RX_TIMEOUT wrist"
+    assert info["topics"]["/humanoid_sim/tick"] == {"type": "humanoid_sim_msgs/msg/Tick", "messages": COUNT}
+    assert set(info["documents"]) == {"robot", "controllers", "contract", "settings"}
+
+
+def test_info_for_a_person(path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "140")
+    assert record(["info", str(path)]) == 0
+    out = capsys.readouterr().out
+    for text in (
+        "lite, 14 joints",
+        "560 at 50 Hz, 1 overruns",
+        "rl_policy_controller",
+        "START_LOCOMOTION",
+        "the support let go",
+        "/rl_policy_controller/observation/joint_pos",
+        "complete",
+        "contract (",
+    ):
+        assert text in out
+    assert "not complete" not in out
+
+
+def test_a_cut_file_says_so_and_is_recovered(path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "140")
+    path.write_bytes(path.read_bytes()[:-60])
+    assert record(["info", str(path)]) == 0
+    assert "not complete: cut" in capsys.readouterr().out
+    assert record(["recover", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith(f"{path}: cut")
+    assert lines[1].startswith(f"{path.with_name('run.recovered.mcap')}: ")
+    assert record(["info", str(path.with_name("run.recovered.mcap")), "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert (info["complete"], info["ticks"]) == (True, COUNT)
+    assert record(["recover", str(path)]) == 2
+    assert "exists already, expected a new name or --force" in capsys.readouterr().err
+    assert record(["recover", str(path), "--force"]) == 0
+    assert record(["recover", str(path), "-o", str(path.with_name("other.mcap"))]) == 0
+    assert path.with_name("other.mcap").exists()
+
+
+def test_missing_ticks_are_shown(tmp_path, sample, capsys):
+    header, ticks = sample
+    write_recording(tmp_path / "gap.mcap", ticks[:100] + ticks[150:], header)
+    assert record(["info", str(tmp_path / "gap.mcap")]) == 0
+    assert "50 ticks are not in the recording" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("verb", ["info", "recover"])
+def test_bad_input_is_one_line_and_status_2(tmp_path, capsys, verb):
+    (tmp_path / "text.mcap").write_text("no recording")
+    for name, reason in (("gone.mcap", "No such file"), ("text.mcap", "not an MCAP file"), (".", "is a directory")):
+        assert record([verb, str(tmp_path / name)]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith("error: ")
+        assert reason in error
+        assert error.count("\n") == 1
+
+
+def test_unknown_options_are_status_2(capsys):
+    for words in ([], ["info"], ["inspect", "x"], ["info", "x", "--colour"]):
+        with pytest.raises(SystemExit) as caught:
+            record(words)
+        assert caught.value.code == 2
+    assert capsys.readouterr().err

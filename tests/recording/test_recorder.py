@@ -1,0 +1,275 @@
+"""The recorder: everything is in the file, nothing waits for the disk, and a dying disk or process costs little."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_samples import JOINTS, START_NS, bits, make_header, make_tick, write_recording
+from rosbags.highlevel import AnyReader
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.recording import recorder as recorder_module
+from humanoid_sim.recording.reader import EventRecord, open_recording
+from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.session.sink import TickRecord
+
+
+def read_topics(path):
+    """Every message of a file by topic, as an independent reader sees it: (time in ns, message)."""
+    found = {}
+    with AnyReader([path]) as reader:
+        for connection, time_ns, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((time_ns, message))
+    return found
+
+
+def with_input(record, **changes):
+    state = record.input.state
+    fields = {"safety": record.input.safety, "intents": record.input.intents, "remote": record.input.remote}
+    return TickRecord(
+        record.index, TickInput(state, **fields | changes), record.output, record.duration, record.overrun, record.qpos
+    )
+
+
+def test_all_ticks_and_the_header_come_back(tmp_path):
+    ticks = [make_tick(index) for index in range(120)]
+    write_recording(tmp_path / "run.mcap", ticks, events=[(0.6, "the hand let go")])
+    recording = open_recording(tmp_path / "run.mcap")
+    assert recording.header == make_header()
+    entries = list(recording.entries())
+    assert [bits(entry) for entry in entries[:-1]] == [bits(tick) for tick in ticks]
+    assert entries[-1] == EventRecord(0.6, "the hand let go")
+    assert recording.is_complete
+    assert recording.damage == ""
+    assert recording.topics["/humanoid_sim/tick"].messages == 120
+
+
+def test_an_independent_reader_sees_the_topics(tmp_path):
+    path = tmp_path / "run.mcap"
+    ticks = [make_tick(index) for index in range(80)]
+    fault = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "can0", "motor 3")
+    remote = RemoteCommand(MITCommand.zeros(3), 0.25)
+    ticks[50] = with_input(ticks[50], safety=(*ticks[50].input.safety, fault))
+    ticks[60:] = [with_input(tick, remote=remote) for tick in ticks[60:]]
+    write_recording(path, ticks)
+    topics = read_topics(path)
+
+    every_fourth = ticks[::4]
+    assert [time_ns for time_ns, _ in topics["/lite/joint_states"]] == [
+        START_NS + 20_000_000 * step for step in range(20)
+    ]
+    for (_, message), tick in zip(topics["/lite/joint_states"], every_fourth, strict=True):
+        assert tuple(message.name) == JOINTS
+        assert np.array_equal(message.position, tick.input.state.joint_position)
+        assert np.array_equal(message.velocity, tick.input.state.joint_velocity)
+        assert np.array_equal(message.effort, tick.input.state.joint_effort)
+    stamp = topics["/lite/joint_states"][3][1].header.stamp
+    assert (stamp.sec, stamp.nanosec) == (START_NS // 10**9, 60_000_000)
+    for (_, message), tick in zip(topics["/imu/data"], every_fourth, strict=True):
+        read = message.orientation
+        assert [read.w, read.x, read.y, read.z] == list(tick.input.state.imu_quaternion)
+        assert message.angular_velocity.z == tick.input.state.imu_angular_velocity[2]
+        assert message.linear_acceleration.x == tick.input.state.imu_linear_acceleration[0]
+    for (_, message), tick in zip(topics["/mit_command"], every_fourth, strict=True):
+        assert np.array_equal(message.damping, tick.output.command.damping)
+    modes = [(message.mode, message.controller_name) for _, message in topics["/control_mode"]]
+    assert modes == [(2, "standby_controller_a")] * 10 + [(3, "rl_policy_controller")] * 10
+    standby = [message for _, message in topics["/standby_controller_a/state"]]
+    assert (standby[-1].is_finished, standby[-1].total_segments) == (True, 2)
+    assert [message.is_finished for message in standby[:-1]] == [False] * (len(standby) - 1)
+    safety = [
+        (message.source, message.level, message.flags, message.message) for _, message in topics["/safety_status"]
+    ]
+    assert safety == [("simulation", 0, 0, ""), ("can0", 2, 8, "motor 3")]
+    assert len(topics["/remote_policy_controller/command"]) == 1
+    steps = [tick.output.policy_step for tick in ticks if tick.output.policy_step]
+    for topic, part in (("joint_pos", slice(0, 3)), ("actions", slice(3, 5))):
+        read = [message.data for _, message in topics[f"/rl_policy_controller/observation/{topic}"]]
+        assert np.array_equal(read, [step.observation[part] for step in steps])
+    actions = [message.data for _, message in topics["/rl_policy_controller/action"]]
+    assert np.array_equal(actions, [step.action for step in steps])
+    assert len(topics["/humanoid_sim/tick"]) == 80
+
+
+def test_late_subscribers_get_the_latched_topics(tmp_path):
+    write_recording(tmp_path / "run.mcap", [make_tick(0)])
+    with AnyReader([tmp_path / "run.mcap"]) as reader:
+        durability = {c.topic: c.ext.offered_qos_profiles[0].durability.name for c in reader.connections}
+    assert durability["/safety_status"] == "TRANSIENT_LOCAL"
+    assert durability["/standby_controller_a/state"] == "TRANSIENT_LOCAL"
+    assert durability["/lite/joint_states"] == "VOLATILE"
+
+
+@pytest.mark.parametrize("clock", [float("nan"), float("inf"), -1e300, 0.0, -5.0])
+def test_a_broken_clock_does_not_break_the_file(tmp_path, clock):
+    ticks = [make_tick(index) for index in range(3)]
+    broken = make_tick(3)
+    object.__setattr__(broken.input.state, "time", clock)
+    write_recording(tmp_path / "run.mcap", [*ticks, broken, make_tick(4)])
+    times = [time_ns - START_NS for time_ns, _ in read_topics(tmp_path / "run.mcap")["/humanoid_sim/tick"]]
+    assert times == [0, 5_000_000, 10_000_000, 10_000_000, 20_000_000]
+    read = list(open_recording(tmp_path / "run.mcap").ticks())
+    assert bits(read[3]) == bits(broken)
+
+
+def test_a_run_without_ticks_is_a_recording(tmp_path):
+    write_recording(tmp_path / "run.mcap", [])
+    recording = open_recording(tmp_path / "run.mcap")
+    assert list(recording.entries()) == []
+    assert recording.is_complete
+
+
+def test_where_it_cannot_write_it_does_not_start(tmp_path):
+    for path in (tmp_path / "missing" / "run.mcap", tmp_path):
+        with pytest.raises(InputError, match="cannot be written"):
+            McapRecorder(path).start(make_header())
+    recorder = McapRecorder(tmp_path / "never.mcap")
+    recorder.tick(make_tick(0))
+    recorder.close()
+    assert not (tmp_path / "never.mcap").exists()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_at_the_start():
+    with pytest.raises(InputError, match="/dev/full: cannot be written: No space left on device"):
+        McapRecorder("/dev/full").start(make_header())
+
+
+def wait_until(condition, seconds=10.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "waited too long"
+        time.sleep(0.005)
+
+
+def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
+    written = []
+
+    def write(self, data):
+        if written and sum(written) > 10_000:
+            raise OSError(28, "No space left on device")
+        written.append(len(data))
+        return original(self, data)
+
+    original = recorder_module._UnbufferedFile.write
+    monkeypatch.setattr(recorder_module._UnbufferedFile, "write", write)
+    monkeypatch.setattr(recorder_module, "FLUSH_PERIOD", 0.01)
+    recorder = McapRecorder(tmp_path / "run.mcap")
+    recorder.start(make_header())
+    index = 0
+    while recorder.error is None and index < 5000:
+        recorder.tick(make_tick(index))
+        index += 1
+        time.sleep(0.001)
+    assert recorder.error == f"{tmp_path / 'run.mcap'}: recording stopped: No space left on device"
+    recorder.tick(make_tick(index))
+    recorder.event(0.0, "still running")
+    assert recorder.backlog == 0
+    recorder.close()
+    read = list(open_recording(tmp_path / "run.mcap").ticks())
+    assert [bits(tick) for tick in read] == [bits(make_tick(index)) for index in range(len(read))]
+    assert len(read) > 0
+
+
+def test_a_bug_in_the_encoder_ends_the_recording_only(tmp_path):
+    recorder = McapRecorder(tmp_path / "run.mcap")
+    recorder.start(make_header(joint_names=("only",)))
+    recorder.tick(make_tick(0))
+    wait_until(lambda: recorder.error is not None)
+    recorder.close()
+    assert "recording stopped: ValueError: tick 0: joint arrays" in recorder.error
+
+
+def test_a_writer_that_cannot_keep_up_leaves_a_gap_and_says_so(tmp_path, monkeypatch):
+    may_write = threading.Event()
+    original = recorder_module._RunWriter.tick
+
+    def slow_tick(self, record):
+        may_write.wait(10.0)
+        original(self, record)
+
+    monkeypatch.setattr(recorder_module._RunWriter, "tick", slow_tick)
+    monkeypatch.setattr(recorder_module, "QUEUE_LIMIT", 8)
+    recorder = McapRecorder(tmp_path / "run.mcap")
+    recorder.start(make_header())
+    for index in range(20):
+        recorder.tick(make_tick(index))
+    assert recorder.backlog == 8
+    assert recorder.lost == 12
+    may_write.set()
+    wait_until(lambda: recorder.backlog == 0)
+    recorder.tick(make_tick(20))
+    recorder.close()
+    entries = list(open_recording(tmp_path / "run.mcap").entries())
+    assert [entry.index for entry in entries if isinstance(entry, TickRecord)] == [*range(8), 20]
+    assert [entry.text for entry in entries if isinstance(entry, EventRecord)] == [
+        "recording: 12 ticks left out before tick 20",
+        "recording: 12 ticks left out in all",
+    ]
+
+
+def test_a_tick_does_not_wait_for_the_disk(tmp_path, monkeypatch):
+    def slow_write(self, data):
+        time.sleep(0.2)
+        return original(self, data)
+
+    original = recorder_module._UnbufferedFile.write
+    recorder = McapRecorder(tmp_path / "run.mcap")
+    recorder.start(make_header())
+    monkeypatch.setattr(recorder_module._UnbufferedFile, "write", slow_write)
+    ticks = [make_tick(index) for index in range(100)]
+    durations = []
+    for tick in ticks:
+        start = time.perf_counter()
+        recorder.tick(tick)
+        durations.append(time.perf_counter() - start)
+        time.sleep(0.005)
+    recorder.close()
+    assert recorder.error is None
+    assert np.median(durations) < 0.001
+
+
+CHILD = """
+import os, sys, time
+sys.path.append(sys.argv[1])
+from recording_samples import make_header, make_tick
+from humanoid_sim.recording.recorder import McapRecorder
+recorder = McapRecorder(sys.argv[2])
+recorder.start(make_header())
+start = time.perf_counter()
+index = 0
+while True:
+    recorder.tick(make_tick(index))
+    os.write(1, f"{index}\\n".encode())
+    index += 1
+    time.sleep(max(0.0, start + 0.005 * index - time.perf_counter()))
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+def test_a_killed_process_loses_at_most_half_a_second(tmp_path):
+    path = tmp_path / "run.mcap"
+    folder = str(Path(__file__).parent)
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILD, folder, str(path)], stdout=subprocess.PIPE, env=os.environ
+    ) as child:
+        handed = [child.stdout.readline() for _ in range(300)]
+        child.send_signal(signal.SIGKILL)
+        handed += child.stdout.read().split()
+    last = int(handed[-1])
+    recording = open_recording(path)
+    read = list(recording.ticks())
+    assert not recording.is_complete
+    assert "cut at byte" in recording.damage
+    assert [tick.index for tick in read] == list(range(len(read)))
+    assert 0 <= last - read[-1].index <= 100  # 0.5 s at 200 Hz
+    assert [bits(tick) for tick in read] == [bits(make_tick(tick.index)) for tick in read]

@@ -1,0 +1,228 @@
+"""Replay: a recorded run comes out again bit for bit, and any bit that does not is found and named."""
+
+import json
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from recorded_run import COUNT, PERIOD, Wobble, run
+from recording_samples import write_recording
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.messages import FaultReport, Mode
+from humanoid_sim.mit import COMMAND_FIELDS
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.repeat import repeat_run
+from humanoid_sim.replay import main as replay_main
+from humanoid_sim.stack import rebuild_supervisor
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return run(Wobble())
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Writes ticks to a recording and returns its path."""
+
+    def write(header, ticks):
+        path = tmp_path / "run.mcap"
+        write_recording(path, ticks, header)
+        return path
+
+    return write
+
+
+replay = partial(run_program, replay_main)
+
+
+def test_the_sample_run_is_worth_replaying(sample):
+    _, ticks = sample
+    assert {tick.output.control_mode.mode for tick in ticks} == set(Mode)
+    assert any(tick.output.faults for tick in ticks)
+    assert any(tick.output.refusals for tick in ticks)
+    assert any(tick.output.policy_step and np.isnan(tick.output.policy_step.action).any() for tick in ticks)
+
+
+def test_a_run_is_repeated_bit_for_bit(sample, recorded, capsys):
+    assert replay([str(recorded(*sample))]) == 0
+    assert capsys.readouterr().out == f"{COUNT} ticks, bit for bit identical\n"
+
+
+def test_a_policy_that_failed_fails_again(recorded, capsys):
+    header, ticks = run(Wobble(raises_at=15))
+    reasons = [fault.message for tick in ticks for fault in tick.output.faults]
+    assert "policy failed: the model: ran out of memory" in reasons
+    assert replay([str(recorded(header, ticks))]) == 0
+    assert "bit for bit identical" in capsys.readouterr().out
+
+
+def test_json(sample, recorded, capsys):
+    path = recorded(*sample)
+    assert replay([str(path), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["ticks"] == COUNT
+    assert result["identical"] is True
+    assert result["complete"] is True
+    assert result["difference"] is None
+
+
+def flipped(array, index, bit=0):
+    """A copy with one bit of one value flipped."""
+    copy = np.array(array)
+    copy.view(np.uint32 if copy.itemsize == 4 else np.uint64)[index] ^= 1 << bit
+    return copy
+
+
+def changed_output(name, output):
+    """An output with one bit of one field changed."""
+    step, mode, standby = output.policy_step, output.control_mode, output.standby
+    part, _, field = name.partition(".")
+    if part == "command":
+        return replace(output, command=replace(output.command, **{field: flipped(getattr(output.command, field), 5)}))
+    if part == "policy_step":
+        value = step.frame + 1 if field == "frame" else flipped(getattr(step, field), 5)
+        return replace(output, policy_step=replace(step, **{field: value}))
+    if part == "control_mode":
+        values = {"mode": Mode.REMOTE, "controller_name": "another_controller", "status_message": "another message"}
+        return replace(output, control_mode=replace(mode, **{field: values[field]}))
+    if part == "standby" and field:
+        changed = {
+            "progress": np.nextafter(standby.progress, 2.0),
+            "is_finished": not standby.is_finished,
+            "current_segment": standby.current_segment ^ 1,
+            "total_segments": standby.total_segments ^ 1,
+        }
+        return replace(output, standby=replace(standby, **{field: changed[field]}))
+    values = {
+        "quit": not output.quit,
+        "faults": (*output.faults, FaultReport("a", "b", "c")),
+        "refusals": (*output.refusals, "no"),
+        "standby": None,
+        "policy_step": None,
+    }
+    return replace(output, **{name: values[name]})
+
+
+IN_STANDBY, IN_LOCOMOTION = 100, 220
+FIELDS = [
+    *((f"command.{field}", IN_LOCOMOTION) for field in COMMAND_FIELDS),
+    *((f"control_mode.{field}", IN_STANDBY) for field in ("mode", "controller_name", "status_message")),
+    *((f"standby.{field}", IN_STANDBY) for field in ("progress", "is_finished", "current_segment", "total_segments")),
+    *((f"policy_step.{field}", IN_LOCOMOTION) for field in ("frame", "observation")),
+    *((field, IN_STANDBY) for field in ("quit", "faults", "refusals", "standby")),
+]
+
+
+@pytest.mark.parametrize(("field", "index"), FIELDS)
+def test_a_changed_bit_is_found_and_named(sample, recorded, capsys, field, index):
+    header, ticks = sample
+    assert ticks[index].output.policy_step is not None or index != IN_LOCOMOTION
+    ticks = list(ticks)
+    ticks[index] = replace(ticks[index], output=changed_output(field, ticks[index].output))
+    assert replay([str(recorded(header, ticks)), "--json"]) == 1
+    result = json.loads(capsys.readouterr().out)
+    assert (result["tick"], result["ticks"]) == (index, index)
+    assert result["time"] == pytest.approx(index * PERIOD)
+    assert result["difference"]["field"] == field
+    assert result["difference"]["recorded"] != result["difference"]["replayed"]
+    if field.startswith("command."):
+        assert result["difference"]["where"] == header.joint_names[5]
+    if field == "policy_step.observation":
+        assert result["difference"]["where"] == "joint_pos[5]"
+
+
+def test_a_changed_action_is_found_in_the_command_that_it_made(sample, recorded, capsys):
+    header, ticks = sample
+    ticks = list(ticks)
+    output = changed_output("policy_step.action", ticks[IN_LOCOMOTION].output)
+    action = np.array(output.policy_step.action)
+    action[5] += 0.5
+    output = replace(output, policy_step=replace(output.policy_step, action=action))
+    ticks[IN_LOCOMOTION] = replace(ticks[IN_LOCOMOTION], output=output)
+    assert replay([str(recorded(header, ticks))]) == 1
+    assert f"command.position of {header.joint_names[5]}: recorded " in capsys.readouterr().out
+
+
+def test_a_policy_step_that_is_missing_or_too_many_is_found(sample, recorded, capsys):
+    header, ticks = sample
+    step = ticks[IN_LOCOMOTION].output.policy_step
+    for index, change, field in ((IN_LOCOMOTION, None, "faults"), (IN_STANDBY, step, "policy_step")):
+        changed = list(ticks)
+        changed[index] = replace(ticks[index], output=replace(ticks[index].output, policy_step=change))
+        assert replay([str(recorded(header, changed)), "--json"]) == 1
+        result = json.loads(capsys.readouterr().out)
+        assert result["tick"] == index
+        assert result["difference"]["field"] == field
+
+
+@pytest.mark.parametrize("field", ["joint_position", "joint_velocity", "imu_quaternion"])
+def test_a_changed_input_is_found_where_it_matters(sample, recorded, field):
+    header, ticks = sample
+    ticks = list(ticks)
+    record = ticks[IN_LOCOMOTION]
+    value = flipped(getattr(record.input.state, field), 0, bit=50)
+    state = replace(record.input.state, **{field: value})
+    ticks[IN_LOCOMOTION] = replace(record, input=replace(record.input, state=state))
+    expected = 0 if field == "imu_quaternion" else 1  # this policy does not look at the IMU
+    assert replay([str(recorded(header, ticks))]) == expected
+
+
+def test_equal_digits_show_their_bits(sample, recorded, capsys):
+    header, ticks = sample
+    ticks = list(ticks)
+    effort = np.array(ticks[IN_LOCOMOTION].output.command.effort)
+    assert effort[2] == 0.0
+    effort[2] = -0.0
+    output = ticks[IN_LOCOMOTION].output
+    ticks[IN_LOCOMOTION] = replace(
+        ticks[IN_LOCOMOTION], output=replace(output, command=replace(output.command, effort=effort))
+    )
+    assert replay([str(recorded(header, ticks))]) == 1
+    out = capsys.readouterr().out
+    assert f"{IN_LOCOMOTION} ticks identical; tick {IN_LOCOMOTION}, t = 4.400 s, differs" in out
+    assert f"command.effort of {header.joint_names[2]}: recorded -0.0, replayed 0.0" in out
+
+
+def test_a_cut_recording_is_repeated_to_its_end(sample, recorded, capsys):
+    path = recorded(*sample)
+    path.write_bytes(path.read_bytes()[:-100])
+    assert replay([str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "ticks, bit for bit identical" in out
+    assert "the recording is not complete: cut" in out
+
+
+def test_missing_ticks_are_reported(sample, recorded, capsys):
+    header, ticks = sample
+    assert replay([str(recorded(header, ticks[:100] + ticks[130:]))]) == 1
+    assert "100 ticks identical; then 30 ticks are missing from the recording" in capsys.readouterr().out
+
+
+def test_a_bad_file_is_one_line_and_status_2(tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    assert replay([str(path)]) == 2
+    path.write_text("no recording")
+    assert replay([str(path), "--infer"]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert errors == [
+        f"error: {path}: cannot be read: No such file or directory",
+        f"error: {path}: not an MCAP file",
+    ]
+
+
+def test_a_header_without_a_robot_is_refused(sample, recorded, capsys):
+    header, ticks = sample
+    assert replay([str(recorded(replace(header, documents={}), ticks[:1]))]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
+
+
+def test_what_the_policy_answers_is_handed_on(sample, recorded):
+    recording = open_recording(recorded(*sample))
+    seen = []
+    report = repeat_run(recording, rebuild_supervisor, lambda record, step: seen.append((record.index, step.action)))
+    assert report.is_identical
+    assert [index for index, _ in seen] == list(range(210, 251, 2))
+    assert [np.isnan(action).any() for _, action in seen] == [False] * 20 + [True]

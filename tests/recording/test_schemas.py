@@ -1,0 +1,62 @@
+"""Message definitions: those of ROS 2 are ROS 2's, those of the control stack are the frozen ones."""
+
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from humanoid_sim.messages import Intent, Mode, SafetyLevel
+from humanoid_sim.recording import schemas
+from humanoid_sim.recording.schemas import schema_text
+from humanoid_sim.recording.tick_codec import INTENT_CODES
+
+NAMES = [
+    value for name, value in vars(schemas).items() if name.isupper() and isinstance(value, str) and "/msg/" in value
+]
+
+
+def parsed(name):
+    return get_types_from_msg(schema_text(name), name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_definition_brings_all_it_depends_on(name):
+    store = get_typestore(Stores.EMPTY)
+    store.register(parsed(name))
+    assert name in store.fielddefs
+    store.hash_rihs01(name)  # raises for an unknown dependency
+
+
+@pytest.mark.parametrize("name", [schemas.FLOAT32_MULTI_ARRAY, schemas.JOINT_STATE, schemas.IMU])
+def test_standard_messages_are_those_of_ros(name):
+    ours = get_typestore(Stores.EMPTY)
+    ours.register(parsed(name))
+    assert ours.hash_rihs01(name) == get_typestore(Stores.ROS2_HUMBLE).hash_rihs01(name)
+
+
+def fields_of(name):
+    return [(field, str(kind)) for field, kind in parsed(name)[name][1]]
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        (schemas.MIT_COMMAND, ["header", "joint_names", "position", "velocity", "effort", "stiffness", "damping"]),
+        (schemas.CONTROL_MODE, ["header", "mode", "controller_name", "status_message"]),
+        (schemas.STANDBY_STATE, ["header", "current_segment", "total_segments", "progress", "is_finished"]),
+        (schemas.SAFETY_STATUS, ["header", "level", "source", "flags", "message"]),
+    ],
+)
+def test_the_control_stacks_messages_keep_their_field_order(name, fields):
+    assert [field for field, _ in fields_of(name)] == fields
+
+
+def constants(name):
+    return {constant: value for constant, _, value in parsed(name)[name][0]}
+
+
+def test_constants_are_the_enums_of_this_package():
+    modes = {mode.name: int(mode) for mode in Mode}
+    assert constants(schemas.CONTROL_MODE) == modes
+    assert constants(schemas.SAFETY_STATUS) == {level.name: int(level) for level in SafetyLevel}
+    intents = {f"INTENT_{intent.name}": code for intent, code in INTENT_CODES.items()}
+    assert len(intents) == len(Intent)
+    assert constants(schemas.TICK) == modes | intents

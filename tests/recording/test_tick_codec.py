@@ -1,0 +1,107 @@
+"""The tick message: every bit of a tick, in a form that a generic ROS 2 reader understands."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from recording_samples import bits, make_tick, tick_records
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from humanoid_sim.messages import PolicyStep
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.recording.cdr import CdrError
+from humanoid_sim.recording.schemas import TICK, schema_text
+from humanoid_sim.recording.tick_codec import INTENT_CODES, TickEncoder, decode_tick
+
+
+@pytest.fixture(scope="module")
+def typestore():
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schema_text(TICK), TICK))
+    return store
+
+
+@given(tick_records())
+def test_round_trip(record):
+    encoder = TickEncoder(record.input.state.joint_count)
+    assert bits(decode_tick(encoder.encode(record))) == bits(record)
+
+
+@given(st.lists(tick_records(joints=2), max_size=4))
+def test_one_encoder_for_many_ticks(records):
+    encoder = TickEncoder(2)
+    messages = [encoder.encode(record) for record in (*records, *records)]
+    assert [bits(decode_tick(message)) for message in messages] == [bits(record) for record in (*records, *records)]
+
+
+@given(tick_records())
+def test_a_generic_reader_agrees(typestore, record):
+    message = typestore.deserialize_cdr(TickEncoder(record.input.state.joint_count).encode(record), TICK)
+    state, output, remote = record.input.state, record.output, record.input.remote
+
+    def same(values, expected):
+        return np.asarray(values).tobytes() == np.asarray(expected).tobytes()
+
+    assert message.index == record.index
+    assert same(message.time, state.time)
+    assert same(message.duration, record.duration)
+    for name in ("joint_position", "joint_velocity", "joint_effort", "joint_age"):
+        assert same(getattr(message, name), getattr(state, name))
+    for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
+        assert same(getattr(message, name), getattr(state, name))
+    for name in ("position", "velocity", "effort", "stiffness", "damping"):
+        assert same(getattr(message, f"command_{name}"), getattr(output.command, name))
+    assert (message.mode, message.controller_name) == (output.control_mode.mode, output.control_mode.controller_name)
+    assert message.status_message == output.control_mode.status_message
+    assert (message.overrun, message.quit) == (record.overrun, output.quit)
+    assert message.has_qpos == (record.qpos is not None)
+    assert same(message.qpos, () if record.qpos is None else record.qpos) or not message.has_qpos
+    assert [(s.level, s.flags, s.source, s.message) for s in message.safety] == [
+        (s.level, s.flags, s.source, s.message) for s in record.input.safety
+    ]
+    assert list(message.intents) == [INTENT_CODES[intent] for intent in record.input.intents]
+    assert [(f.controller, f.fallback, f.message, f.is_bug) for f in message.faults] == [
+        (f.controller, f.fallback, f.message, f.is_bug) for f in output.faults
+    ]
+    assert tuple(message.refusals) == output.refusals
+    assert [bits(float(r.arrival_time)) for r in message.remote] == ([bits(remote.arrival_time)] if remote else [])
+    assert [e.name for e in message.extern] == list(state.extern)
+    assert len(message.policy_step) == (output.policy_step is not None)
+    for read, step in zip(message.policy_step, [output.policy_step], strict=False):
+        assert read.frame == step.frame
+        assert same(read.observation, step.observation)
+        assert same(read.action, step.action)
+    assert [(s.current_segment, s.is_finished) for s in message.standby] == (
+        [(output.standby.current_segment, output.standby.is_finished)] if output.standby else []
+    )
+
+
+def test_a_shorter_message_is_refused():
+    message = TickEncoder(3).encode(make_tick(40))
+    for length in range(len(message)):
+        with pytest.raises(CdrError):
+            decode_tick(message[:length])
+
+
+@given(st.binary(max_size=40), st.integers(0, 700), tick_records(joints=2))
+def test_garbage_is_refused_or_a_whole_tick(garbage, position, record):
+    message = TickEncoder(2).encode(record)
+    try:
+        decoded = decode_tick(message[:position] + garbage + message[position + len(garbage) :])
+    except CdrError:
+        return
+    again = TickEncoder(decoded.input.state.joint_count).encode(decoded)
+    assert bits(decode_tick(again)) == bits(decoded)
+
+
+def test_another_robots_tick_is_refused():
+    with pytest.raises(ValueError, match=r"tick 1: joint arrays of shape \(3,\) and \(3,\), expected \(2,\)"):
+        TickEncoder(2).encode(make_tick(1))
+    with pytest.raises(ValueError, match=r"tick 1: joint arrays of shape \(3,\) and \(2,\)"):
+        TickEncoder(3).encode(make_tick(1, command=MITCommand.zeros(2)))
+
+
+def test_an_action_of_the_wrong_shape_keeps_it():
+    step = PolicyStep(0, np.zeros(5, np.float32), np.zeros((1, 2), np.float32))
+    decoded = decode_tick(TickEncoder(3).encode(make_tick(40, policy_step=step)))
+    assert decoded.output.policy_step.action.shape == (1, 2)
