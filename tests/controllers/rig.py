@@ -96,7 +96,7 @@ BAD_ANSWERS: dict[str, Callable[[np.ndarray, int], Any]] = {
 
 def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Supervisor:
     """Every controller; `replaced` by name, None to leave one out."""
-    durations = [2 * PERIOD, 2 * PERIOD]
+    durations = [1.5 * PERIOD, 1.5 * PERIOD]  # finished 4 ticks after activation, however the clock is rounded
     controllers = {
         "zero_torque_controller": ZeroTorqueController(JOINTS),
         "damping_controller": DampingController(JOINTS, damping=DAMPING_KD),

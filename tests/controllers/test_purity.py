@@ -1,0 +1,190 @@
+"""`controllers/` is pure: what it imports, what it calls, what it may not be mistaken for."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from dataclasses import is_dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rig import PATHS, Run, fingerprint, supervisor
+from strategies import any_tick_inputs
+
+import humanoid_sim.controllers
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = Path(humanoid_sim.controllers.__file__).parent
+PURE = [*sorted(PACKAGE.glob("**/*.py")), PACKAGE.parent / "mit.py"]
+"""The functional core; a new file in `controllers/` belongs to it without being named here."""
+
+STANDARD_LIBRARY = {
+    "__future__",
+    "collections",
+    "dataclasses",
+    "enum",
+    "functools",
+    "itertools",
+    "math",
+    "types",
+    "typing",
+}
+OURS = {"humanoid_sim.mit", "humanoid_sim.messages", "humanoid_sim.errors"}
+FORBIDDEN_CALLS = {"open", "print", "input", "exec", "eval", "compile", "__import__", "globals", "id", "hash", "vars"}
+FORBIDDEN_ATTRIBUTES = {
+    "random",
+    "linalg",
+    "environ",
+    "load",
+    "save",
+    "fromfile",
+    "tofile",
+    "memmap",
+    "seterr",
+    "einsum",
+}
+
+
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def imported_modules(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "relative imports hide what is imported"
+            found.add(node.module)
+    return found
+
+
+def test_the_files_are_found():
+    names = {path.name for path in PURE}
+    assert {"fsm.py", "supervisor.py", "standby.py", "rl_policy.py", "observation.py", "mit.py"} <= names
+
+
+@pytest.mark.parametrize("path", PURE, ids=lambda path: path.name)
+def test_imports(path):
+    for name in imported_modules(path):
+        ours = name in OURS or name.startswith("humanoid_sim.controllers")
+        allowed = ours or name.split(".")[0] in STANDARD_LIBRARY or name in ("numpy", "numpy.typing")
+        assert allowed, f"{path.name} imports {name}"
+
+
+@pytest.mark.parametrize("path", PURE, ids=lambda path: path.name)
+def test_no_input_output_clock_chance_or_matrix_product(path):
+    """Matrix products are summed in an order that depends on the shape: a batch would differ from its robots."""
+    for node in ast.walk(tree(path)):
+        where = f"{path.name}:{getattr(node, 'lineno', 0)}"
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            assert node.func.id not in FORBIDDEN_CALLS, where
+        if isinstance(node, ast.Attribute):
+            assert node.attr not in FORBIDDEN_ATTRIBUTES, where
+        assert not isinstance(node, ast.Global | ast.Nonlocal | ast.AsyncFunctionDef), where
+        if isinstance(node, ast.BinOp | ast.AugAssign):
+            assert not isinstance(node.op, ast.MatMult), where
+
+
+@pytest.mark.parametrize("path", PURE, ids=lambda path: path.name)
+def test_module_level_names_hold_nothing_mutable(path):
+    """A list, dict, set or array at module level could be changed by one run and seen by the next."""
+    for node in tree(path).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            names = [ast.unparse(target) for target in getattr(node, "targets", [getattr(node, "target", None)])]
+            if names in (["__all__"], ["_FIELDS"]):  # a list by convention; a table of a gamepad's field names
+                continue
+            assert not isinstance(node.value, ast.List | ast.Dict | ast.Set | ast.ListComp), f"{path.name}: {names}"
+            called = ast.unparse(node.value.func) if isinstance(node.value, ast.Call) else ""
+            assert not called.startswith("np."), f"{path.name}: {names}"
+
+
+def test_every_dataclass_is_frozen():
+    count = 0
+    for path in PURE[:-1]:
+        if path.name == "__init__.py":
+            continue
+        module = __import__(f"humanoid_sim.controllers.{path.stem}", fromlist=["*"])
+        for value in vars(module).values():
+            if isinstance(value, type) and is_dataclass(value) and value.__module__ == module.__name__:
+                count += 1
+                assert value.__dataclass_params__.frozen, value
+                assert "__slots__" in vars(value), value
+    assert count >= 15
+
+
+def run_python(code: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True, check=False)
+
+
+def test_importing_the_controllers_pulls_in_nothing_of_the_shell(tmp_path):
+    modules = ", ".join(f"humanoid_sim.controllers.{path.stem}" for path in PURE[:-1] if path.name != "__init__.py")
+    code = f"import sys, {modules}\nprint(*sys.modules)"
+    done = run_python(code, tmp_path)
+    assert done.returncode == 0, done.stderr
+    loaded = set(done.stdout.split())
+    assert {"humanoid_sim.controllers.supervisor", "numpy"} <= loaded
+    ours = {name for name in loaded if name.startswith("humanoid_sim") and "controllers" not in name}
+    assert ours == {"humanoid_sim", "humanoid_sim.mit", "humanoid_sim.messages", "humanoid_sim.errors"}
+    shell = (
+        "mujoco",
+        "can",
+        "onnxruntime",
+        "onnx",
+        "yaml",
+        "msgspec",
+        "mcap",
+        "rich",
+        "tyro",
+        "gymnasium",
+        "torch",
+        "av",
+    )
+    assert not loaded & set(shell)
+
+
+@pytest.mark.parametrize("name", ["controllers", "envs", "hardware", "assets"])
+def test_a_linked_package_refuses_its_bare_name(name):
+    """Twice imported there would be two `Mode` enums, and each unequal to the other."""
+    done = run_python(f"import sys; sys.path.insert(0, '.'); import {name}", ROOT)
+    assert done.returncode == 1
+    assert done.stderr.rstrip().endswith(f"ImportError: import this package as 'humanoid_sim.{name}', not as '{name}'")
+
+
+@pytest.mark.parametrize("name", ["controllers", "envs", "hardware", "assets"])
+def test_a_linked_package_has_its_own_name(name, tmp_path):
+    done = run_python(f"import humanoid_sim.{name} as package; print(package.__name__)", tmp_path)
+    assert done.stdout.split() == [f"humanoid_sim.{name}"], done.stderr
+
+
+# --- the same inputs, the same bytes ---
+
+
+@given(st.sampled_from(sorted(PATHS)), any_tick_inputs(3, 20.0))
+def test_two_stacks_agree_bit_for_bit(name, given_tick):
+    """On anything, in every mode; and neither the input nor the memory is written."""
+    outputs = []
+    before = fingerprint(given_tick)
+    for _ in range(2):
+        run = Run(supervisor())
+        run.walk(*PATHS[name])
+        memory = fingerprint(run.memory)
+        after, output = run.supervisor.step(run.memory, given_tick)
+        assert fingerprint(run.memory) == memory
+        outputs.append((fingerprint(after), fingerprint(output)))
+    assert fingerprint(given_tick) == before
+    assert outputs[0] == outputs[1]
+
+
+def test_a_fingerprint_sees_every_bit():
+    """Otherwise the comparisons above could not fail."""
+    assert fingerprint(np.array([0.0])) != fingerprint(np.array([-0.0]))
+    assert fingerprint(np.array([np.nan])) == fingerprint(np.array([np.nan]))
+    assert fingerprint(np.array([1.0])) != fingerprint(np.array([np.nextafter(1.0, 2.0)]))
+    assert fingerprint(0.0) != fingerprint(-0.0)
+    assert fingerprint((1.0,)) != fingerprint((1,))
