@@ -33,6 +33,8 @@ METADATA_KEYS = (
     "lookahead_steps",
 )
 
+_NAME_LISTS = ("joint_names", "action_joint_names", "observation_names", "command_names", "body_names")
+
 
 def parse_metadata(metadata: Mapping[str, str], source: str) -> PolicyContract:
     """The contract in a checkpoint's `custom_metadata_map`.
@@ -75,7 +77,15 @@ def parse_metadata(metadata: Mapping[str, str], source: str) -> PolicyContract:
 
 
 def write_metadata(contract: PolicyContract) -> dict[str, str]:
-    """The thirteen keys of a contract; `parse_metadata` gives the same contract back, bit for bit."""
+    """The thirteen keys of a contract; `parse_metadata` gives the same contract back, bit for bit.
+
+    Raises:
+        FieldError: if a name holds a comma or has spaces around it, which a CSV list cannot keep.
+    """
+    for key in _NAME_LISTS:
+        for name in getattr(contract, key):
+            if "," in name or name != name.strip():
+                raise FieldError(f"PolicyContract.{key}: {name!r} has a comma or outer spaces, which CSV cannot keep")
     return {
         "task_type": contract.task_type,
         "joint_names": ",".join(contract.joint_names),
@@ -88,7 +98,7 @@ def write_metadata(contract: PolicyContract) -> dict[str, str]:
         "action_scale": _csv(contract.action_scale),
         "policy_dt": repr(contract.policy_dt),
         "body_names": ",".join(contract.body_names),
-        "dataset_repo_id": contract.dataset_repo_id,
+        "dataset_repo_id": contract.dataset_repo_id.strip(),
         "lookahead_steps": ",".join(str(step) for step in contract.lookahead_steps),
     }
 
