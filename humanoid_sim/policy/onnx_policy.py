@@ -81,7 +81,12 @@ def load_checkpoint(path: Path) -> Checkpoint:
             f"{path}: the model's output is {policy.action_width} wide, "
             f"expected {contract.action_count}, one for each of action_joint_names"
         )
-    policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
+    try:
+        answer = policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
+    except Exception as error:  # onnxruntime's own types: operators that do not fit show only when they run
+        raise InputError(f"{path}: the model fails on an observation of zeros: {_first_line(error)}") from None
+    if answer.shape != (contract.action_count,):
+        raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
     return Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width)
 
 
