@@ -67,7 +67,13 @@ class LoadedPolicy:
 
 
 def load_policy(
-    contract: PolicyContract, policy: Policy, motion: Motion | None, observation_width: int | None = None
+    contract: PolicyContract,
+    policy: Policy,
+    motion: Motion | None,
+    observation_width: int | None = None,
+    *,
+    source: str = "policy",
+    motion_source: str = "motion",
 ) -> LoadedPolicy:
     """Bring a policy and its motion together.
 
@@ -76,36 +82,42 @@ def load_policy(
         policy: the callable.
         motion: what it follows; None for a policy that follows none.
         observation_width: N as the model declares it; None if any will do.
+        source: what to call the policy in messages.
+        motion_source: what to call the motion.
 
     Raises:
         InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
     try:
-        loaded = LoadedPolicy(contract, _reference(contract, motion), policy)
+        loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
         layout = loaded.layout
     except FieldError as error:
-        raise InputError(f"policy: {error}") from None
+        raise InputError(f"{source}: {error}") from None
     if observation_width is not None and layout.width != observation_width:
         terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
         raise InputError(
-            f"policy: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
+            f"{source}: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
         )
     return loaded
 
 
-def _reference(contract: PolicyContract, motion: Motion | None) -> MotionReference:
+def _reference(contract: PolicyContract, motion: Motion | None, source: str, motion_source: str) -> MotionReference:
     if contract.task_type == "locomotion":
         return no_reference()
     if motion is None:
-        raise InputError(f"policy: task_type {contract.task_type} follows a motion, and none is given: use --motion")
+        raise InputError(f"{source}: task_type {contract.task_type} follows a motion, and none is given: use --motion")
+    if motion.task_type and motion.task_type != contract.task_type:
+        raise InputError(
+            f"{motion_source}: is a motion for task_type {motion.task_type}; {source} expects one for {contract.task_type}"
+        )
     if contract.task_type == "tracking" and motion.body_names and motion.body_names != contract.body_names:
         raise InputError(
-            f"motion: describes the bodies {', '.join(motion.body_names)}; "
-            f"the policy expects {', '.join(contract.body_names)}"
+            f"{motion_source}: describes the bodies {', '.join(motion.body_names)}; "
+            f"{source} expects {', '.join(contract.body_names)}"
         )
     if motion.policy_dt and not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
         raise InputError(
-            f"motion: has a frame every {motion.policy_dt:g} s, the policy a step every {contract.policy_dt:g} s; "
+            f"{motion_source}: has a frame every {motion.policy_dt:g} s, {source} a step every {contract.policy_dt:g} s; "
             "resample the motion"
         )
     return build_reference(contract, motion.frames)

@@ -48,7 +48,7 @@ def choose_policy(
     path = SAMPLE_POLICY if config.policy is None else Path(config.policy)
     warning = ""
     if config.policy == PLACEHOLDER:
-        checkpoint = placeholder_checkpoint(description)
+        checkpoint = placeholder_checkpoint(description, config.pose)
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
     elif has_onnxruntime():
         checkpoint = load_checkpoint(path)
@@ -61,7 +61,14 @@ def choose_policy(
         )
     file = _motion_file(config, checkpoint)
     motion = None if file is None else read_motion(file)
-    loaded = load_policy(checkpoint.contract, wrap(checkpoint.policy), motion, checkpoint.observation_width)
+    loaded = load_policy(
+        checkpoint.contract,
+        wrap(checkpoint.policy),
+        motion,
+        checkpoint.observation_width,
+        source=checkpoint.source,
+        motion_source=str(file),
+    )
     return PolicyChoice(loaded, checkpoint, motion, file, warning)
 
 

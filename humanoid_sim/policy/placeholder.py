@@ -1,6 +1,8 @@
-"""The stand-in where no policy can run: it answers zeros, so the robot holds the default pose."""
+"""The stand-in where no policy can run: it answers zeros, so the robot holds a default pose."""
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -26,16 +28,19 @@ def zero_policy(action_count: int) -> Policy:
     return policy
 
 
-def placeholder_checkpoint(description: RobotDescription, policy_dt: float = 0.02) -> Checkpoint:
-    """A zero policy for any robot: it observes the joints and holds the final pose of standby A."""
+def placeholder_checkpoint(
+    description: RobotDescription, pose: Literal["a", "b"] = "a", policy_dt: float = 0.02
+) -> Checkpoint:
+    """A zero policy for any robot: it observes the joints and holds the final pose of standby A or B."""
     joints = description.joint_names
+    standby = description.standby_controller_a if pose == "a" else description.standby_controller_b
     contract = PolicyContract(
         task_type="locomotion",
         joint_names=joints,
         action_joint_names=joints,
         joint_stiffness=description.stiffness,
         joint_damping=description.damping,
-        default_joint_pos=np.asarray(description.standby_controller_a.pose_segments[-1]),
+        default_joint_pos=np.asarray(standby.pose_segments[-1]),
         observation_names=("joint_pos", "joint_vel", "actions"),
         command_names=(),
         action_scale=np.ones(len(joints)),
