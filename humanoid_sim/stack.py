@@ -108,7 +108,8 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
         raise InputError(f"{source}: task_type {contract.task_type} follows a motion, and none is given: use --motion")
     if motion.task_type and motion.task_type != contract.task_type:
         raise InputError(
-            f"{motion_source}: is a motion for task_type {motion.task_type}; {source} expects one for {contract.task_type}"
+            f"{motion_source}: is a motion for task_type {motion.task_type}; "
+            f"{source} expects one for {contract.task_type}"
         )
     if contract.task_type == "tracking" and motion.body_names and motion.body_names != contract.body_names:
         raise InputError(
@@ -117,8 +118,8 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
         )
     if motion.policy_dt and not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
         raise InputError(
-            f"{motion_source}: has a frame every {motion.policy_dt:g} s, {source} a step every {contract.policy_dt:g} s; "
-            "resample the motion"
+            f"{motion_source}: has a frame every {motion.policy_dt:g} s, "
+            f"{source} a step every {contract.policy_dt:g} s; resample the motion"
         )
     return build_reference(contract, motion.frames)
 
