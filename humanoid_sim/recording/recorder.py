@@ -98,6 +98,8 @@ class McapRecorder:
             run = _RunWriter(file, header)
         except OSError as error:
             file.close()
+            if self.path.is_file():
+                self.path.unlink()
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
         self._thread = threading.Thread(target=self._write, args=(run,), name="recorder", daemon=True)
         self._thread.start()

@@ -142,6 +142,17 @@ def test_where_it_cannot_write_it_does_not_start(tmp_path):
 def test_a_full_disk_at_the_start():
     with pytest.raises(InputError, match="/dev/full: cannot be written: No space left on device"):
         McapRecorder("/dev/full").start(make_header())
+    assert Path("/dev/full").exists()
+
+
+def test_a_header_that_does_not_fit_leaves_no_file(tmp_path, monkeypatch):
+    def full(self, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(recorder_module._UnbufferedFile, "write", full)
+    with pytest.raises(InputError, match="No space left on device"):
+        McapRecorder(tmp_path / "run.mcap").start(make_header())
+    assert list(tmp_path.iterdir()) == []
 
 
 def wait_until(condition, seconds=10.0):
