@@ -21,6 +21,8 @@ VERBS = {
 
 BAD_INPUT = 2
 """Exit status for what a user can mend."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it: 128 + SIGINT."""
 
 
 def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
@@ -30,6 +32,9 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
     except (InputError, RobotError) as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
     except BrokenPipeError:
         # The reader of our output has left (`| head`); Python would complain once more while flushing at exit.
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - lives as long as the process
