@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from humanoid_sim.messages import Mode
@@ -57,16 +58,17 @@ class ConsoleSink(WorkerSink):
         self._time = float(record.input.state.time)
         if control.controller_name != self._controller:
             before = f"{_styled(self._mode)} → " if self._mode is not None else ""
-            self._print(f"{before}{_styled(control.mode)}  [dim]{_escaped(control.status_message)}[/dim]")
+            self._print(f"{before}{_styled(control.mode)}  [dim]{escape(control.status_message)}[/dim]")
             self._mode, self._controller = control.mode, control.controller_name
         else:
-            for refusal in record.output.refusals:
-                self._print(f"[red]{_escaped(refusal)}[/red]")
+            faults = (f"{fault.controller} failed: {fault.message}" for fault in record.output.faults)
+            for text in (*faults, *record.output.refusals):
+                self._print(f"[red]{escape(text)}[/red]")
 
     def handle_event(self, time: float, text: str) -> None:
         """Print an event."""
         self._time = time
-        self._print(f"[dim]{_escaped(text)}[/dim]")
+        self._print(f"[dim]{escape(text)}[/dim]")
 
     def handle_pause(self) -> None:
         """Move the bar."""
@@ -87,7 +89,3 @@ class ConsoleSink(WorkerSink):
 
 def _styled(mode: Mode | None) -> str:
     return "" if mode is None else f"[{MODE_STYLES[mode]}]{mode.name}[/]"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("[", r"\[")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.play.assembly import Run
@@ -18,6 +19,9 @@ from humanoid_sim.session.session import SessionResult
 from humanoid_sim.tracking import TrackingSummary
 
 __all__ = ["print_report", "summarise", "write_summary"]
+
+_SHOWN = 10
+"""Faults, and safety statuses, that are printed; the summary has them all."""
 
 
 def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
@@ -42,6 +46,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         ],
         "faults": [{"time": time, "message": message} for time, message in monitor.faults],
         "refusals": [{"time": time, "message": message} for time, message in monitor.refusals],
+        "safety": [{"time": time, "message": message} for time, message in monitor.safety],
         "not_kept": monitor.dropped,
         "loop": {
             "ticks": result.ticks,
@@ -75,8 +80,9 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
     if summary["tracking"]:
         console.print(_tracking(summary["tracking"]))
     console.print(_loop(summary))
-    for fault in summary["faults"][:10]:
-        console.print(f"[red]fault at {fault['time']:.3f} s[/red]  {fault['message']}", highlight=False)
+    for kind in ("fault", "safety"):
+        for event in summary["faults" if kind == "fault" else kind][:_SHOWN]:
+            console.print(f"[red]{kind} at {event['time']:.3f} s[/red]  {escape(event['message'])}", highlight=False)
 
 
 def _modes(summary: dict[str, Any]) -> Table:
@@ -86,7 +92,7 @@ def _modes(summary: dict[str, Any]) -> Table:
     styles = {mode.name: style for mode, style in MODE_STYLES.items()}
     for span in summary["modes"]:
         name = f"[{styles[span['mode']]}]{span['mode']}[/]"
-        table.add_row(name, f"{span['start']:.3f} s", f"{span['end']:.3f} s", span["reason"])
+        table.add_row(name, f"{span['start']:.3f} s", f"{span['end']:.3f} s", escape(span["reason"]))
     return table
 
 
