@@ -80,9 +80,9 @@ def assemble(config: PlayConfig, console: Console) -> Run:
     Raises:
         InputError: the first thing that is wrong, before anything moves.
     """
-    refuse_conflicts(config)
     injections = parse_injections(config.inject)
     steps = None if config.script is None else parse_script(config.script)
+    refuse_conflicts(config, steps or (), injections)
     description = load_robot(config.robot)
     clock = _Clock()
     injector = Injector(injections, clock)
@@ -101,7 +101,6 @@ def assemble(config: PlayConfig, console: Console) -> Run:
     )
     gains = resolve_action(policy.loaded.contract, description.joint_names)
     warnings = [*robot.warnings, robot.stability.check(gains.damping, "policy")]
-    outputs = choose_outputs(config)
     realtime = _realtime(config, use_remote)
 
     frames = 0 if policy.motion is None else len(policy.motion.frames)
@@ -121,6 +120,9 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         gravity = GravitySource(description, inbox, config.gravity_form)
         sinks.append(gravity)
         remote = injector.remote(inbox)
+    header = _header(config, description, policy, control_period, use_remote)
+    # From here on there are files, sockets and a terminal taken over: whatever can fail has been tried above.
+    outputs = choose_outputs(config)
     recorder = None if outputs.record is None else McapRecorder(outputs.record)
     video = None if outputs.video is None else VideoSink(outputs.video, _scene(description))
     sinks += [sink for sink in (recorder, video) if sink is not None]
@@ -135,7 +137,7 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         robot,
         supervisor,
         LoopSettings(control_period, realtime=realtime, simulated=True, duration=config.duration),
-        header=_header(config, description, policy, control_period, use_remote),
+        header=header,
         intents=intents,
         remote=remote,
         sinks=sinks,

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+import os
+import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.session.inject import Injection
+from humanoid_sim.session.script import ScriptStep
 
 __all__ = [
     "SAMPLE_MOTION",
@@ -30,8 +36,13 @@ SAMPLE_MOTION = "wave"
 _RUNS = Path("runs")
 
 
-def refuse_conflicts(config: PlayConfig) -> None:
+def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections: Sequence[Injection]) -> None:
     """Refuse options that this version does not have yet, and those that exclude each other.
+
+    Args:
+        config: the options.
+        steps: of --script; empty without it.
+        injections: of --inject.
 
     Raises:
         InputError: naming the option.
@@ -52,9 +63,13 @@ def refuse_conflicts(config: PlayConfig) -> None:
     for option, value in (("--duration", config.duration), ("--control-frequency", config.control_frequency)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{option}: is {value}, expected a finite number > 0")
-    starts_remote = config.script is not None and "start_remote" in config.script
-    if starts_remote and config.remote == "none":
-        raise InputError("--script: has start_remote, which needs a source of commands: use --remote gravity")
+    if config.manual and not (sys.stdin and sys.stdin.isatty()):
+        raise InputError("--manual: standard input is no terminal, expected one to read keys from")
+    if config.remote == "none":
+        if any(step.intent is Intent.START_REMOTE for step in steps):
+            raise InputError("--script: has start_remote, which needs a source of commands: use --remote gravity")
+        if any(injection.kind == "silent_remote" for injection in injections):
+            raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +115,8 @@ def choose_outputs(config: PlayConfig) -> Outputs:
             raise InputError(f"{option}: '{path}' exists; choose another name, or add --overwrite")
         if not path.parent.is_dir():
             raise InputError(f"{option}: the folder '{path.parent}' does not exist")
+        if not os.access(path.parent, os.W_OK):
+            raise InputError(f"{option}: the folder '{path.parent}' cannot be written to")
     paths = [path.resolve() for _, path, _ in named.values() if path is not None]
     if len(set(paths)) != len(paths):
         raise InputError("--record, --video, --snapshot and --summary: two of them name the same file")

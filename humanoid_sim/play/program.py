@@ -9,68 +9,77 @@ from contextlib import contextmanager
 from types import FrameType
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.play.assembly import Run, assemble
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.video import save_snapshot
-from humanoid_sim.session.session import Session
+from humanoid_sim.session.session import Session, SessionResult
 
 __all__ = ["play"]
 
 _FAULT = 1
-"""Exit status of a run in which a controller failed that nobody made fail on purpose."""
+"""Exit status of a run in which something failed that nobody made fail on purpose."""
 
 
 def play(config: PlayConfig) -> int:
     """Run, report, and return the exit status.
 
-    0 for a run that ended as asked; 1 if a controller failed or a file could not be written; 128 plus the signal's
-    number if a signal ended it.
+    0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK or a file could not be
+    written; 128 plus the signal's number if a signal ended it.
 
     Raises:
         InputError: before anything moves.
     """
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     run = assemble(config, console)
-    _introduce(console, run)
     try:
+        _introduce(console, run)
         with _signals(run.session) as received:
             result = run.session.run()
     finally:
         for operator in run.operators:
             operator.close()
+    problems = _problems(run, result)
     summary = summarise(run, result)
+    if run.outputs.summary is not None:  # before anything is printed: whoever reads that may leave early
+        with _noting(problems):
+            write_summary(run.outputs.summary, summary)
     print_report(console, summary)
-    status = _write_files(console, run)
-    if run.outputs.summary is not None:
-        write_summary(run.outputs.summary, summary)
-        console.print(f"summary    {run.outputs.summary}")
+    _write_files(console, run, problems)
+    for problem in problems:
+        console.print(f"[bold red]failed:[/] {escape(problem)}")
     if received:
         return 128 + received[0]
-    return _FAULT if status or (run.monitor.faults and not config.inject) else 0
+    went_wrong = (run.monitor.faults or run.monitor.safety) and not config.inject
+    return _FAULT if problems or went_wrong else 0
 
 
 def _introduce(console: Console, run: Run) -> None:
     if run.policy.warning:
-        console.print(f"[bold white on red] {run.policy.warning} [/]")
+        console.print(f" {run.policy.warning} ", style="bold white on red", markup=False)
     motion = "" if run.policy.motion_file is None else f", motion {run.policy.motion_file.name}"
-    console.print(f"robot {run.description.name}, policy {run.policy.checkpoint.source}{motion}")
+    console.print(f"robot {run.description.name}, policy {run.policy.checkpoint.source}{motion}", markup=False)
     for notice in run.notices:
-        console.print(notice)
+        console.print(notice, markup=False)
 
 
 @contextmanager
 def _signals(session: Session) -> Iterator[list[int]]:
-    """SIGINT and SIGTERM end the run through DAMPING; gives the list of those received."""
+    """SIGINT, SIGTERM and a closed terminal end the run through DAMPING; gives the list of signals received."""
     received: list[int] = []
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
         received.append(number)
         session.request_stop(signal.Signals(number).name)
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as it is under nohup
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, stop) for number in numbers}
     try:
         yield received
     finally:
@@ -78,29 +87,47 @@ def _signals(session: Session) -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _write_files(console: Console, run: Run) -> int:
-    """Draw what was asked for and name every file that the run left; returns 1 if one could not be written."""
-    status = 0
-    for part, error in (
+def _problems(run: Run, result: SessionResult) -> list[str]:
+    """Parts of the run that failed while it went on."""
+    parts = (
         ("recording", run.recorder and run.recorder.error),
         ("final table", run.monitor.error),
         ("gravity compensation", run.gravity and run.gravity.error),
-    ):
-        if error:
-            console.print(f"[bold red]{part} failed:[/] {error}")
-            status = _FAULT
-    if run.outputs.record is not None:
-        console.print(
-            f"recording  {run.outputs.record}   (repeat it: python -m humanoid_sim.replay {run.outputs.record})"
-        )
+    )
+    found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
+    if run.recorder is not None and run.recorder.lost:
+        found.append(f"recording: {run.recorder.lost} ticks left out, the disk was too slow")
+    return found
+
+
+@contextmanager
+def _noting(problems: list[str]) -> Iterator[None]:
+    """A file that cannot be written keeps none of the others from being written."""
+    try:
+        yield
+    except InputError as error:
+        problems.append(str(error))
+
+
+def _write_files(console: Console, run: Run, problems: list[str]) -> None:
+    """Draw what was asked for and name every file that the run left."""
+    outputs = run.outputs
+    if outputs.record is not None:
+        repeat = f"   (repeat it: python -m humanoid_sim.replay {outputs.record})"
+        console.print(f"recording  {outputs.record}{repeat}", markup=False)
     if run.video is not None:
-        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        with (
+            _noting(problems),
+            Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
+        ):
             task = progress.add_task("drawing the video", total=None)
             report = run.video.render(lambda done, total: progress.update(task, completed=done, total=total))
-        notice = f"   {report.notice}" if report.notice else ""
-        console.print(f"video      {report.path}   drawn by {report.backend}{notice}")
-    if run.outputs.snapshot is not None:
-        pose = run.robot.qpos if run.monitor.pose is None else run.monitor.pose
-        save_snapshot(run.outputs.snapshot, run.robot.model, pose)
-        console.print(f"snapshot   {run.outputs.snapshot}")
-    return status
+            notice = f"   {report.notice}" if report.notice else ""
+            console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
+    if outputs.snapshot is not None:
+        with _noting(problems):
+            pose = run.robot.qpos if run.monitor.pose is None else run.monitor.pose
+            save_snapshot(outputs.snapshot, run.robot.model, pose)
+            console.print(f"snapshot   {outputs.snapshot}", markup=False)
+    if outputs.summary is not None and outputs.summary.exists():
+        console.print(f"summary    {outputs.summary}", markup=False)
