@@ -28,8 +28,8 @@ from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
 
 __all__ = ["control_tick", "real_time_factor", "recorder_cost", "supervisor_step"]
 
-_BLOCK = 400
-"""Ticks that are timed together: 2 s at 200 Hz, long enough for the recorder to write chunks in between."""
+_BLOCK = 2000
+"""Ticks that are timed together: long beside the 20 ms after which the recorder looks at its queue."""
 
 
 @dataclass(slots=True)
