@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.observation import joint_indices
+from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, MITCommand
 
@@ -21,7 +21,7 @@ class ActionMap:
 
     indices: npt.NDArray[np.intp]
     """Shape (m,), the robot's joint that each action drives."""
-    default: FloatArray
+    offset: FloatArray
     """Shape (m,), rad."""
     scale: FloatArray
     """Shape (m,), rad per unit of action."""
@@ -29,6 +29,8 @@ class ActionMap:
     """Shape (n,), N·m/rad, robot order."""
     damping: FloatArray
     """Shape (n,), N·m·s/rad, robot order."""
+    clip: float = float("inf")
+    """Magnitude at which a raw action is clipped."""
 
 
 def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> ActionMap:
@@ -44,18 +46,19 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
         parts += [f"the policy lacks {', '.join(surplus)}"] * bool(surplus)
         raise FieldError(f"joint_names of the policy do not match the robot's joints: {'; '.join(parts)}")
     robot_order = joint_indices(robot_joints, contract.joint_names, "joints of the robot")
-    policy_order = joint_indices(contract.action_joint_names, contract.joint_names, "action_joint_names")
+    assert contract.action_offset is not None  # filled in at construction
     return ActionMap(
         indices=joint_indices(contract.action_joint_names, robot_joints, "action_joint_names of the policy"),
-        default=contract.default_joint_pos[policy_order],
+        offset=contract.action_offset,
         scale=contract.action_scale,
         stiffness=contract.joint_stiffness[robot_order],
         damping=contract.joint_damping[robot_order],
+        clip=contract.action_clip,
     )
 
 
 def action_command(action_map: ActionMap, action: npt.NDArray[np.float32]) -> MITCommand:
-    """`position = q_default + scale · action` on the driven joints, 0 on the others, the policy's gains on all.
+    """`position = offset + scale · action` on the driven joints, 0 on the others, the policy's gains on all.
 
     Args:
         action_map: from `resolve_action`.
@@ -64,9 +67,11 @@ def action_command(action_map: ActionMap, action: npt.NDArray[np.float32]) -> MI
     Returns:
         A command of shape (..., n); velocity and effort are 0.
     """
+    if action_map.clip < np.inf:
+        action = np.clip(action, -action_map.clip, action_map.clip)
     shape = (*action.shape[:-1], action_map.stiffness.shape[0])
     position = np.zeros(shape)
-    position[..., action_map.indices] = action_map.default + action_map.scale * action
+    position[..., action_map.indices] = action_map.offset + action_map.scale * action
     zeros = np.zeros(shape)
     return MITCommand(
         position=position,

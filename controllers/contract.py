@@ -2,26 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Literal, get_args
 
 import numpy as np
 
 from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.terms import QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, frozen_array
 
-__all__ = ["PolicyContract", "TaskType"]
+__all__ = ["HistoryLayout", "PolicyContract", "TaskType", "TensorNames"]
 
 TaskType = Literal["tracking", "piano", "locomotion"]
+HistoryLayout = Literal["per_term", "per_step"]
 
 _OWNER = "PolicyContract"
 
 
+@dataclass(frozen=True, slots=True)
+class TensorNames:
+    """Names of the tensors of a model; empty ones are found by their place."""
+
+    observation: str = ""
+    action: str = ""
+    time_step: str = ""
+    """Input that selects a frame of a motion inside the graph."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyContract:
-    """The thirteen keys that a self-describing checkpoint carries, checked against each other."""
+    """Everything that a checkpoint needs to run, checked against itself.
+
+    Every convention that differs between exporters is a field here or in `Term`, so that any wiring can be written
+    down.
+    """
 
     task_type: TaskType
     """Selects the layout of the motion reference."""
@@ -35,8 +53,8 @@ class PolicyContract:
     """Shape (n,), N·m·s/rad."""
     default_joint_pos: FloatArray
     """Shape (n,), rad."""
-    observation_names: tuple[str, ...]
-    """The flat observation, term by term."""
+    observation: Sequence[Term | str]
+    """The flat observation, term by term; a plain name becomes the term with its usual conventions."""
     command_names: tuple[str, ...]
     """Runtime command terms."""
     action_scale: FloatArray
@@ -49,6 +67,26 @@ class PolicyContract:
     """Where the default motion comes from; empty for none."""
     lookahead_steps: tuple[int, ...] = ()
     """Policy steps ahead of the present one that `target_keys_future` shows (piano)."""
+    action_offset: FloatArray | None = None
+    """Shape (m,) or scalar, rad, added to the scaled action; None: the default pose of the driven joints."""
+    action_clip: float = float("inf")
+    """Magnitude at which a raw action is clipped before it is scaled."""
+    history_layout: HistoryLayout = "per_term"
+    """Of terms that show more than one step: each term's steps together, or each step's terms together."""
+    command_ranges: FloatArray | None = None
+    """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
+    phase: PhaseRule | None = None
+    """The gait clock of policies that observe one."""
+    anchor_body: str = ""
+    """The body that the reference's anchor terms compare."""
+    align_reference: bool = True
+    """Lay the reference onto the robot at activation: turned to its heading, moved to where it stands."""
+    reference_quaternion: QuaternionOrder = "wxyz"
+    """Order in which the motion's source gives quaternions."""
+    tensors: TensorNames = field(default_factory=TensorNames)
+    """Names in the model's graph."""
+    provenance: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Field to the source it came from."""
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
@@ -69,11 +107,64 @@ class PolicyContract:
             self, "default_joint_pos", per_joint(_OWNER, "default_joint_pos", self.default_joint_pos, self.joint_names)
         )
         set_field(self, "action_scale", per_joint(_OWNER, "action_scale", self.action_scale, self.action_joint_names))
-        set_field(self, "observation_names", joint_tuple(_OWNER, self.observation_names, "observation_names"))
+        self._check_observation()
+        self._check_action()
         set_field(self, "policy_dt", number(_OWNER, "policy_dt", self.policy_dt, above=True))
         for name in ("command_names", "body_names"):
             set_field(self, name, joint_tuple(_OWNER, getattr(self, name), name, may_be_empty=True))
         self._check_lookahead()
+        self._check_command()
+        set_field(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    def _check_observation(self) -> None:
+        if isinstance(self.observation, str) or not isinstance(self.observation, Iterable):
+            raise FieldError(f"{_OWNER}.observation: is {self.observation!r}, expected a sequence of terms")
+        terms = tuple(term if isinstance(term, Term) else Term(term) for term in self.observation)
+        joint_tuple(_OWNER, [term.name for term in terms], "observation")
+        object.__setattr__(self, "observation", terms)
+        if self.history_layout not in get_args(HistoryLayout):
+            accepted = ", ".join(get_args(HistoryLayout))
+            raise FieldError(f"{_OWNER}.history_layout: is {self.history_layout!r}, expected one of {accepted}")
+        lengths = sorted({term.history for term in terms})
+        if self.history_layout == "per_step" and len(lengths) > 1:
+            raise FieldError(f"{_OWNER}.history_layout: per_step needs one history for all terms, they have {lengths}")
+        if self.reference_quaternion not in get_args(QuaternionOrder):
+            raise FieldError(
+                f"{_OWNER}.reference_quaternion: is {self.reference_quaternion!r}, "
+                f"expected one of {', '.join(get_args(QuaternionOrder))}"
+            )
+
+    def _check_action(self) -> None:
+        offset = self.action_offset
+        if offset is None:
+            driven = [self.joint_names.index(name) for name in self.action_joint_names]
+            offset = self.default_joint_pos[driven]
+        set_field = object.__setattr__
+        set_field(self, "action_offset", per_joint(_OWNER, "action_offset", offset, self.action_joint_names))
+        clip = self.action_clip
+        if isinstance(clip, bool) or not isinstance(clip, int | float | np.floating) or not clip > 0.0:
+            raise FieldError(f"{_OWNER}.action_clip: is {clip!r}, expected a number > 0")
+        set_field(self, "action_clip", float(clip))
+
+    def _check_command(self) -> None:
+        if self.command_ranges is None:
+            return
+        ranges = frozen_array(_OWNER, "command_ranges", self.command_ranges)
+        if ranges.shape != (3, 2) or not (ranges[:, 0] <= ranges[:, 1]).all():
+            raise FieldError(
+                f"{_OWNER}.command_ranges: is {ranges.tolist()}, expected [least, greatest] for vx, vy and yaw rate"
+            )
+        object.__setattr__(self, "command_ranges", ranges)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The observation terms, in order, every one written out."""
+        return tuple(term for term in self.observation if isinstance(term, Term))
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """Names of the observation terms, in order."""
+        return tuple(term.name for term in self.terms)
 
     def _check_lookahead(self) -> None:
         if not isinstance(self.lookahead_steps, Iterable):

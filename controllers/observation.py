@@ -6,52 +6,50 @@ for bit what its robots give one by one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.reference import Frame, MotionReference
-from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import MITState
+from humanoid_sim.controllers.context import ObservationContext, Source
+from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract
+from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.sources import resolve_source
+from humanoid_sim.controllers.terms import Term
 
-__all__ = ["ObservationContext", "ObservationLayout", "ObservationTerm", "joint_indices", "pack", "resolve_observation"]
+__all__ = [
+    "ObservationContext",
+    "ObservationLayout",
+    "ObservationTerm",
+    "joint_indices",
+    "pack",
+    "resolve_observation",
+    "stack",
+]
 
 Float32Array = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ObservationContext:
-    """Everything that a term may read."""
-
-    state: MITState
-    last_action: Float32Array
-    """Shape (..., m), raw."""
-    reference: MotionReference
-    frame: Frame
-    """Shape (...)."""
-
-
-Source = Callable[[ObservationContext], Any]
-
-
 @dataclass(frozen=True, slots=True)
 class ObservationTerm:
-    """One term: where it goes, and what is read for it."""
+    """One term: where it lies within one step's values, and what is read for it."""
 
-    name: str
+    term: Term
     start: int
     stop: int
     source: Source
 
     @property
+    def name(self) -> str:
+        """As the exporter calls it."""
+        return self.term.name
+
+    @property
     def width(self) -> int:
-        """Number of values."""
-        return self.stop - self.start
+        """Number of values that the policy sees, all steps of its history together."""
+        return (self.stop - self.start) * self.term.history
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,31 +57,33 @@ class ObservationLayout:
     """The terms of a flat observation in their order."""
 
     terms: tuple[ObservationTerm, ...]
+    history_layout: HistoryLayout = "per_term"
+    width: int = field(init=False)
+    """N, the number of values of the whole observation."""
+    step_width: int = field(init=False)
+    """Number of values of one step."""
+    history: int = field(init=False)
+    """Steps that the longest term shows."""
 
-    @property
-    def width(self) -> int:
-        """N, the number of values of the whole observation."""
-        return self.terms[-1].stop if self.terms else 0
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "width", sum(term.width for term in self.terms))
+        object.__setattr__(self, "step_width", self.terms[-1].stop if self.terms else 0)
+        object.__setattr__(self, "history", max((term.term.history for term in self.terms), default=1))
 
     def locate(self, index: int) -> str:
-        """The value at `index` in words: `joint_pos[3]`."""
-        term = next(term for term in self.terms if term.start <= index < term.stop)
-        return f"{term.name}[{index - term.start}]"
-
-
-def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str) -> npt.NDArray[np.intp]:
-    """Positions of the `wanted` joints among the `available` ones.
-
-    Raises:
-        FieldError: naming the joint that is missing and those that exist.
-    """
-    place = {name: i for i, name in enumerate(available)}
-    for name in wanted:
-        if name not in place:
-            raise FieldError(f"{known_names('joint', name, available)} ({what})")
-    indices = np.array([place[name] for name in wanted], dtype=np.intp)
-    indices.setflags(write=False)
-    return indices
+        """The value at `index` of the whole observation in words: `joint_pos[3]`, `joint_pos[3] of history step 1`."""
+        if self.history_layout == "per_step":
+            step, index = divmod(index, self.step_width)
+            term = next(term for term in self.terms if index < term.stop)
+            value = index - term.start
+        else:
+            begin = 0
+            for term in self.terms:
+                if index < begin + term.width:
+                    break
+                begin += term.width
+            step, value = divmod(index - begin, term.stop - term.start)
+        return f"{term.name}[{value}]" + (f" of history step {step}" if term.term.history > 1 else "")
 
 
 def resolve_observation(
@@ -92,96 +92,69 @@ def resolve_observation(
     """Look every term up once.
 
     Args:
-        contract: names the terms, the joints and the bodies.
+        contract: the terms with their conventions, the joints and the bodies.
         robot_joints: the order of the state's per-joint arrays.
         reference: where the motion terms come from.
-        extern: name and width of the live terms.
+        extern: name and width of the live inputs that exist.
 
     Raises:
-        FieldError: for an unknown term, or one whose source is missing.
+        FieldError: for an unknown term, one whose source is missing, or one whose scale does not fit.
     """
-    sources = {
-        **_proprioception(contract, robot_joints),
-        **_reference_terms(reference),
-        **{name: (width, _extern_source(name, width)) for name, width in extern.items()},
-    }
     terms = []
     start = 0
-    for name in contract.observation_names:
-        if name not in sources:
-            raise FieldError(_missing_term(name, sources))
-        width, source = sources[name]
-        terms.append(ObservationTerm(name, start, start + width, source))
+    for term in contract.terms:
+        width, source = resolve_source(term, contract, robot_joints, reference, extern)
+        term.check_width(width)
+        terms.append(ObservationTerm(term, start, start + width, source))
         start += width
-    return ObservationLayout(tuple(terms))
+    return ObservationLayout(tuple(terms), contract.history_layout)
 
 
 def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array:
-    """The observation, shape (..., N), float32; what a float32 cannot hold becomes infinite.
+    """The values of this step, shape (..., step_width), float32; what a float32 cannot hold becomes infinite.
+
+    Where no term shows a history this is the observation.
 
     Raises:
         FieldError: if a live term has another width than the one it was resolved with.
     """
     batch = context.state.joint_position.shape[:-1]
-    observation = np.empty((*batch, layout.width), dtype=np.float32)
+    step = np.empty((*batch, layout.step_width), dtype=np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # the caller checks that the result is finite
         for term in layout.terms:
-            observation[..., term.start : term.stop] = term.source(context)
-    return observation
+            step[..., term.start : term.stop] = term.term.process(term.source(context))
+    return step
 
 
-def _proprioception(contract: PolicyContract, robot_joints: tuple[str, ...]) -> dict[str, tuple[int, Source]]:
-    order = joint_indices(contract.joint_names, robot_joints, "joint_names of the policy")
-    default = contract.default_joint_pos
-    n = len(order)
-    return {
-        "joint_pos": (n, lambda context: context.state.joint_position[..., order] - default),
-        "joint_vel": (n, lambda context: context.state.joint_velocity[..., order]),
-        "actions": (contract.action_count, lambda context: context.last_action),
-        "imu_quaternion": (4, lambda context: context.state.imu_quaternion),
-        "imu_angular_velocity": (3, lambda context: context.state.imu_angular_velocity),
-        "imu_linear_acceleration": (3, lambda context: context.state.imu_linear_acceleration),
-    }
+def stack(
+    layout: ObservationLayout, step: Float32Array, history: Float32Array | None
+) -> tuple[Float32Array, Float32Array | None]:
+    """Put this step's values behind those of the steps before it.
 
+    Args:
+        layout: of the observation.
+        step: shape (..., step_width), from `pack`.
+        history: shape (..., history, step_width), oldest first; None in the first step, which then stands for all of
+            the past, as in Isaac Lab's buffers.
 
-def _reference_terms(reference: MotionReference) -> dict[str, tuple[int, Source]]:
-    def source(name: str) -> Source:
-        return lambda context: context.reference.term(name, context.frame)
-
-    terms: dict[str, tuple[int, Source]] = {
-        name: (table.shape[1], source(name)) for name, table in reference.terms.items()
-    }
-    if terms:
-        terms["progress"] = (1, lambda context: np.asarray(context.reference.progress(context.frame))[..., None])
-    return terms
-
-
-def _extern_source(name: str, width: int) -> Source:
-    def source(context: ObservationContext) -> Any:
-        live = context.state.extern.get(name)
-        if live is None:
-            return 0.0  # never heard counts like too old: nothing pressed, no velocity asked for
-        batch = context.state.joint_position.shape[:-1]
-        if live.value.shape not in ((width,), (*batch, width)):  # assigned unchecked, one value would fill every slot
-            raise FieldError(f"MITState.extern['{name}']: has shape {live.value.shape}, expected ({width},)")
-        return live.at(context.state.time)
-
-    return source
-
-
-_REFERENCE_TERMS: Mapping[str, str] = MappingProxyType(
-    {
-        "motion_body_pos_b": "a tracking motion",
-        "motion_body_ori_b": "a tracking motion",
-        "target_keys": "a piano motion",
-        "target_keys_future": "a piano motion",
-        "progress": "a motion",
-        "key_pressed": "a source of live key states",
-    }
-)
-
-
-def _missing_term(name: str, sources: Mapping[str, object]) -> str:
-    if name in _REFERENCE_TERMS:
-        return f"observation term '{name}' needs {_REFERENCE_TERMS[name]}, and there is none"
-    return known_names("observation term", name, sorted({*sources, *_REFERENCE_TERMS}))
+    Returns:
+        The observation, shape (..., N), and the history for the next step; None where no term needs one.
+    """
+    if layout.history == 1:
+        return step, None
+    newest = step[..., None, :]
+    if history is None:
+        steps = np.repeat(newest, layout.history, axis=-2)
+    else:
+        steps = np.concatenate([history[..., 1:, :], newest], axis=-2)
+    steps.setflags(write=False)
+    if layout.history_layout == "per_step":
+        ordered = steps if layout.terms[0].term.history_order == "oldest_first" else steps[..., ::-1, :]
+        return ordered.reshape(*step.shape[:-1], -1).copy(), steps
+    parts = []
+    for term in layout.terms:
+        shown = steps[..., -term.term.history :, term.start : term.stop]
+        if term.term.history_order == "newest_first":
+            shown = shown[..., ::-1, :]
+        parts.append(shown.reshape(*step.shape[:-1], -1))
+    return np.concatenate(parts, axis=-1), steps

@@ -10,12 +10,24 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, yaw_quaternion
 from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import FloatArray
 
-__all__ = ["MotionReference", "build_reference", "no_reference"]
+__all__ = ["Alignment", "Frame", "MotionReference", "build_reference", "no_reference"]
 
 Float32Array = npt.NDArray[np.float32]
 Frame = int | npt.NDArray[np.integer]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """A turn about the vertical and a shift along the ground, from the motion's world to the robot's."""
+
+    yaw: FloatArray
+    """Shape (4,), w x y z."""
+    offset: FloatArray
+    """Shape (3,), m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +37,9 @@ class MotionReference:
     frame_count: int
     """At least 1."""
     terms: Mapping[str, Float32Array]
-    """Each of shape (frame_count, width), in the term's own unit."""
+    """Each of shape (frame_count, width), in the term's own unit. Beside terms that observations name:
+    `reference_joint_pos`, `reference_joint_vel` (n, policy order, rad and rad/s) and `anchor_pos` (3), `anchor_quat`
+    (4, w x y z) of the anchor body in the motion's world."""
 
     def __post_init__(self) -> None:
         if self.frame_count < 1:
@@ -60,6 +74,21 @@ class MotionReference:
         last = max(self.frame_count - 1, 1)
         clamped = self.clamp(frame)
         return clamped / last if self.frame_count > 1 else np.ones_like(clamped, dtype=np.float64)
+
+    def anchor(self, frame: Frame, alignment: Alignment | None) -> tuple[FloatArray, FloatArray]:
+        """Where the anchor body should be: position (..., 3), m, and quaternion (..., 4), world frame."""
+        position = self.term("anchor_pos", frame).astype(np.float64)
+        quaternion = self.term("anchor_quat", frame).astype(np.float64)
+        if alignment is None:
+            return position, quaternion
+        return rotate(alignment.yaw, position) + alignment.offset, multiply(alignment.yaw, quaternion)
+
+    def align(self, pose: FloatArray) -> Alignment:
+        """Lay frame 0 onto an anchor body's pose, shape (7,): its heading and its place, but not its height."""
+        position, quaternion = self.anchor(0, None)
+        yaw = yaw_quaternion(multiply(pose[3:], conjugate(quaternion)))
+        offset = pose[:3] - rotate(yaw, position)
+        return Alignment(yaw, offset * np.array([1.0, 1.0, 0.0]))
 
 
 def no_reference() -> MotionReference:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -12,13 +12,16 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.action import ActionMap, action_command, resolve_action
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
+from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.observation import ObservationContext, ObservationLayout, pack, resolve_observation
+from humanoid_sim.controllers.observation import ObservationContext, ObservationLayout, pack, resolve_observation, stack
 from humanoid_sim.controllers.parameters import joint_tuple, number
-from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.phase import advance_phase
+from humanoid_sim.controllers.reference import Alignment, MotionReference
+from humanoid_sim.controllers.sources import live_command
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
 __all__ = ["Policy", "RLPolicyController", "RLPolicyMemory"]
 
@@ -42,6 +45,12 @@ class RLPolicyMemory(Memory):
     last_action: Float32Array = field(default_factory=lambda: np.empty(0, dtype=np.float32))
     """Shape (m,), raw; zeros at activation."""
     command: MITCommand | None = None
+    history: Float32Array | None = None
+    """Shape (h, step_width), what was observed in the last steps, oldest first; None before the first, or without."""
+    walked: float = 0.0
+    """rad of gait phase since activation, or since standing."""
+    alignment: Alignment | None = None
+    """How the reference was laid onto the robot."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,8 +102,17 @@ class RLPolicyController:
         if problem:
             return Fault(problem)
         return RLPolicyMemory(
-            held_ticks=self.decimation, last_action=np.zeros(self.contract.action_count, dtype=np.float32)
+            held_ticks=self.decimation,
+            last_action=np.zeros(self.contract.action_count, dtype=np.float32),
+            alignment=self._align(tick_input.state),
         )
+
+    def _align(self, state: MITState) -> Alignment | None:
+        """Nothing to align without anchor poses; a pose that is not known shows as a fault in the first observation."""
+        live = state.extern.get(ANCHOR_POSE)
+        if not self.contract.align_reference or "anchor_pos" not in self.reference.terms or live is None:
+            return None
+        return self.reference.align(live.value)
 
     def update(self, memory: RLPolicyMemory, tick_input: TickInput) -> tuple[RLPolicyMemory, MITCommand] | Fault:
         """The command of a new inference when one is due, else the last one."""
@@ -102,14 +120,16 @@ class RLPolicyController:
         if problem:
             return Fault(problem)
         if memory.command is not None and memory.held_ticks < self.decimation:
-            held = RLPolicyMemory(
-                frame=memory.frame,
-                held_ticks=memory.held_ticks + 1,
-                last_action=memory.last_action,
-                command=memory.command,
-            )
-            return held, memory.command
-        step = self._infer(memory, tick_input)
+            return replace(memory, policy_step=None, held_ticks=memory.held_ticks + 1), memory.command
+        walked, phase = self._phase(memory, tick_input.state)
+        context = ObservationContext(
+            tick_input.state, memory.last_action, self.reference, memory.frame, memory.alignment, phase
+        )
+        try:
+            observation, history = stack(self.layout, pack(self.layout, context), memory.history)
+        except FieldError as error:
+            return Fault(str(error))
+        step = self._infer(observation, memory.frame)
         if isinstance(step, Fault):
             return step
         command = action_command(self.action_map, step.action)
@@ -119,27 +139,32 @@ class RLPolicyController:
             held_ticks=1,
             last_action=step.action,
             command=command,
+            history=history,
+            walked=walked,
+            alignment=memory.alignment,
         )
         return advanced, command
 
-    def _infer(self, memory: RLPolicyMemory, tick_input: TickInput) -> PolicyStep | Fault:
-        context = ObservationContext(tick_input.state, memory.last_action, self.reference, memory.frame)
-        try:
-            observation = pack(self.layout, context)
-        except FieldError as error:
-            return Fault(str(error))
+    def _phase(self, memory: RLPolicyMemory, state: MITState) -> tuple[float, FloatArray]:
+        rule = self.contract.phase
+        if rule is None:
+            return 0.0, np.empty(0)
+        walked, phase = advance_phase(rule, memory.walked, live_command(state, self.contract), self.contract.policy_dt)
+        return float(walked), phase
+
+    def _infer(self, observation: Float32Array, frame: int) -> PolicyStep | Fault:
         observation.setflags(write=False)
         if not np.isfinite(observation).all():
             i = int(np.argmax(~np.isfinite(observation)))
             return Fault(f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number")
         try:
-            answer = self.policy(observation, memory.frame)
+            answer = self.policy(observation, frame)
             with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
                 action = np.array(answer, dtype=np.float32)
         except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
             return Fault(f"policy failed: {error}")
         action.setflags(write=False)
-        step = PolicyStep(memory.frame, observation, action)
+        step = PolicyStep(frame, observation, action)
         problem = self._action_problem(action)
         return Fault(problem, step) if problem else step
 

@@ -64,7 +64,7 @@ def parse_metadata(metadata: Mapping[str, str], source: str) -> PolicyContract:
             joint_stiffness=_numbers(metadata, "joint_stiffness", source),
             joint_damping=_numbers(metadata, "joint_damping", source),
             default_joint_pos=_numbers(metadata, "default_joint_pos", source),
-            observation_names=_names(metadata, "observation_names"),
+            observation=_names(metadata, "observation_names"),
             command_names=_names(metadata, "command_names"),
             action_scale=_numbers(metadata, "action_scale", source),
             policy_dt=_number(metadata, "policy_dt", source),

@@ -41,7 +41,7 @@ def placeholder_checkpoint(
         joint_stiffness=description.stiffness,
         joint_damping=description.damping,
         default_joint_pos=np.asarray(standby.pose_segments[-1]),
-        observation_names=("joint_pos", "joint_vel", "actions"),
+        observation=("joint_pos", "joint_vel", "actions"),
         command_names=(),
         action_scale=np.ones(len(joints)),
         policy_dt=policy_dt,

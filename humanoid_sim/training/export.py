@@ -42,7 +42,7 @@ def sample_contract(description: RobotDescription) -> PolicyContract:
         joint_stiffness=description.stiffness,
         joint_damping=description.damping,
         default_joint_pos=pose_a(description),
-        observation_names=OBSERVATIONS,
+        observation=OBSERVATIONS,
         command_names=("motion",),
         action_scale=np.full(len(joints), scales.ACTION),
         policy_dt=POLICY_DT,

@@ -39,7 +39,7 @@ def contract(**changes: Any) -> PolicyContract:
         "joint_stiffness": [31.0, 32.0, 33.0],
         "joint_damping": [3.1, 3.2, 3.3],
         "default_joint_pos": [0.01, 0.02, 0.03],
-        "observation_names": ("motion_body_pos_b", "joint_pos", "joint_vel", "actions", "progress", "velocity"),
+        "observation": ("motion_body_pos_b", "joint_pos", "joint_vel", "actions", "progress", "velocity"),
         "command_names": (),
         "action_scale": [0.5, 0.25],
         "policy_dt": 0.04,

@@ -29,7 +29,7 @@ WIDTHS = (1, 4, 3, 2, 3, 3, 2, 3, 3)
 
 
 def layout(*names, **changes):
-    return resolve_observation(contract(observation_names=names), JOINTS, reference(), {"velocity": 2}, **changes)
+    return resolve_observation(contract(observation=names), JOINTS, reference(), {"velocity": 2}, **changes)
 
 
 def test_terms_follow_each_other_in_the_contracts_order():
@@ -83,13 +83,13 @@ def test_values_of_each_term(name, values):
 def test_orientation_and_key_terms():
     tracking = build_reference(contract(), np.arange(18.0).reshape(2, 9))
     names = ("motion_body_ori_b", "motion_body_pos_b")
-    resolved = resolve_observation(contract(observation_names=names), JOINTS, tracking, {})
+    resolved = resolve_observation(contract(observation=names), JOINTS, tracking, {})
     packed = pack(resolved, ObservationContext(state(), np.zeros(2, np.float32), tracking, 1))
     assert packed.tolist() == [12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 9.0, 10.0, 11.0]
 
     piano = contract(
         task_type="piano",
-        observation_names=("target_keys", "target_keys_future", "key_pressed"),
+        observation=("target_keys", "target_keys_future", "key_pressed"),
         lookahead_steps=(1, 5),
     )
     song = build_reference(piano, [[0, 1], [1, 0], [1, 1]])
@@ -111,7 +111,7 @@ def test_orientation_and_key_terms():
 )
 def test_a_term_without_a_source_is_refused(names, source, message):
     with pytest.raises(FieldError, match=f"^{message}"):
-        resolve_observation(contract(observation_names=names), JOINTS, source, {})
+        resolve_observation(contract(observation=names), JOINTS, source, {})
 
 
 def test_joint_indices():

@@ -166,7 +166,7 @@ def test_activation_starts_the_motion_anew():
 
 
 def test_a_policy_without_a_motion():
-    plain = contract(task_type="locomotion", observation_names=("joint_pos",), body_names=())
+    plain = contract(task_type="locomotion", observation=("joint_pos",), body_names=())
     policy = ScriptedPolicy(zeros)
     results = run(controller(policy, contract=plain, reference=no_reference()), 4)
     assert len(results) == 4
@@ -310,12 +310,12 @@ def test_a_state_of_another_width_is_a_fault_at_any_tick():
             "joint_names of the policy do not match the robot's joints: the policy lacks neck",
         ),
         (
-            {"contract": contract(observation_names=("joint_pos", "joint_torque"))},
-            "unknown observation term 'joint_torque'; known: actions, imu_angular_velocity, imu_linear_acceleration",
+            {"contract": contract(observation=("joint_pos", "joint_torque"))},
+            "unknown observation term 'joint_torque'; known: actions, base_ang_vel, ",
         ),
         ({"reference": no_reference()}, "observation term 'motion_body_pos_b' needs a tracking motion, and there is"),
         (
-            {"contract": contract(observation_names=("key_pressed",))},
+            {"contract": contract(observation=("key_pressed",))},
             "observation term 'key_pressed' needs a source of live key states, and there is none",
         ),
         ({"extern": {}}, "unknown observation term 'velocity'; known: actions"),
