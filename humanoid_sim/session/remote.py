@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import RemoteCommand
 from humanoid_sim.mit import MITCommand
@@ -31,12 +32,13 @@ class RemoteInbox:
         """Accept a command; its arrival time is now, whatever its sender's clock says.
 
         Raises:
-            FieldError: if the joint names or their order differ, or the command is not one per joint and finite.
+            FieldError: if the joint names or their order differ, or the command is not one finite value per joint and
+                field, its gains not negative.
         """
         problem = self._problem(tuple(joint_names), command)
         if problem:
             self.rejected += 1
-            raise FieldError(f"remote command: {problem}")
+            raise FieldError(f"remote {problem}" if problem.startswith("command") else f"remote command: {problem}")
         self._latest = RemoteCommand(command, self._clock())
         self.accepted += 1
 
@@ -46,9 +48,6 @@ class RemoteInbox:
 
     def _problem(self, joint_names: tuple[str, ...], command: MITCommand) -> str:
         if joint_names != self._joints:
-            return f"joint_names are {', '.join(joint_names)}, expected {', '.join(self._joints)} in this order"
-        if command.position.shape != (len(self._joints),):
-            return f"has shape {command.position.shape}, expected ({len(self._joints)},)"
-        if not command.is_finite():
-            return "holds values that are not finite"
-        return ""
+            given = ", ".join(joint_names) or "missing"
+            return f"joint_names are {given}, expected {', '.join(self._joints)} in this order"
+        return command_problem(command, self._joints)

@@ -235,19 +235,22 @@ class Session:
     def _next_deadline(self, start: float, now: float) -> bool:
         """Set the deadline of the next tick; whether this tick missed its own.
 
-        A missed deadline is skipped, never caught up. Without real time there are none, and a tick that took longer
-        than a control period counts instead.
+        Without real time there are none, and a tick that took longer than a control period counts instead.
         """
         period = self._settings.control_period
-        if not self._settings.realtime:
-            overrun = now - start > period
-            self._overruns += overrun
-            return overrun
-        self._deadline = (start if self._deadline is None else self._deadline) + period
-        late = now - self._deadline
-        if late <= 0.0:
+        if self._settings.realtime:
+            self._deadline = (start if self._deadline is None else self._deadline) + period
+            return self._skip_missed(now)
+        overrun = now - start > period
+        self._overruns += overrun
+        return overrun
+
+    def _skip_missed(self, now: float) -> bool:
+        """Move a deadline that has passed on to the next one that has not: a missed one is never caught up."""
+        period = self._settings.control_period
+        if self._deadline is None or now <= self._deadline:
             return False
-        missed = int(late / period) + 1
+        missed = int((now - self._deadline) / period) + 1
         self._deadline += missed * period
         self._overruns += 1
         self._skipped += missed
@@ -259,6 +262,7 @@ class Session:
             while any(sink.backlog > _BACKLOG_LIMIT for sink in self._sinks) and not self._stop_reason:
                 sleep(self._settings.control_period)
             return
+        self._skip_missed(perf_counter())  # the sinks have taken their time as well
         while (left := self._deadline - perf_counter()) > 0.0:
             if left > _SPIN:
                 sleep(left - _SPIN)

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.training import scales
-from humanoid_sim.training.losses import quadratic, soft, tensor
+from humanoid_sim.training.losses import patient, quadratic, soft, tensor
 from humanoid_sim.training.mirror import ARM_JOINTS
 from humanoid_sim.training.motions import POLICY_DT
 from humanoid_sim.training.statics import PoseBatches
@@ -33,7 +33,7 @@ __all__ = ["ClosedLoop", "WindowCost", "linearise", "train_closed_loop"]
 
 _SMOOTHNESS = 30.0
 """1/rad²: cost of commands that change from step to step otherwise than u* does."""
-_HASTE = 0.02
+_HASTE = 0.5
 """s²/rad²: cost of joint speed beyond the reference's by more than `_TOLERATED_SPEED`: no lashing out after a jump."""
 _TOLERATED_SPEED = 2.0
 """rad/s"""
@@ -138,7 +138,7 @@ class ClosedLoop:
         self._error, self._last_action = error.detach(), action.detach()
         self._frame = self._frame + window
         return WindowCost(
-            tracking=soft(torch.stack(tracking)).mean(),
+            tracking=patient(torch.stack(tracking)).mean(),
             smoothness=torch.stack(smoothness).clamp(max=1.0).mean(),
             haste=soft(torch.stack(haste), 25.0).mean(),
         )
@@ -160,7 +160,7 @@ class ClosedLoop:
         action = self._command[motion, (frame - 1).clamp(min=0)] / scale
 
         # At rest under a held command, up to half a radian from the frame: a jump.
-        jumps = self._uniform(count, 1) < 0.15
+        jumps = self._uniform(count, 1) < 0.1
         held = reference + 0.3 * self._normal((count, ARM_JOINTS))
         # In pose A after standby, where the controller starts with no action.
         near = reference.abs().amax(dim=1, keepdim=True)
@@ -206,7 +206,7 @@ def train_closed_loop(
         geometry, _ = poses.cost(network, 1024, with_hold=False)
         loss = cost.tracking + _SMOOTHNESS * cost.smoothness + _HASTE * cost.haste + _GEOMETRY_SHARE * geometry
         optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         optimizer.step()
         schedule.step()

@@ -27,9 +27,9 @@ class TrainConfig:
     """Random arm motions of 8 s each to train on."""
     poses: int = 250_000
     """Random arm poses to learn the geometry from."""
-    static_steps: int = 6000
+    static_steps: int = 5000
     """Updates of the first part, on poses."""
-    loop_steps: int = 800
+    loop_steps: int = 700
     """Updates of the second part, through the closed loop."""
     arms: int = 512
     """Arms simulated at once in the second part."""

@@ -127,7 +127,7 @@ def _ticks(
     # MuJoCo's own actuators: the same law as on `qfrc_applied` to rounding, several times as fast.
     robot = MujocoRobot(description, actuation="affine", command_delay=command_delay)
     memory = supervisor.initial()
-    mode, intents = Mode.ZERO_TORQUE, [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
+    intents = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
     was_finished = True
     try:
         while True:
@@ -136,11 +136,12 @@ def _ticks(
             tick_input = TickInput(state, safety, due)
             memory, output = supervisor.step(memory, tick_input)
             robot.write(output.command)
-            if mode is Mode.LOCOMOTION and output.control_mode.mode is not Mode.LOCOMOTION:
+            if not intents and output.control_mode.mode is not Mode.LOCOMOTION:
                 raise TrackingFailedError(f"policy stopped at {state.time:.2f} s: {output.control_mode.status_message}")
-            mode = output.control_mode.mode
-            if state.time > _STANDBY_TIMEOUT and mode is not Mode.LOCOMOTION:
-                raise TrackingFailedError(f"no LOCOMOTION within {_STANDBY_TIMEOUT:g} s")
+            if intents and state.time > _STANDBY_TIMEOUT:
+                raise TrackingFailedError(
+                    f"no LOCOMOTION within {_STANDBY_TIMEOUT:g} s: {output.control_mode.status_message}"
+                )
             was_finished = output.standby is None or output.standby.is_finished
             yield tick_input, output
     finally:

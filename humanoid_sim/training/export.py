@@ -111,8 +111,11 @@ def policy_graph(weights: Mapping[str, npt.NDArray[np.float32]], origin: FloatAr
         axis=-1,
     )
     correction = g("Mul", g.perceptron("feedback", features), g.constant(scales.CORRECTION))
-    action = g("Mul", g("Add", solution, correction), g.constant(joint_sign))
-    g.reshape(action, 1, 2 * ARM_JOINTS, name="actions")
+    command = g("Mul", g("Add", solution, correction), action_scale)
+    largest = g.constant(scales.LARGEST_LEAD)
+    lead = g("Mul", g("Tanh", g("Div", g("Sub", command, joints), largest)), largest)
+    action = g("Div", g("Add", joints, lead), action_scale)
+    g.reshape(g("Mul", action, g.constant(joint_sign)), 1, 2 * ARM_JOINTS, name="actions")
     return g.build(obs=(1, 78), actions=(1, 14))
 
 

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["quadratic", "soft", "tensor"]
+__all__ = ["patient", "quadratic", "soft", "tensor"]
 
 
 def tensor(array: FloatArray) -> Tensor:
@@ -23,3 +23,8 @@ def quadratic(error: Tensor, weight: Tensor) -> Tensor:
 def soft(cost: Tensor, knee: float = 4.0) -> Tensor:
     """Huber's idea for a cost that is a square: from `knee` on it grows with the root, so that outliers do not rule."""
     return torch.where(cost < knee, cost, 2.0 * (knee * cost.clamp(min=knee)).sqrt() - knee)
+
+
+def patient(cost: Tensor, knee: float = 4.0) -> Tensor:
+    """From `knee` on a cost grows only with its logarithm: a far target is no reason to hurry."""
+    return knee * torch.log1p(cost / knee)

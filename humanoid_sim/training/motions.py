@@ -28,6 +28,11 @@ SAMPLE_DATASET = "local/lite_sample_motions"
 
 _HANDS = ("left_hand", "right_hand")
 
+_TURN = 3.0
+"""rad per metre to the left, about the vertical: how hands that keep to a Cartesian path turn."""
+_TILT = 2.0
+"""rad per metre upwards, fingers up."""
+
 
 def pose_a(description: RobotDescription) -> FloatArray:
     """Final pose of standby A, shape (n,), rad: where motions start and end."""
@@ -77,7 +82,7 @@ def _circle(description: RobotDescription) -> FloatArray:
     angle = 2.0 * np.pi * turns * _steady(t, 0.9, duration - 0.9, ramp=1.2)
     size = ease(t / 1.6) * ease((duration - t) / 1.6)
     offset = np.zeros((len(t), 2, 3))
-    shift = np.array([0.05, -0.005, 0.10])
+    shift = np.array([0.05, 0.03, 0.10])
     for side, sign in enumerate((1.0, -1.0)):
         offset[:, side] = size[:, None] * (
             shift * [1.0, sign, 1.0]
@@ -116,7 +121,7 @@ def _drum(description: RobotDescription) -> FloatArray:
     path = np.repeat(pose_a(description)[None], len(t), axis=0)
     for first, shift in ((0, 0.0), (7, np.pi)):
         beat = 0.5 * (1.0 - np.cos(phase + shift)) * envelope
-        lift = np.array([-0.14, 0.0, 0.0, -0.42, 0.0, 0.0, 0.0])
+        lift = np.array([-0.16, 0.0, 0.0, -0.50, 0.0, 0.0, 0.0])
         path[:, first : first + 7] += beat[:, None] * lift
         path[:, first + 6] += 0.25 * (JOINT_SIGN[6] if first else 1.0) * np.sin(phase + shift) * envelope
     return path
@@ -132,12 +137,27 @@ SAMPLES: dict[str, Callable[[RobotDescription], FloatArray]] = {
 
 
 def _hand_path(description: RobotDescription, offset: FloatArray) -> FloatArray:
-    """Joint path (F, n), rad, on which the hands keep pose A's orientation, displaced by (F, 2, 3), m, base frame."""
+    """Joint path (F, n), rad, on which the hands leave pose A's place by (F, 2, 3), m, base frame.
+
+    They turn a little with the arm as they go, which keeps the wrists away from their limits.
+    """
     home = pose_a(description)
     position, rotation = ForwardKinematics(description, _HANDS)(home)
-    rotations = np.repeat(rotation[None], len(offset), axis=0)
+    yaw, pitch = _TURN * offset[..., 1], -_TILT * offset[..., 2]
+    rotations = _about(2, yaw) @ _about(1, pitch) @ rotation
     solver = InverseKinematics(description, _HANDS, damping=0.02)
     return solver.solve_path(position + offset, rotations, home, posture=home)
+
+
+def _about(axis: int, angle: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) about a coordinate axis by angles (...), rad."""
+    turned = np.zeros((*angle.shape, 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turned[..., axis, axis] = 1.0
+    turned[..., i, i] = turned[..., j, j] = np.cos(angle)
+    turned[..., j, i] = np.sin(angle)
+    turned[..., i, j] = -turned[..., j, i]
+    return turned
 
 
 def _steady(t: npt.NDArray[np.floating], start: float, stop: float, ramp: float) -> FloatArray:

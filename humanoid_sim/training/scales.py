@@ -1,6 +1,6 @@
 """Scales of the network's inputs and output, shared by the network (`student.py`) and its graph (`export.py`)."""
 
-__all__ = ["ACTION", "CHANGE", "CORRECTION", "ELBOW_JOINTS", "LEAD", "LENGTH", "TRACKING", "VELOCITY"]
+__all__ = ["ACTION", "CHANGE", "CORRECTION", "ELBOW_JOINTS", "LARGEST_LEAD", "LEAD", "LENGTH", "TRACKING", "VELOCITY"]
 
 ACTION = 0.5
 """rad per unit of action, all joints: actions are of order one over the whole workspace."""
@@ -25,3 +25,9 @@ CHANGE = 3.0
 
 CORRECTION = 0.3
 """action: of the feedback's output."""
+
+LARGEST_LEAD = (0.4, 0.4, 0.4, 0.4, 0.3, 0.3, 0.3)
+"""rad, per joint: how far a command may be ahead of its joint.
+
+Where the reference jumps, K_p times this bounds the torque, and K_p / K_d times this the speed.
+"""

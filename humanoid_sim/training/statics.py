@@ -75,7 +75,7 @@ def train_statics(
         geometry, hold = batches.cost(network, batch_size, with_hold=True)
         loss = geometry + _HOLD_SHARE * hold
         optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 50.0)
         optimizer.step()
         schedule.step()

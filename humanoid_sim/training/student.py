@@ -4,7 +4,7 @@ It has three parts, plain multi-layer perceptrons with SiLU units. `shoulder` an
 the frame that is shown: the first from the elbow's pose, the second from the rotation between elbow and hand.
 `shoulder` also sees where the joints are, because some poses of the elbow have two solutions. `feedback` turns the
 distance between these positions, the joints and the last action into a correction: it leads the motion, holds against
-gravity, damps.
+gravity, damps. A command is never far ahead of its joint, so that a jump of the reference becomes no blow.
 All inputs are scaled here, so nothing outside needs to know of it.
 """
 
@@ -61,6 +61,7 @@ class ArmNetwork(nn.Module):
         last = cast("nn.Linear", self.feedback[-1])
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
+        self.largest_lead = torch.tensor(scales.LARGEST_LEAD)
         self.origin = torch.tensor(geometry.shoulder, dtype=torch.float32)
 
     def target(self, position: Tensor, columns: Tensor) -> ArmTarget:
@@ -99,7 +100,9 @@ class ArmNetwork(nn.Module):
             (last_action - solution) * scales.CHANGE,
             (last_action * scale - joints) * scales.LEAD,
         ]
-        return solution + scales.CORRECTION * cast("Tensor", self.feedback(torch.cat(features, dim=-1)))
+        action = solution + scales.CORRECTION * cast("Tensor", self.feedback(torch.cat(features, dim=-1)))
+        lead = self.largest_lead * torch.tanh((action * scale - joints) / self.largest_lead)
+        return (joints + lead) / scale
 
     def forward(self, target: ArmTarget, joints: Tensor, velocity: Tensor, last_action: Tensor) -> Tensor:
         """The action, shape (..., 7)."""

@@ -1,10 +1,14 @@
 """Hypothesis strategies for everything that may reach the control stack, the broken included.
 
 Each takes the number of joints, `n`. What is called "any" holds NaN, infinities, huge and subnormal numbers; what is
-called "healthy" or "valid" is what a working robot or sender produces.
+called "healthy" or "valid" is what a working robot or sender produces. Strategies are immutable and cost more to build
+than to draw from, so each is built once.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from hypothesis import strategies as st
@@ -32,15 +36,18 @@ SPECIAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e
 """Where floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, not a number."""
 
 
+@cache
 def any_numbers() -> SearchStrategy[float]:
     """Any float at all, the troublesome ones often."""
     return st.sampled_from(SPECIAL_NUMBERS) | st.floats(-10.0, 10.0) | st.floats()
 
 
+@cache
 def _small_numbers() -> SearchStrategy[float]:
     return st.floats(-3.0, 3.0, allow_subnormal=False)
 
 
+@cache
 def any_arrays(n: int, numbers: SearchStrategy[float] | None = None) -> SearchStrategy[FloatArray]:
     """Arrays of shape (n,); one odd value among healthy ones is as likely as a wholly random array."""
     values = any_numbers() if numbers is None else numbers
@@ -57,6 +64,7 @@ def _with_one(n: int, i: int, odd: float, rest: float) -> FloatArray:
     return array
 
 
+@cache
 def any_externs() -> SearchStrategy[dict[str, Extern]]:
     """Live arrays of any name, width, age and timeout; often none."""
     names = st.sampled_from(["key_pressed", "velocity", "unheard_of"])
@@ -71,9 +79,14 @@ def any_externs() -> SearchStrategy[dict[str, Extern]]:
 
 def any_states(n: int, time: float) -> SearchStrategy[MITState]:
     """States of any content at `time` s."""
+    return _any_states(n).map(lambda state: replace(state, time=time))
+
+
+@cache
+def _any_states(n: int) -> SearchStrategy[MITState]:
     return st.builds(
         MITState,
-        time=st.just(time),
+        time=st.just(0.0),
         joint_position=any_arrays(n) | st.just(np.full(n, np.nan)),
         joint_velocity=any_arrays(n),
         joint_effort=any_arrays(n),
@@ -87,9 +100,14 @@ def any_states(n: int, time: float) -> SearchStrategy[MITState]:
 
 def healthy_states(n: int, time: float) -> SearchStrategy[MITState]:
     """States of a robot whose joints are all known, at `time` s."""
+    return _healthy_states(n).map(lambda state: replace(state, time=time))
+
+
+@cache
+def _healthy_states(n: int) -> SearchStrategy[MITState]:
     return st.builds(
         MITState,
-        time=st.just(time),
+        time=st.just(0.0),
         joint_position=any_arrays(n, _small_numbers()),
         joint_velocity=any_arrays(n, _small_numbers()),
         joint_effort=any_arrays(n, _small_numbers()),
@@ -100,6 +118,7 @@ def healthy_states(n: int, time: float) -> SearchStrategy[MITState]:
     )
 
 
+@cache
 def clock_jumps() -> SearchStrategy[float]:
     """s between one tick and the next of a clock that nobody can rely on."""
     return st.sampled_from([0.0, 0.02, 0.02, 0.1, 1.0, -0.02, -5.0, 1e6, -1e6, 1e300, np.nan, np.inf]) | st.floats(
@@ -107,6 +126,7 @@ def clock_jumps() -> SearchStrategy[float]:
     )
 
 
+@cache
 def safety_statuses() -> SearchStrategy[tuple[SafetyStatus, ...]]:
     """None to three sources of any level and flags, bits without a name included."""
     status = st.builds(
@@ -119,27 +139,34 @@ def safety_statuses() -> SearchStrategy[tuple[SafetyStatus, ...]]:
     return st.lists(status, max_size=3).map(tuple)
 
 
+@cache
 def intents() -> SearchStrategy[tuple[Intent, ...]]:
     """None to three intents of one tick, repetitions included."""
     return st.lists(st.sampled_from(Intent), max_size=3).map(tuple)
 
 
+@cache
 def any_commands(n: int) -> SearchStrategy[MITCommand]:
     """Commands of any content: negative gains, NaN."""
     return st.builds(MITCommand, *[any_arrays(n)] * 5)
 
 
+@cache
 def valid_commands(n: int) -> SearchStrategy[MITCommand]:
     """Finite commands with gains that are not negative."""
-    gains = st.floats(0.0, 100.0, allow_subnormal=False)
-    return st.builds(MITCommand, *[any_arrays(n, _small_numbers())] * 3, *[any_arrays(n, gains)] * 2)
+    gains = any_arrays(n, st.floats(0.0, 100.0, allow_subnormal=False))
+    return st.builds(MITCommand, *[any_arrays(n, _small_numbers())] * 3, gains, gains)
 
 
 def any_remote_commands(n: int, time: float) -> SearchStrategy[RemoteCommand]:
     """Valid, broken and wrongly sized commands, stamped around `time` s or anywhere."""
     stamps = st.sampled_from([time, time - 0.05, time - 1.0, time + 0.01, time + 100.0]) | any_numbers()
-    commands = valid_commands(n) | any_commands(n) | valid_commands(n + 1)
-    return st.builds(RemoteCommand, command=commands, arrival_time=stamps)
+    return st.builds(RemoteCommand, command=_all_commands(n), arrival_time=stamps)
+
+
+@cache
+def _all_commands(n: int) -> SearchStrategy[MITCommand]:
+    return valid_commands(n) | any_commands(n) | valid_commands(n + 1)
 
 
 def any_tick_inputs(n: int, time: float) -> SearchStrategy[TickInput]:

@@ -180,6 +180,7 @@ def test_the_supervisor_withstands_anything():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_the_supervisor_withstands_anything_for_longer():
     """New examples in every run; a failure prints how to repeat it."""
     long = settings(NORMAL, max_examples=700, derandomize=False)

@@ -1,0 +1,233 @@
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import models
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import file_digest
+from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.onnx_policy import OnnxPolicy, has_onnxruntime, load_checkpoint, read_metadata
+
+
+def test_a_checkpoint_is_loaded_with_all_that_it_says(tmp_path: Path) -> None:
+    path = models.saved(tmp_path / "policy.onnx")
+    checkpoint = load_checkpoint(path)
+    assert checkpoint.source == str(path)
+    assert checkpoint.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert checkpoint.observation_width == 8
+    assert checkpoint.contract.action_joint_names == ("c", "a")
+    observation = np.linspace(-1.0, 1.0, 8, dtype=np.float32)
+    action = np.asarray(checkpoint.policy(observation, 0))
+    assert action.dtype == np.float32
+    np.testing.assert_allclose(action, observation @ models.weights(8, 2), rtol=1e-6)
+    assert np.asarray(checkpoint.policy(observation, 7)).tobytes() == action.tobytes()
+
+
+def test_metadata_can_be_read_without_running_the_model(tmp_path: Path) -> None:
+    assert read_metadata(models.saved(tmp_path / "policy.onnx")) == write_metadata(models.contract())
+
+
+def test_a_dynamic_batch_is_a_batch_of_one(tmp_path: Path) -> None:
+    model = models.linear_model(input_shape=["batch", 8], output_shape=["batch", 2])
+    checkpoint = load_checkpoint(models.saved(tmp_path / "policy.onnx", model))
+    assert np.asarray(checkpoint.policy(np.ones(8, dtype=np.float32), 0)).shape == (2,)
+
+
+def test_further_outputs_are_not_asked_for(tmp_path: Path) -> None:
+    model = models.linear_model()
+    model.graph.node.append(helper.make_node("Identity", ["observation"], ["copy"]))
+    model.graph.output.append(helper.make_tensor_value_info("copy", TensorProto.FLOAT, [1, 8]))
+    policy = OnnxPolicy(models.saved(tmp_path / "policy.onnx", model))
+    assert policy.action_width == 2
+
+
+def test_one_thread_runs_a_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    real = onnxruntime.InferenceSession
+
+    def session(path: str, options: onnxruntime.SessionOptions, **kwargs: object) -> object:
+        seen.append((options.intra_op_num_threads, options.inter_op_num_threads, options.execution_mode))
+        return real(path, options, **kwargs)
+
+    monkeypatch.setattr(onnxruntime, "InferenceSession", session)
+    OnnxPolicy(models.saved(tmp_path / "policy.onnx"))
+    assert seen == [(1, 1, onnxruntime.ExecutionMode.ORT_SEQUENTIAL)]
+
+
+def refusal(path: Path, load: Callable[[Path], object] = load_checkpoint) -> str:
+    with pytest.raises(InputError) as caught:
+        load(path)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.startswith(f"{path}: ")
+    return text.removeprefix(f"{path}: ")
+
+
+def two_inputs() -> onnx.ModelProto:
+    graph = helper.make_graph(
+        [helper.make_node("Add", ["obs", "time_step"], ["action"])],
+        "policy",
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 2]) for name in ("obs", "time_step")],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 2])],
+    )
+    return models.finished(graph, None)
+
+
+def no_output() -> onnx.ModelProto:
+    model = models.linear_model()
+    del model.graph.output[:]
+    return model
+
+
+def fails_when_it_runs() -> onnx.ModelProto:
+    """The declared shapes are right; that it looks up row 99 of 8 shows only when it runs."""
+    graph = helper.make_graph(
+        [
+            helper.make_node("ReduceSum", ["observation"], ["total"], keepdims=0),
+            helper.make_node("Cast", ["total"], ["whole"], to=TensorProto.INT64),
+            helper.make_node("Add", ["whole", "beyond"], ["row"]),
+            helper.make_node("Gather", ["weights", "row"], ["values"]),
+            helper.make_node("Reshape", ["values", "form"], ["action"]),
+        ],
+        "policy",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, 8])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 2])],
+        [
+            numpy_helper.from_array(models.weights(8, 2), "weights"),
+            numpy_helper.from_array(np.array(99), "beyond"),
+            numpy_helper.from_array(np.array([1, 2]), "form"),
+        ],
+    )
+    return models.finished(graph, None)
+
+
+MODELS: dict[str, tuple[Callable[[], onnx.ModelProto], str]] = {
+    "float64": (
+        lambda: models.linear_model(dtype=TensorProto.DOUBLE),
+        "input 'observation' is tensor(double), expected tensor(float)",
+    ),
+    "float16": (
+        lambda: models.linear_model(dtype=TensorProto.FLOAT16),
+        "input 'observation' is tensor(float16), expected tensor(float)",
+    ),
+    "no batch": (
+        lambda: models.linear_model(input_shape=[8], output_shape=[2]),
+        "input 'observation' has shape [8], expected (1, width)",
+    ),
+    "rank 3": (
+        lambda: models.linear_model(input_shape=[1, 1, 8], output_shape=[1, 1, 2]),
+        "input 'observation' has shape [1, 1, 8], expected (1, width)",
+    ),
+    "batch of 4": (
+        lambda: models.linear_model(input_shape=[4, 8], output_shape=[4, 2]),
+        "input 'observation' has shape [4, 8], expected (1, width)",
+    ),
+    "width unknown": (
+        lambda: models.linear_model(input_shape=[1, "n"]),
+        "input 'observation' has shape [1, 'n'], expected (1, width)",
+    ),
+    "two inputs": (two_inputs, "has the inputs obs, time_step and 1 outputs, expected one input and an output"),
+    "no output": (no_output, "has the inputs observation and 0 outputs, expected one input and an output"),
+    "output of another width": (
+        lambda: models.linear_model(outputs=3),
+        "the model's output is 3 wide, expected 2, one for each of action_joint_names",
+    ),
+    "no metadata": (lambda: models.linear_model({}), "metadata lacks task_type, joint_names, "),
+    "fails when it runs": (fails_when_it_runs, "the model fails on an observation of zeros: "),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_of_another_form_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    make, expected = MODELS[name]
+    message = refusal(models.saved(tmp_path / "policy.onnx", make()))
+    assert message.startswith(expected)
+    if not expected.endswith(" "):
+        assert message == expected
+
+
+def _missing(path: Path) -> None:
+    pass
+
+
+def _truncated(path: Path) -> None:
+    models.saved(path)
+    path.write_bytes(path.read_bytes()[:-40])
+
+
+FILES: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (_missing, "no such file, expected an ONNX file"),
+    "directory": (Path.mkdir, "is a directory, expected an ONNX file"),
+    "empty": (Path.touch, "is empty, expected an ONNX file"),
+    "text": (lambda path: path.write_text("a policy"), "is not a"),
+    "truncated": (_truncated, "is not a"),
+    "random": (lambda path: path.write_bytes(np.random.default_rng(1).bytes(5000)), "is not a"),
+}
+
+
+@pytest.mark.parametrize("load", [load_checkpoint, read_metadata])
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_is_no_model_is_refused_in_one_line(
+    name: str, load: Callable[[Path], object], tmp_path: Path
+) -> None:
+    make, expected = FILES[name]
+    path = tmp_path / "policy.onnx"
+    make(path)
+    assert refusal(path, load).startswith(expected)
+
+
+def with_external_tensors(path: Path) -> Path:
+    onnx.save_model(
+        models.linear_model(),
+        str(path),
+        save_as_external_data=True,
+        location=f"{path.name}.data",
+        size_threshold=0,
+    )
+    return path
+
+
+def test_external_tensors_beside_the_model_are_loaded(tmp_path: Path) -> None:
+    path = with_external_tensors(tmp_path / "policy.onnx")
+    data = tmp_path / "policy.onnx.data"
+    assert data.stat().st_size == 8 * 2 * 4
+    checkpoint = load_checkpoint(path)
+    observation = np.ones(8, dtype=np.float32)
+    np.testing.assert_allclose(
+        np.asarray(checkpoint.policy(observation, 0)), observation @ models.weights(8, 2), rtol=1e-6
+    )
+    assert checkpoint.sha256 == hashlib.sha256(path.read_bytes() + data.read_bytes()).hexdigest()
+
+
+def test_external_tensors_that_are_missing_or_cut_are_named(tmp_path: Path) -> None:
+    path = with_external_tensors(tmp_path / "policy.onnx")
+    data = tmp_path / "policy.onnx.data"
+    data.write_bytes(data.read_bytes()[:10])
+    assert "weights" in refusal(path)
+    data.unlink()
+    assert "policy.onnx.data" in refusal(path)
+
+
+def test_the_digest_tells_weights_apart_wherever_they_lie(tmp_path: Path) -> None:
+    path = with_external_tensors(tmp_path / "policy.onnx")
+    before = file_digest(path)
+    data = tmp_path / "policy.onnx.data"
+    data.write_bytes(bytes(data.stat().st_size))
+    assert file_digest(path) != before
+
+
+def test_onnxruntime_is_here() -> None:
+    assert has_onnxruntime()
+
+
+def test_onnxruntime_that_cannot_be_imported_is_not_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "onnxruntime", None)
+    assert not has_onnxruntime()

@@ -1,0 +1,167 @@
+"""Small stand-ins for everything around the control loop; all write into one log, so that order can be checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import rig
+
+from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput, TickOutput
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+
+HEADER = SessionHeader("fake", rig.JOINTS, rig.PERIOD, 0)
+
+
+class BrokenError(Exception):
+    """What the fakes raise."""
+
+
+@dataclass
+class FakeRobot:
+    """Three joints that never move by themselves; `on_read` and `on_write` are called with the number of the call."""
+
+    log: list[str] = field(default_factory=list)
+    on_read: Callable[[int], None] = lambda _: None
+    on_write: Callable[[int], None] = lambda _: None
+    velocity: float = 0.0
+    """rad/s, of the first joint."""
+    activation_error: Exception | None = None
+    extern: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.reads = 0
+        self.writes = 0
+        self.commands: list[MITCommand] = []
+        self.is_closed = False
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return rig.JOINTS
+
+    def activate(self) -> None:
+        self.log.append("activate")
+        if self.activation_error:
+            raise self.activation_error
+
+    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        self.log.append("read")
+        self.reads += 1
+        self.on_read(self.reads - 1)
+        velocity = np.array([self.velocity, 0.0, 0.0])
+        return rig.state(self.writes * rig.PERIOD, joint_velocity=velocity, extern=self.extern), ()
+
+    def write(self, command: MITCommand) -> None:
+        self.log.append("write")
+        self.writes += 1
+        assert not self.is_closed
+        self.on_write(self.writes - 1)
+        self.commands.append(command)
+
+    def close(self) -> None:
+        self.log.append("close robot")
+        self.is_closed = True
+
+
+@dataclass
+class FakeSource:
+    """Gives the intents of a tick by its number; `finish_at` is the first poll after which it wants to end."""
+
+    intents: Mapping[int, Sequence[Intent]] = field(default_factory=dict)
+    finish_at: int = 10**9
+    log: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.polls = 0
+        self.seen: list[tuple[float, TickOutput | None]] = []
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        self.log.append("poll")
+        self.seen.append((time, output))
+        self.polls += 1
+        return self.intents.get(self.polls - 1, ())
+
+    @property
+    def finished(self) -> bool:
+        return self.polls > self.finish_at
+
+
+@dataclass
+class FakeRemote:
+    """Never heard a command."""
+
+    log: list[str] = field(default_factory=list)
+
+    def latest(self) -> RemoteCommand | None:
+        self.log.append("remote")
+        return None
+
+
+@dataclass
+class FakeSink:
+    """Keeps what it gets; `on_tick` is called with each record."""
+
+    log: list[str] = field(default_factory=list)
+    on_tick: Callable[[TickRecord], None] = lambda _: None
+    name: str = "sink"
+
+    def __post_init__(self) -> None:
+        self.records: list[TickRecord] = []
+        self.events: list[str] = []
+        self.waiting: list[int] = []
+        """Backlogs to report, one per question; 0 after the last."""
+        self.questions = 0
+
+    def start(self, header: SessionHeader) -> None:
+        self.log.append(f"start {self.name}")
+
+    def tick(self, record: TickRecord) -> None:
+        self.log.append("hand out")
+        self.on_tick(record)
+        self.records.append(record)
+
+    def event(self, time: float, text: str) -> None:
+        self.events.append(text)
+
+    @property
+    def backlog(self) -> int:
+        self.questions += 1
+        return self.waiting.pop(0) if self.waiting else 0
+
+    def close(self) -> None:
+        self.log.append(f"close {self.name}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoggingSupervisor(Supervisor):
+    """Logs each step, after asking `on_step` with the input."""
+
+    log: list[str] = field(default_factory=list)
+    on_step: Callable[[TickInput], None] = lambda _: None
+
+    def step(self, memory: Any, tick_input: TickInput) -> Any:
+        self.log.append("step")
+        self.on_step(tick_input)
+        return Supervisor.step(self, memory, tick_input)
+
+
+def session(robot: Any, *, supervisor: Supervisor | None = None, **options: Any) -> Session:
+    """A session that does not keep real time, unless told to."""
+    loop = {name: options.pop(name) for name in ("realtime", "duration", "damping_time") if name in options}
+    settings = LoopSettings(rig.PERIOD, **{"realtime": False, "damping_time": 2.0, **loop})
+    return Session(robot, supervisor or rig.supervisor(), settings, header=HEADER, **options)
+
+
+def is_damping(command: MITCommand) -> bool:
+    """Whether it is `damping_controller`'s of the rig: told by its gains."""
+    return command.damping.tolist() == rig.DAMPING_KD and not command.stiffness.any()
+
+
+def is_zero(command: MITCommand) -> bool:
+    """Whether it is zero torque."""
+    return not any(getattr(command, name).any() for name in ("position", "velocity", "effort", "stiffness", "damping"))

@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rig
+from fakes import HEADER
+
+from humanoid_sim.messages import (
+    ControlMode,
+    FaultReport,
+    Mode,
+    PolicyStep,
+    SafetyFlag,
+    SafetyLevel,
+    SafetyStatus,
+    TickInput,
+    TickOutput,
+)
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.session import monitor as module
+from humanoid_sim.session.monitor import RunMonitor
+from humanoid_sim.session.sink import TickRecord
+
+LIMIT = np.array([10.0, 10.0, 4.0])
+NAMES = {
+    Mode.ZERO_TORQUE: "zero_torque_controller",
+    Mode.DAMPING: "damping_controller",
+    Mode.STANDBY: "standby_controller_a",
+    Mode.LOCOMOTION: "rl_policy_controller",
+    Mode.REMOTE: "remote_policy_controller",
+}
+
+
+def record(
+    index: int,
+    mode: Mode = Mode.DAMPING,
+    *,
+    effort: list[float] | None = None,
+    safety: tuple[SafetyStatus, ...] = (),
+    duration: float = 1e-4,
+    overrun: bool = False,
+    **output: object,
+) -> TickRecord:
+    state = rig.state(index * 0.5, joint_effort=np.array(effort or [0.0, 0.0, 0.0]))
+    control = ControlMode(mode, NAMES[mode], f"reason {index}")
+    return TickRecord(
+        index,
+        TickInput(state, safety),
+        replace(TickOutput(rig.command(), control), **output),
+        duration,
+        overrun,
+        np.array([float(index)]),
+    )
+
+
+def monitored(*records: TickRecord, tracker: object = None) -> RunMonitor:
+    result = RunMonitor(LIMIT, tracker)  # type: ignore[arg-type]
+    result.start(HEADER)
+    for item in records:
+        result.tick(item)
+    result.close()
+    assert result.error is None
+    return result
+
+
+def test_mode_spans() -> None:
+    modes = [Mode.ZERO_TORQUE, Mode.DAMPING, Mode.DAMPING, Mode.STANDBY, Mode.DAMPING]
+    spans = monitored(*(record(i, mode) for i, mode in enumerate(modes))).spans
+    assert [(span.mode, span.start, span.end, span.reason) for span in spans] == [
+        (Mode.ZERO_TORQUE, 0.0, 0.0, "reason 0"),
+        (Mode.DAMPING, 0.5, 1.0, "reason 1"),
+        (Mode.STANDBY, 1.5, 1.5, "reason 3"),
+        (Mode.DAMPING, 2.0, 2.0, "reason 4"),
+    ]
+
+
+def test_counts_and_times() -> None:
+    figures = monitored(
+        record(0, duration=1e-4), record(1, duration=3e-4, overrun=True), record(2, duration=2e-4, overrun=True)
+    )
+    assert (figures.ticks, figures.overruns, figures.inferences) == (3, 2, 0)
+    assert figures.tick_time.max == 3e-4
+    assert figures.tick_time.mean == pytest.approx(2e-4)
+
+
+def test_effort_and_saturation() -> None:
+    figures = monitored(
+        record(0, effort=[1.0, -9.5, 3.9]),
+        record(1, effort=[0.0, 0.0, -4.0]),
+        record(2, effort=[np.nan, 0.0, 0.0]),
+        record(3, effort=[np.nan] * 3),
+    )
+    assert figures.largest_effort == 9.5
+    assert figures.saturated == 1
+
+
+def test_faults_refusals_and_safety_with_their_times() -> None:
+    fault = FaultReport("rl_policy_controller", "damping_controller", "action is nan")
+    warning = SafetyStatus(SafetyLevel.WARNING, SafetyFlag.INVALID_FRAME, "can1")
+    ok = SafetyStatus(source="can0")
+    figures = monitored(
+        record(0, safety=(ok,)),
+        record(1, faults=(fault,)),
+        record(2, refusals=("LOAD_A refused", "LOAD_B refused")),
+        record(3, safety=(ok, warning)),
+        record(4, safety=(ok, warning)),
+        record(5, safety=(ok,)),
+        record(6, safety=(ok, warning)),
+    )
+    assert figures.faults == [(0.5, "rl_policy_controller: action is nan")]
+    assert figures.refusals == [(1.0, "LOAD_A refused"), (1.0, "LOAD_B refused")]
+    text = "safety WARNING INVALID_FRAME from can1"
+    assert figures.safety == [(1.5, text), (3.0, text)]
+
+
+def test_the_tracker_gets_each_policy_step_with_the_pose_of_that_very_tick() -> None:
+    class Tracker:
+        def __init__(self) -> None:
+            self.seen: list[tuple[int, list[float]]] = []
+
+        def update(self, frame: int, joint_position: FloatArray) -> None:
+            self.seen.append((frame, joint_position.tolist()))
+
+    tracker = Tracker()
+    step = PolicyStep(7, np.zeros(2, dtype=np.float32), np.zeros(1, dtype=np.float32))
+    figures = monitored(record(0), record(1, Mode.LOCOMOTION, policy_step=step), tracker=tracker)
+    assert figures.inferences == 1
+    assert tracker.seen == [(7, list(rig.KNOWN))]
+
+
+def test_the_picture_shows_the_last_pose_of_the_farthest_mode() -> None:
+    modes = [Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY, Mode.LOCOMOTION, Mode.LOCOMOTION, Mode.DAMPING]
+    assert monitored(*(record(i, mode) for i, mode in enumerate(modes))).pose == 4.0
+    remote = [Mode.DAMPING, Mode.REMOTE, Mode.REMOTE, Mode.DAMPING]
+    assert monitored(*(record(i, mode) for i, mode in enumerate(remote))).pose == 2.0
+
+
+def test_memory_does_not_grow_and_spans_that_are_not_kept_lengthen_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_KEPT", 3)
+    modes = [Mode.DAMPING, Mode.STANDBY] * 5
+    figures = monitored(*(record(i, mode, refusals=("no",)) for i, mode in enumerate(modes)))
+    assert [span.end for span in figures.spans] == [0.0, 0.5, 1.0]
+    assert len(figures.refusals) == 3
+    assert figures.dropped == 7 + 7

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import rig
+from fakes import BrokenError, FakeRobot, is_damping, is_zero
+
+from humanoid_sim.mit import MITState
+from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
+
+CONTROLLERS = rig.supervisor().controllers
+
+
+def moving(velocity: float) -> MITState:
+    return rig.state(joint_velocity=np.array([0.0, velocity, 0.0]))
+
+
+@pytest.mark.parametrize(("period", "needed"), [(0.005, 101), (0.02, 26), (1.0, 2)])
+def test_rest_is_half_a_second_without_motion(period: float, needed: int) -> None:
+    rest = RestDetector(period)
+    assert [rest.update(moving(0.019)) for _ in range(needed)] == [False] * (needed - 1) + [True]
+
+
+def test_motion_of_either_sign_starts_the_half_second_again() -> None:
+    for velocity in (0.021, -0.021, 3.0):
+        rest = RestDetector(0.02)
+        for _ in range(25):
+            rest.update(moving(0.0))
+        assert not rest.update(moving(velocity))
+        assert not any(rest.update(moving(0.0)) for _ in range(25))
+        assert rest.update(moving(0.0))
+
+
+def damp(robot: FakeRobot, longest: float = 1.0, **options: object) -> MITState:
+    start = rig.state(position=rig.KNOWN)
+    settings = {"period": rig.PERIOD, "longest": longest, "pause": None, **options}
+    return damp_without_supervisor(robot, CONTROLLERS, start, **settings)  # type: ignore[arg-type]
+
+
+def test_damps_until_rest_and_not_longer_than_asked() -> None:
+    robot = FakeRobot()
+    damp(robot)
+    assert len(robot.commands) == 26
+    assert all(is_damping(command) for command in robot.commands)
+    robot = FakeRobot(velocity=1.0)
+    damp(robot)
+    assert len(robot.commands) == 51
+
+
+def test_keeps_the_pace_of_the_loop() -> None:
+    pauses: list[float] = []
+    damp(FakeRobot(velocity=1.0), longest=0.1, pause=pauses.append)
+    assert pauses == [rig.PERIOD] * 6
+
+
+def test_from_zero_torque_one_command_of_zeros() -> None:
+    robot = FakeRobot(velocity=1.0)
+    damp(robot, longest=0.0)
+    assert [is_zero(command) for command in robot.commands] == [True]
+
+
+def fail(count: int) -> None:
+    raise BrokenError
+
+
+def test_a_state_that_cannot_be_read_is_the_last_one() -> None:
+    robot = FakeRobot(on_read=fail)
+    damp(robot, longest=0.1)
+    assert {tuple(command.position) for command in robot.commands} == {rig.KNOWN}
+
+
+def test_without_a_controller_that_works_the_command_is_zero_torque() -> None:
+    class Raises:
+        def activate(self, tick_input: object) -> object:
+            raise BrokenError
+
+    for controllers in ({}, {"damping_controller": Raises()}):
+        robot = FakeRobot()
+        damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)  # type: ignore[arg-type]
+        assert [is_zero(command) for command in robot.commands] == [True] * 6
+
+
+def test_where_no_joint_was_ever_heard_the_command_is_zero_torque() -> None:
+    robot = FakeRobot(on_read=fail)
+    damp_without_supervisor(robot, CONTROLLERS, MITState.unknown(3), period=0.02, longest=0.1, pause=None)
+    assert [is_zero(command) for command in robot.commands] == [True] * 6

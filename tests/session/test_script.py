@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import pytest
+import rig
+from fakes import FakeRobot, FakeSink, FakeSource, session
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.session.script import OverriddenScript, Script, ScriptStep, parse_script
+from humanoid_sim.session.sink import TickRecord
+
+BAD_SCRIPTS = {
+    "": "is empty",
+    " ; ;": "is empty",
+    "dampen": "step 1 is 'dampen'",
+    "damp; ; jump": "step 3 is 'jump'",
+    "damp load_a": "step 1 is 'damp load_a'",
+    "damp; wait 3": "step 2 is 'wait 3'",
+    "motion 3": "step 1 is 'motion 3'",
+    "hold": "step 1 is 'hold'",
+    "hold 1 2": "step 1 is 'hold 1 2'",
+    "hold long": "step 1 is 'hold long', expected hold with a number of seconds >= 0",
+    "hold -1": "step 1 is 'hold -1', expected hold with a number of seconds >= 0",
+    "hold nan": "step 1 is 'hold nan', expected hold with a number of seconds >= 0",
+    "hold inf": "step 1 is 'hold inf', expected hold with a number of seconds >= 0",
+}
+
+
+def test_the_grammar() -> None:
+    steps = parse_script("damp; LOAD_B ;wait;start_remote; hold 5;; motion; hold 0; load_a; start_locomotion; quit;")
+    assert steps == (
+        ScriptStep("intent", Intent.DAMP),
+        ScriptStep("intent", Intent.LOAD_B),
+        ScriptStep("wait"),
+        ScriptStep("intent", Intent.START_REMOTE),
+        ScriptStep("hold", seconds=5.0),
+        ScriptStep("motion"),
+        ScriptStep("hold", seconds=0.0),
+        ScriptStep("intent", Intent.LOAD_A),
+        ScriptStep("intent", Intent.START_LOCOMOTION),
+        ScriptStep("intent", Intent.QUIT),
+    )
+
+
+@pytest.mark.parametrize("text", BAD_SCRIPTS)
+def test_a_bad_script_is_refused_with_its_step_and_the_grammar(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_script(text)
+    message = str(caught.value)
+    assert message.startswith(f"--script: {BAD_SCRIPTS[text]}")
+    assert "\n" not in message
+    assert "hold" in message
+
+
+def play(text: str, frames: int = 0, faults: tuple[float, ...] = ()) -> tuple[Script, list[TickRecord]]:
+    """Run a script on the rig; `faults` are the times of one-tick safety faults."""
+    script, sink = Script(parse_script(text), frames), FakeSink()
+    run = session(
+        FakeRobot(),
+        duration=20.0,
+        intents=[script],
+        sinks=[sink],
+        safety_filter=lambda _: (
+            (SafetyStatus(SafetyLevel.FAULT, SafetyFlag.BUS_OFF),)
+            if any(abs(run.time - fault) < 0.5 * rig.PERIOD for fault in faults)
+            else ()
+        ),
+    )
+    result = run.run()
+    assert result.reason == "script finished" or "quit" in text
+    return script, sink.records
+
+
+def starts(records: list[TickRecord]) -> list[tuple[str, float]]:
+    """Where each mode begins, s."""
+    found: list[tuple[str, float]] = []
+    for record in records:
+        name = record.output.control_mode.mode.name
+        if not found or found[-1][0] != name:
+            found.append((name, round(float(record.input.state.time), 6)))
+    return found
+
+
+def test_steps_are_played_in_order_one_intent_per_tick() -> None:
+    _, records = play("damp; load_a; wait; hold 0.1; start_locomotion; motion; damp; hold 0.2; quit", frames=4)
+    assert max(len(record.input.intents) for record in records) == 1
+    assert [name for name, _ in starts(records)] == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"][1:]
+    times = dict(starts(records))
+    # The pose is reached 4 ticks after LOAD_A, which `wait` sees one tick later; then 0.1 s.
+    assert times["STANDBY"] == 0.02
+    assert times["LOCOMOTION"] == pytest.approx(0.02 + 5 * 0.02 + 0.1 + 0.04, abs=0.021)
+    shown = [record.output.policy_step.frame for record in records if record.output.policy_step]
+    assert shown[-1] == 3
+    assert records[-1].output.quit
+    damped = [record for record in records if record.output.control_mode.mode is Mode.DAMPING]
+    assert len(damped) >= 0.2 / rig.PERIOD
+
+
+def test_hold_takes_its_time_on_the_robots_clock() -> None:
+    _, records = play("hold 0.3; damp")
+    # It begins in the second tick; the intent leaves in the tick after it is over.
+    assert starts(records)[1] == ("DAMPING", pytest.approx(0.02 + 0.3 + 0.02))
+
+
+def test_motion_ends_with_the_last_frame() -> None:
+    _, records = play("damp; load_a; wait; start_locomotion; motion; damp", frames=4)
+    frames = [record.output.policy_step.frame for record in records if record.output.policy_step]
+    assert frames == [0, 1, 2, 3]
+
+
+def test_wait_and_motion_do_not_wait_for_what_was_refused() -> None:
+    _, records = play("load_a; wait; start_locomotion; motion; hold 0.1")
+    assert starts(records) == [("ZERO_TORQUE", 0.0)]
+    assert [text for record in records for text in record.output.refusals] == [
+        "LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE",
+        "START_LOCOMOTION refused: requires finished STANDBY, mode is ZERO_TORQUE",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "mode"),
+    [
+        ("damp; hold 0.1; load_a; wait; hold 10; start_locomotion; hold 10", "STANDBY"),
+        ("damp; load_a; wait; start_locomotion; hold 10; damp; load_b; wait; start_locomotion; hold 9", "LOCOMOTION"),
+        ("damp; load_a; wait; start_locomotion; motion; load_a; hold 10", "LOCOMOTION"),
+    ],
+)
+def test_nothing_that_was_planned_before_a_fault_moves_the_robot_after_it(text: str, mode: str) -> None:
+    script, records = play(text, frames=1000, faults=(0.5,))
+    assert [name for name, _ in starts(records)][-2:] == [mode, "DAMPING"]
+    assert starts(records)[-1][1] == 0.5
+    assert script.remaining == 0
+    assert not any(record.input.intents for record in records[-20:-1])
+
+
+def test_a_fault_in_damping_drops_nothing() -> None:
+    _, records = play("damp; hold 0.5; load_a; wait", faults=(0.2,))
+    assert [name for name, _ in starts(records)] == ["DAMPING", "STANDBY", "DAMPING"]
+
+
+def test_an_operator_takes_the_scripts_place_for_good() -> None:
+    script = Script(parse_script("damp; hold 0.1; load_a; wait; start_locomotion; hold 1"))
+    operator = FakeSource({10: (Intent.DAMP,)})
+    overridden, sink = OverriddenScript(script, [FakeSource(), operator]), FakeSink()
+    result = session(FakeRobot(), duration=1.0, intents=[overridden], sinks=[sink]).run()
+    assert result.reason == "duration of 1 s reached"  # whoever took over also ends the run
+    assert [name for name, _ in starts(sink.records)] == ["DAMPING", "STANDBY", "DAMPING"]
+    assert script.remaining == 0
+
+
+def test_an_overridden_script_that_nobody_overrides_plays_and_finishes() -> None:
+    script = OverriddenScript(Script(parse_script("damp; hold 0.1")), [FakeSource()])
+    assert session(FakeRobot(), intents=[script]).run().reason == "script finished"

@@ -1,0 +1,474 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import rig
+from fakes import (
+    BrokenError,
+    FakeRemote,
+    FakeRobot,
+    FakeSink,
+    FakeSource,
+    LoggingSupervisor,
+    is_damping,
+    is_zero,
+    session,
+)
+
+import humanoid_sim.session.session as loop
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.mit import Extern
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.loopback import LoopbackRobot
+from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.sink import SessionHeader
+from humanoid_sim.stack import build_supervisor
+
+REST_TICKS = 25
+"""0.5 s at the rig's 50 Hz, for which all joints must be slow before a run ends."""
+
+TO_STANDBY = {0: (Intent.DAMP,), 1: (Intent.LOAD_A,)}
+TO_LOCOMOTION = {**TO_STANDBY, 6: (Intent.START_LOCOMOTION,)}
+
+
+# Order.
+
+
+def test_one_tick_reads_collects_steps_writes_and_hands_out() -> None:
+    log: list[str] = []
+    stack = LoggingSupervisor(rig.JOINTS, rig.supervisor().controllers, log)
+    robot, source, sink = FakeRobot(log), FakeSource(finish_at=2, log=log), FakeSink(log)
+    session(robot, supervisor=stack, intents=[source], remote=FakeRemote(log), sinks=[sink]).run()
+    tick = ["read", "poll", "remote", "step", "write", "hand out"]
+    last = ["read", "remote", "step", "write", "hand out"]  # the loop's own QUIT: the sources are not asked any more
+    assert log == ["start sink", "activate", *tick, *tick, *tick, *last, "close robot", "close sink"]
+
+
+def test_sources_see_the_time_of_this_tick_and_the_output_of_the_one_before() -> None:
+    source, sink = FakeSource(finish_at=3), FakeSink()
+    session(FakeRobot(), intents=[source], sinks=[sink]).run()
+    assert [time for time, _ in source.seen] == [0.0, 0.02, 0.04, 0.06]
+    assert source.seen[0][1] is None
+    for k in (1, 2, 3):
+        assert source.seen[k][1] is sink.records[k - 1].output
+
+
+def test_a_tick_takes_all_sources_and_live_terms_beside_the_robots_own() -> None:
+    own, live = Extern(np.ones(2), 0.0), Extern(np.zeros(3), 0.0)
+
+    class Live:
+        def latest(self) -> dict[str, Extern]:
+            return {"velocity": live}
+
+    robot, sink = FakeRobot(extern={"key_pressed": own}), FakeSink()
+    sources = [FakeSource({0: (Intent.LOAD_A,)}), FakeSource({0: (Intent.DAMP,)}, finish_at=0)]
+    session(robot, intents=sources, externs=[Live()], sinks=[sink]).run()
+    first = sink.records[0].input
+    assert first.intents == (Intent.LOAD_A, Intent.DAMP)
+    assert dict(first.state.extern) == {"key_pressed": own, "velocity": live}
+
+
+def test_the_safety_filter_decides_what_the_supervisor_sees() -> None:
+    fault = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.BUS_OFF, "can0")
+    sink = FakeSink()
+    run = session(
+        FakeRobot(), duration=0.1, intents=[FakeSource(TO_STANDBY)], sinks=[sink], safety_filter=lambda _: (fault,)
+    )
+    run.run()
+    assert sink.records[1].input.safety == (fault,)
+    assert run.mode is Mode.DAMPING
+    assert sink.records[1].output.refusals == ("LOAD_A refused: safety FAULT BUS_OFF from can0",)
+
+
+# Ends.
+
+
+def ended_damped(robot: FakeRobot) -> int:
+    """Check that the run ended in DAMPING, then closed; the number of DAMPING's commands at its end."""
+    assert robot.is_closed
+    assert robot.log[-1] == "close robot" or robot.log[-2] == "close robot"
+    count = 0
+    for command in reversed(robot.commands):
+        if not is_damping(command):
+            break
+        count += 1
+    assert count > 0
+    return count
+
+
+def test_a_run_ends_after_its_duration_through_damping() -> None:
+    robot, sink = FakeRobot(), FakeSink()
+    result = session(robot, duration=0.5, intents=[FakeSource(TO_STANDBY)], sinks=[sink]).run()
+    assert result.reason == "duration of 0.5 s reached"
+    assert sink.records[25].output.control_mode.mode is Mode.STANDBY  # at 0.50 s
+    assert sink.records[26].output.control_mode.mode is Mode.DAMPING
+    assert ended_damped(robot) == REST_TICKS + 2
+    assert result.ticks == len(sink.records) == robot.writes
+    assert result.duration == pytest.approx(result.ticks * rig.PERIOD)
+    assert sink.records[-1].output.quit
+    assert sink.events == ["ending: duration of 0.5 s reached"]
+    assert (result.overruns, result.skipped, result.failures) == (0, 0, ())
+
+
+def test_a_run_ends_when_a_source_wants_it() -> None:
+    robot = FakeRobot()
+    result = session(robot, intents=[FakeSource(), FakeSource(TO_STANDBY, finish_at=7)]).run()
+    assert result.reason == "script finished"
+    assert ended_damped(robot) == REST_TICKS + 2
+
+
+def test_quit_ends_a_run_at_once() -> None:
+    robot = FakeRobot()
+    result = session(robot, intents=[FakeSource({0: (Intent.DAMP,), 3: (Intent.QUIT,)})]).run()
+    assert (result.reason, result.ticks) == ("QUIT", 4)
+    assert ended_damped(robot) == 4
+
+
+def test_quit_is_refused_in_motion_and_the_run_goes_on() -> None:
+    sink = FakeSink()
+    result = session(
+        FakeRobot(), duration=0.2, intents=[FakeSource({**TO_STANDBY, 3: (Intent.QUIT,)})], sinks=[sink]
+    ).run()
+    assert result.reason == "duration of 0.2 s reached"
+    assert sink.records[3].output.refusals == ("QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY",)
+
+
+def test_a_run_without_torque_ends_without() -> None:
+    robot = FakeRobot()
+    result = session(robot, duration=0.1).run()
+    assert all(is_zero(command) for command in robot.commands)
+    assert result.ticks == 7  # 0.00 to 0.10 s, and QUIT
+    assert robot.is_closed
+
+
+def test_arms_that_were_held_still_are_not_at_rest_when_damping_begins() -> None:
+    def falling(count: int) -> None:  # held still until DAMPING, then falling for 0.4 s
+        robot.velocity = 0.5 if 20 < robot.writes < 40 else 0.0
+
+    robot = FakeRobot(on_read=falling)
+    session(robot, duration=0.4, intents=[FakeSource(TO_STANDBY)]).run()
+    assert robot.writes > 40 + REST_TICKS
+
+
+def test_joints_that_never_rest_do_not_keep_a_run_from_ending() -> None:
+    robot = FakeRobot(velocity=1.0)
+    session(robot, duration=0.2, damping_time=1.0, intents=[FakeSource(TO_STANDBY)]).run()
+    assert ended_damped(robot) == 1 + 50 + 1  # DAMP, one second, QUIT
+
+
+def test_a_velocity_that_is_unknown_is_no_motion() -> None:
+    robot = FakeRobot(velocity=np.nan)
+    session(robot, duration=0.2, intents=[FakeSource(TO_STANDBY)]).run()
+    assert ended_damped(robot) == REST_TICKS + 2
+
+
+def test_a_request_to_stop_ends_through_damping() -> None:
+    robot, sink = FakeRobot(), FakeSink()
+    run = session(robot, intents=[FakeSource(TO_LOCOMOTION)], sinks=[sink])
+    sink.on_tick = lambda record: run.request_stop("SIGTERM") if record.index == 10 else None
+    result = run.run()
+    assert result.reason == "SIGTERM"
+    assert sink.records[10].output.control_mode.mode is Mode.LOCOMOTION
+    assert ended_damped(robot) == REST_TICKS + 2
+
+
+def test_a_second_request_to_stop_does_not_wait_for_rest_but_damps() -> None:
+    robot, sink = FakeRobot(velocity=1.0), FakeSink()
+    run = session(robot, intents=[FakeSource(TO_LOCOMOTION)], sinks=[sink])
+    sink.on_tick = lambda record: run.request_stop(f"at {record.index}") if record.index in (10, 15) else None
+    result = run.run()
+    assert result.reason == "at 10"
+    assert ended_damped(robot) == 6  # ticks 11 to 16, the last of them QUIT
+
+
+def test_a_request_before_the_first_tick_closes_the_robot_untouched() -> None:
+    robot = FakeRobot()
+    run = session(robot)
+    run.request_stop("early")
+    assert run.run().ticks == 0
+    assert robot.log == ["activate", "close robot"]
+
+
+def test_a_robot_that_cannot_be_activated_is_closed() -> None:
+    robot, sink = FakeRobot(activation_error=RobotError("joint 3 is silent")), FakeSink()
+    with pytest.raises(RobotError, match="joint 3"):
+        session(robot, sinks=[sink]).run()
+    assert robot.log == ["activate", "close robot"]
+    assert sink.log == ["start sink", "close sink"]
+
+
+def test_a_sink_that_cannot_start_keeps_the_robot_from_being_activated() -> None:
+    class Unwritable(FakeSink):
+        def start(self, header: SessionHeader) -> None:
+            raise InputError("run.mcap: cannot be written")
+
+    log: list[str] = []
+    with pytest.raises(InputError, match=r"run\.mcap"):
+        session(FakeRobot(log), sinks=[FakeSink(log, name="first"), Unwritable(log)]).run()
+    assert log == ["start first", "close robot", "close first"]
+
+
+def raise_broken(*_: Any) -> Any:
+    raise BrokenError("on purpose")
+
+
+def broken_at(count: int) -> Callable[[int], None]:
+    return lambda i: raise_broken() if i == count else None
+
+
+def broken_from(count: int) -> Callable[[int], None]:
+    return lambda i: raise_broken() if i >= count else None
+
+
+def _source_that_breaks(robot: FakeRobot) -> dict[str, Any]:
+    source = FakeSource(TO_STANDBY)
+    source.poll = lambda time, output: raise_broken() if source.polls > 8 else FakeSource.poll(source, time, output)
+    return {"intents": [source]}
+
+
+def _supervisor_that_breaks(robot: FakeRobot) -> dict[str, Any]:
+    stack = rig.supervisor()
+    broken = LoggingSupervisor(
+        rig.JOINTS, stack.controllers, on_step=lambda tick: raise_broken() if tick.state.time > 0.15 else None
+    )
+    return {"supervisor": broken, "intents": [FakeSource(TO_STANDBY)]}
+
+
+BREAKAGES: dict[str, Callable[[FakeRobot], dict[str, Any]]] = {
+    "read once": lambda robot: setattr(robot, "on_read", broken_at(8)) or {},
+    "read for good": lambda robot: setattr(robot, "on_read", broken_from(8)) or {},
+    "write once": lambda robot: setattr(robot, "on_write", broken_at(8)) or {},
+    "intent source": _source_that_breaks,
+    "supervisor": _supervisor_that_breaks,
+    "safety filter": lambda robot: {"safety_filter": lambda s: raise_broken() if robot.writes > 8 else s},
+    "qpos": lambda robot: {"qpos": lambda: raise_broken() if robot.writes > 8 else np.zeros(1)},
+}
+
+
+@pytest.mark.parametrize("name", BREAKAGES)
+def test_an_exception_in_motion_comes_out_after_damping(name: str) -> None:
+    robot, sink = FakeRobot(), FakeSink()
+    options = {"intents": [FakeSource(TO_STANDBY)], **BREAKAGES[name](robot)}
+    with pytest.raises(BrokenError, match="on purpose"):
+        session(robot, sinks=[sink], **options).run()
+    assert ended_damped(robot) == REST_TICKS + 1
+    assert sink.events == ["ended by BrokenError: on purpose"]
+    assert sink.log[-1] == "close sink"
+
+
+def test_a_robot_that_takes_no_command_any_more_is_still_asked_to_damp_and_closed() -> None:
+    robot = FakeRobot(velocity=1.0, on_write=broken_from(8))
+    with pytest.raises(BrokenError):
+        session(robot, damping_time=1.0, intents=[FakeSource(TO_STANDBY)]).run()
+    assert robot.writes == 8 + 1 + 51
+    assert robot.is_closed
+
+
+def test_an_exception_without_torque_does_not_bring_any() -> None:
+    robot = FakeRobot(on_read=broken_at(3))
+    with pytest.raises(BrokenError):
+        session(robot).run()
+    assert len(robot.commands) == 4
+    assert all(is_zero(command) for command in robot.commands)
+    assert robot.is_closed
+
+
+def test_an_exception_before_any_state_is_known_makes_no_torque() -> None:
+    robot = FakeRobot(on_read=broken_from(0))
+    with pytest.raises(BrokenError):
+        session(robot).run()
+    assert [is_zero(command) for command in robot.commands] == [True]
+
+
+def test_an_exception_while_ending_damps_too() -> None:
+    robot = FakeRobot(on_write=broken_at(15))
+    with pytest.raises(BrokenError):
+        session(robot, duration=0.2, intents=[FakeSource(TO_STANDBY)]).run()
+    assert ended_damped(robot) > REST_TICKS
+
+
+def test_every_sink_is_closed_whatever_raises() -> None:
+    class Unclosable(FakeSink):
+        def close(self) -> None:
+            super().close()
+            raise BrokenError("close")
+
+    class UnclosableRobot(FakeRobot):
+        def close(self) -> None:
+            super().close()
+            raise BrokenError("robot")
+
+    log: list[str] = []
+    sinks = [FakeSink(log, name="a"), Unclosable(log, name="b"), FakeSink(log, name="c")]
+    with pytest.raises(BrokenError):
+        session(UnclosableRobot(log), duration=0.1, sinks=sinks).run()
+    assert log[-4:] == ["close robot", "close c", "close b", "close a"]
+
+
+# Sinks.
+
+
+def test_a_sink_that_raises_is_left_out_and_the_run_goes_on() -> None:
+    broken, sink = FakeSink(), FakeSink()
+    broken.on_tick = lambda record: raise_broken() if record.index == 3 else None
+    result = session(FakeRobot(), duration=0.2, sinks=[broken, sink]).run()
+    assert result.failures == ("FakeSink: BrokenError: on purpose",)
+    assert [record.index for record in broken.records] == [0, 1, 2]
+    assert [record.index for record in sink.records] == list(range(result.ticks))
+    assert sink.events[0] == "left out from here on: FakeSink: BrokenError: on purpose"
+    assert broken.log[-1] == "close sink"
+
+
+def test_a_sink_that_raises_at_an_event_is_left_out_too() -> None:
+    broken, sink = FakeSink(), FakeSink()
+    broken.event = raise_broken  # type: ignore[method-assign]
+    result = session(FakeRobot(), duration=0.1, sinks=[broken, sink]).run()
+    assert result.failures == ("FakeSink: BrokenError: on purpose",)
+    assert sink.events == [
+        "left out from here on: FakeSink: BrokenError: on purpose",
+        "ending: duration of 0.1 s reached",
+    ]
+
+
+# Time.
+
+
+class FakeClock:
+    """Time passes when somebody sleeps, and a little with every look at the clock."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 100.0
+        self.slept: list[float] = []
+        monkeypatch.setattr(loop, "perf_counter", self.look)
+        monkeypatch.setattr(loop, "sleep", self.sleep)
+
+    def look(self) -> float:
+        self.now += 1e-6
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now += seconds
+
+
+def test_a_missed_deadline_is_skipped_never_caught_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock(monkeypatch)
+    starts: list[float] = []
+
+    def stall(count: int) -> None:
+        if count == 3:
+            clock.now += 0.05  # two and a half periods
+
+    robot = FakeRobot(on_read=lambda _: starts.append(clock.now - 100.0), on_write=stall)
+    sink = FakeSink()
+    result = session(robot, realtime=True, duration=0.12, sinks=[sink]).run()
+    assert starts == pytest.approx([0.0, 0.02, 0.04, 0.06, 0.12, 0.14, 0.16, 0.18], abs=1e-3)
+    assert (result.overruns, result.skipped) == (1, 2)
+    assert [record.overrun for record in sink.records] == [False, False, False, True, False, False, False, False]
+    assert [record.index for record in sink.records] == list(range(8))
+
+
+def test_a_slow_sink_makes_the_loop_skip_but_not_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock(monkeypatch)
+    starts: list[float] = []
+    sink = FakeSink(on_tick=lambda record: clock.sleep(0.03 if record.index == 1 else 0.0))
+    robot = FakeRobot(on_read=lambda _: starts.append(clock.now - 100.0))
+    result = session(robot, realtime=True, duration=0.1, sinks=[sink]).run()
+    assert result.overruns == 1
+    assert np.diff(starts).min() > 0.005  # nothing is run off in a burst
+    assert result.ticks == 7
+
+
+def test_ticks_driven_by_hand_have_no_deadline_in_the_past(monkeypatch: pytest.MonkeyPatch) -> None:
+    FakeClock(monkeypatch)
+    sink = FakeSink()
+    run = session(FakeRobot(), realtime=True, sinks=[sink])
+    for _ in range(3):
+        run.tick(())
+    assert [record.overrun for record in sink.records] == [False, False, False]
+
+
+def test_without_real_time_a_slow_tick_counts_but_nothing_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock(monkeypatch)
+
+    def stall(count: int) -> None:
+        if count == 2:
+            clock.now += 0.05
+
+    result = session(FakeRobot(on_write=stall), duration=0.1).run()
+    assert (result.overruns, result.skipped, clock.slept) == (1, 0, [])
+
+
+def test_only_a_run_without_deadlines_waits_for_a_sink_that_lags(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock(monkeypatch)
+    sink = FakeSink()
+    sink.waiting = [5000, 4000, 2001, 2000]
+    session(FakeRobot(), duration=0.02, sinks=[sink]).run()
+    assert clock.slept == [rig.PERIOD] * 3
+    sink = FakeSink()
+    sink.waiting = [5000] * 100
+    session(FakeRobot(), realtime=True, duration=0.02, sinks=[sink]).run()
+    assert sink.questions == 0
+
+
+def test_a_sink_that_never_catches_up_does_not_keep_a_run_from_being_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    sink = FakeSink()
+    sink.waiting = [5000] * 10**6
+    run = session(FakeRobot(), sinks=[sink])
+    waits = []
+
+    def sleep(seconds: float) -> None:
+        waits.append(seconds)
+        if len(waits) == 5:
+            run.request_stop("SIGINT")
+
+    monkeypatch.setattr(loop, "sleep", sleep)
+    assert run.run().reason == "SIGINT"
+
+
+def test_the_duration_of_a_tick_leaves_out_the_physics_of_a_simulated_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock(monkeypatch)
+
+    def physics(count: int) -> None:
+        clock.now += 0.003
+
+    for simulated, expected in ((True, 0.0), (False, 0.003)):
+        sink = FakeSink()
+        settings = LoopSettings(rig.PERIOD, realtime=False, simulated=simulated, duration=0.1)
+        robot = FakeRobot(on_write=physics)
+        Session(
+            robot, rig.supervisor(), settings, header=SessionHeader("fake", rig.JOINTS, 0.02, 0), sinks=[sink]
+        ).run()
+        assert sink.records[1].duration == pytest.approx(expected, abs=1e-4)
+
+
+# With a robot of the package.
+
+
+def test_a_looped_back_lite_walks_up_and_ends_damped() -> None:
+    lite = load_robot("lite")
+    period = 0.02
+    robot, sink = LoopbackRobot(lite, control_period=period), FakeSink()
+    settings = LoopSettings(period, realtime=False, duration=4.5)
+    header = SessionHeader("lite", lite.joint_names, period, 0)
+    run = Session(
+        robot,
+        build_supervisor(lite, period, None),
+        settings,
+        header=header,
+        intents=[FakeSource({0: (Intent.DAMP,), 5: (Intent.LOAD_B,), 215: (Intent.START_LOCOMOTION,)})],
+        sinks=[sink],
+    )
+    assert run.run().reason == "duration of 4.5 s reached"
+    finished = sink.records[210].output
+    assert finished.standby is not None
+    assert finished.standby.is_finished
+    assert finished.command.position.tolist() == list(lite.standby_controller_b.pose_segments[-1])
+    assert sink.records[215].output.refusals == ("START_LOCOMOTION refused: rl_policy_controller is not available",)
+    assert sink.records[-1].output.control_mode.mode is Mode.DAMPING
+    with pytest.raises(RobotError, match="closed"):
+        robot.write(sink.records[-1].output.command)

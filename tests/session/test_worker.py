@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import pytest
+import rig
+from fakes import HEADER, BrokenError, FakeRobot, FakeSink, session
+
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.session.worker import WorkerSink
+
+
+class Kept(WorkerSink):
+    """Writes down what it is called with, on which thread."""
+
+    def __init__(self, fail_at: str = "", period: float = 0.001) -> None:
+        super().__init__("kept", period)
+        self.calls: list[Any] = []
+        self.threads: set[str] = set()
+        self._fail_at = fail_at
+
+    def _note(self, what: Any) -> None:
+        self.calls.append(what)
+        if str(what) == self._fail_at:
+            raise BrokenError(f"at {what}")
+
+    def handle_start(self, header: SessionHeader) -> None:
+        self._note("start")
+
+    def handle_tick(self, record: TickRecord) -> None:
+        self.threads.add(threading.current_thread().name)
+        self._note(record.index)
+
+    def handle_event(self, time: float, text: str) -> None:
+        self._note((time, text))
+
+    def handle_pause(self) -> None:
+        if self._fail_at == "pause":
+            raise BrokenError("at pause")
+
+    def handle_close(self) -> None:
+        self._note("close")
+
+
+def records(count: int) -> list[TickRecord]:
+    sink = FakeSink()
+    session(FakeRobot(), duration=count * rig.PERIOD, sinks=[sink]).run()
+    return sink.records[:count]
+
+
+def wait_for(condition: Any) -> None:
+    deadline = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
+def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread() -> None:
+    sink = Kept()
+    sink.start(HEADER)
+    ticks = records(3)
+    sink.tick(ticks[0])
+    sink.tick(ticks[1])
+    sink.event(0.5, "half")
+    sink.tick(ticks[2])
+    wait_for(lambda: sink.backlog == 0)
+    sink.close()
+    assert sink.calls == ["start", 0, 1, (0.5, "half"), 2, "close"]
+    assert sink.threads == {"kept"}
+    assert sink.error is None
+
+
+def test_closing_deals_with_what_is_left() -> None:
+    sink = Kept(period=60.0)
+    sink.start(HEADER)
+    for record in records(50):
+        sink.tick(record)
+    assert sink.backlog == 50
+    sink.close()
+    assert sink.calls == ["start", *range(50), "close"]
+    assert sink.backlog == 0
+
+
+def test_one_that_was_never_started_can_be_closed() -> None:
+    sink = Kept()
+    sink.close()
+    assert sink.calls == ["close"]
+
+
+@pytest.mark.parametrize("where", ["1", "(0.5, 'half')", "pause"])
+def test_one_that_raises_keeps_the_exception_and_takes_no_more(where: str) -> None:
+    sink = Kept(fail_at=where)
+    sink.start(HEADER)
+    ticks = records(3)
+    sink.tick(ticks[0])
+    sink.event(0.5, "half")
+    sink.tick(ticks[1])
+    wait_for(lambda: sink.error is not None)
+    for record in ticks:
+        sink.tick(record)
+    sink.event(1.0, "late")
+    assert sink.backlog == 0
+    sink.close()
+    assert str(sink.error) == f"at {where}"
+    assert sink.calls[-1] == "close"
+    assert (1.0, "late") not in sink.calls
+    assert 2 not in sink.calls
+
+
+def test_an_exception_in_closing_is_kept_unless_there_was_one_before() -> None:
+    sink = Kept(fail_at="close")
+    sink.start(HEADER)
+    sink.close()
+    assert str(sink.error) == "at close"
+
+
+def test_the_loop_goes_on_without_a_worker_that_raises() -> None:
+    sink, other = Kept(fail_at="3"), FakeSink()
+    result = session(FakeRobot(), duration=1.0, sinks=[sink, other]).run()
+    assert str(sink.error) == "at 3"
+    assert result.failures == ()
+    assert len(other.records) == result.ticks > 50
+
+
+def test_a_slow_worker_does_not_slow_the_loop() -> None:
+    class Slow(Kept):
+        def handle_tick(self, record: TickRecord) -> None:
+            time.sleep(0.02)
+            super().handle_tick(record)
+
+    sink = Slow()
+    ended: list[float] = []
+    robot = FakeRobot(on_write=lambda _: ended.append(time.monotonic()))
+    begin = time.monotonic()
+    result = session(robot, duration=0.4, sinks=[sink]).run()
+    assert ended[-1] - begin < 0.3  # 22 ticks of its work take 0.44 s
+    assert [call for call in sink.calls if isinstance(call, int)] == list(range(result.ticks))
+    assert sink.calls[-1] == "close"

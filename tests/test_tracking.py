@@ -1,0 +1,124 @@
+import math
+
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.kinematics import ForwardKinematics, rotation_6d
+from humanoid_sim.tracking import TrackingErrors, peak_speed, rotation_angle, rotation_from_6d
+
+BODIES = ("left_elbow_pitch", "left_hand", "right_hand")
+
+
+@pytest.fixture(scope="module")
+def lite():
+    return load_robot("lite")
+
+
+def _rotation(axis, angle):
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+def _frames(lite, path):
+    position, rotation = ForwardKinematics(lite, BODIES)(path)
+    return np.concatenate([position.reshape(len(path), -1), rotation_6d(rotation).reshape(len(path), -1)], axis=1)
+
+
+def test_a_robot_that_is_where_the_frame_is_has_no_error(lite):
+    path = np.linspace(0.0, -0.5, 5)[:, None] * np.ones(14)
+    errors = TrackingErrors(lite, _frames(lite, path).astype(np.float32), BODIES, 0.02)
+    for k, q in enumerate(path):
+        errors.update(k, q)
+    summary = errors.summary()
+    assert summary.samples == 5
+    assert summary.hands.position_max < 1e-6
+    assert summary.hands.orientation_max < 1e-6
+
+
+def test_displaced_frames_give_errors_that_a_hand_can_work_out(lite):
+    frames = np.repeat(_frames(lite, np.zeros((1, 14))), 2, axis=0)
+    frames[0, 3:6] += [0.03, 0.0, 0.04]  # the left hand, 5 cm
+    frames[1, 6] += 0.01  # the right hand, 1 cm
+    errors = TrackingErrors(lite, frames, BODIES, 0.02)
+    errors.update(0, np.zeros(14))
+    errors.update(1, np.zeros(14))
+    summary = errors.summary()
+    elbow, left, right = summary.bodies
+    assert [body.name for body in summary.bodies] == list(BODIES)
+    assert elbow.position_max == pytest.approx(0.0, abs=1e-12)
+    assert left.position_max == pytest.approx(0.05)
+    assert left.position_rms == pytest.approx(0.05 / math.sqrt(2))
+    assert right.position_rms == pytest.approx(0.01 / math.sqrt(2))
+    assert summary.hands.position_rms == pytest.approx(math.sqrt((0.05**2 + 0.01**2) / 4))  # two hands, two frames
+    assert summary.hands.position_max == pytest.approx(0.05)
+    assert summary.hands.orientation_max == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_joint_that_turns_a_hand_in_place_gives_its_angle(lite):
+    q = np.zeros(14)
+    errors = TrackingErrors(lite, _frames(lite, q[None]), ("left_elbow_pitch", "left_hand", "right_hand"), 0.02)
+    q[6] = 0.2  # the wrist's axes meet in the hand's origin
+    errors.update(0, q)
+    left = errors.summary().bodies[1]
+    assert left.orientation_rms == pytest.approx(0.2, abs=1e-6)
+    assert left.position_max < 1e-6
+
+
+def test_beyond_the_end_the_last_frame_counts(lite):
+    path = np.zeros((3, 14))
+    path[2, 3] = -1.0
+    errors = TrackingErrors(lite, _frames(lite, path), BODIES, 0.02)
+    errors.update(7, path[2])
+    assert errors.summary().hands.position_max < 1e-6
+
+
+def test_nothing_measured_is_nan(lite):
+    summary = TrackingErrors(lite, _frames(lite, np.zeros((1, 14))), BODIES, 0.02).summary()
+    assert summary.samples == 0
+    assert math.isnan(summary.hands.position_rms)
+    assert summary.peak_speed == 0.0
+
+
+def test_without_hands_all_bodies_count(lite):
+    frames = _frames(lite, np.zeros((1, 14)))
+    elbow = np.concatenate([frames[:, :3] + np.array([0.02, 0.0, 0.0]), frames[:, 9:15]], axis=1)
+    errors = TrackingErrors(lite, elbow, BODIES[:1], 0.02)
+    errors.update(0, np.zeros(14))
+    assert errors.summary().hands.position_rms == pytest.approx(0.02)
+
+
+def test_peak_speed_is_the_reference_hands_and_not_the_elbows(lite):
+    frames = np.repeat(_frames(lite, np.zeros((1, 14))), 3, axis=0)
+    frames[1:, 0] += 1.0  # the elbow
+    frames[2, 6:9] += [0.006, 0.008, 0.0]  # the right hand, 1 cm in one frame
+    assert TrackingErrors(lite, frames, BODIES, 0.02).summary().peak_speed == pytest.approx(0.5)
+
+
+def test_peak_speed_of_one_frame_is_zero():
+    assert peak_speed(np.zeros((1, 2, 3)), 0.02) == 0.0
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.5, 3.0, math.pi])
+def test_rotation_angle_is_exact_from_tiny_to_half_a_turn(angle):
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    assert rotation_angle(np.eye(3), _rotation(axis, angle)) == pytest.approx(angle, rel=1e-6, abs=1e-15)
+
+
+def test_columns_that_are_not_orthonormal_are_made_so():
+    rotation = _rotation(np.array([0.6, 0.0, 0.8]), 1.1)
+    columns = rotation_6d(rotation).reshape(3, 2) * [1.3, 0.7]
+    columns[:, 1] += 0.2 * columns[:, 0]
+    np.testing.assert_allclose(rotation_from_6d(columns.reshape(6)), rotation, atol=1e-12)
+
+
+def test_frames_that_do_not_fit_the_bodies_are_refused(lite):
+    with pytest.raises(FieldError, match=r"shape is \(4, 26\), expected \(F, 27\)"):
+        TrackingErrors(lite, np.zeros((4, 26)), BODIES, 0.02)
+
+
+def test_an_unknown_body_is_named(lite):
+    with pytest.raises(InputError, match="third_hand"):
+        TrackingErrors(lite, np.zeros((1, 9)), ("third_hand",), 0.02)
