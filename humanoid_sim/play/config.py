@@ -18,10 +18,18 @@ class PlayConfig:
 
     policy: str | None = None
     """ONNX checkpoint; 'placeholder' for a policy that answers zeros. Default: the sample policy."""
+    contract: str | None = None
+    """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
     """Motion to follow: an .mcap file, or the name of a sample motion. Default with the sample policy: wave."""
     robot: str = "lite"
-    """A shipped robot (lite, lite_neck), or the path of a robot's YAML file."""
+    """A shipped robot (lite, lite_neck, lite_biped), or the path of a robot's YAML file or of an MJCF."""
+    command: str = "0,0,0"
+    """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks."""
+    yaw: float = 0.0
+    """Heading in rad at which a free-standing robot starts, in simulation."""
+    base_height: float | None = None
+    """Height in m at which a free-standing robot is held until its policy starts. Default: the robot's."""
     hardware: str | None = None
     """CAN channels of a real robot, such as can0 or can0,can1. Default: simulation."""
     viewer: Literal["auto", "none", "native", "web"] = "auto"

@@ -16,6 +16,7 @@ from types import MappingProxyType
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.sources import IntentQueue
+from humanoid_sim.session.velocity import VelocityCommand
 
 __all__ = ["KEYS", "KeyReader", "Keyboard", "key_help"]
 
@@ -69,14 +70,18 @@ def key_help() -> str:
 class Keyboard:
     """Reads keys on a thread of its own and queues their intents. Restores the terminal on `close`."""
 
-    def __init__(self) -> None:
+    def __init__(self, velocity: VelocityCommand | None = None) -> None:
         """Take over the terminal.
+
+        Args:
+            velocity: the command that the velocity keys change, if the robot walks.
 
         Raises:
             InputError: if standard input is no terminal.
         """
         self._queue = IntentQueue()
         self._reader = KeyReader()
+        self._velocity = velocity
         self._stop = threading.Event()
         try:
             self._fd = sys.stdin.fileno()
@@ -115,5 +120,9 @@ class Keyboard:
             if not keys:  # the terminal went away: an operator who cannot be heard must not be moved on
                 self._queue.put(Intent.DAMP)
                 return
-            for intent in self._reader.intents(keys.decode(errors="replace")):
+            text = keys.decode(errors="replace")
+            for intent in self._reader.intents(text):
                 self._queue.put(intent)
+            if self._velocity is not None and _ESCAPE not in text:
+                for key in text.lower():
+                    self._velocity.press(key)

@@ -10,6 +10,8 @@ import numpy as np
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.messages import Mode, SafetyStatus
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.session.anchor_errors import AnchorErrors
+from humanoid_sim.session.base_motion import BaseMotion
 from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.sink import TickRecord
 from humanoid_sim.session.worker import WorkerSink
@@ -44,16 +46,27 @@ class ModeSpan:
 class RunMonitor(WorkerSink):
     """A sink that keeps the figures of the final table."""
 
-    def __init__(self, effort_limit: FloatArray, tracker: Tracker | None = None) -> None:
+    def __init__(
+        self,
+        effort_limit: FloatArray,
+        tracker: Tracker | None = None,
+        *,
+        anchor: AnchorErrors | None = None,
+        floating_base: bool = False,
+    ) -> None:
         """Start empty.
 
         Args:
             effort_limit: shape (n,), N·m, of the joints.
             tracker: gets the joint positions of every policy step.
+            anchor: gets the states of every policy step.
+            floating_base: `qpos` begins with the position of a free base, which is free in LOCOMOTION and REMOTE.
         """
         super().__init__("monitor")
         self._effort_limit = effort_limit
         self._tracker = tracker
+        self._anchor = anchor
+        self.base = BaseMotion() if floating_base else None
         self.spans: list[ModeSpan] = []
         self.faults: list[tuple[float, str]] = []
         self.safety: list[tuple[float, str]] = []
@@ -102,6 +115,10 @@ class RunMonitor(WorkerSink):
             self.inferences += 1
             if self._tracker is not None:
                 self._tracker.update(output.policy_step.frame, state.joint_position)
+            if self._anchor is not None:
+                self._anchor.update(output.policy_step.frame, state)
+        if self.base is not None and record.qpos is not None and control.mode in (Mode.LOCOMOTION, Mode.REMOTE):
+            self.base.update(state, float(record.qpos[2]))
 
     def _note_safety(self, time: float, statuses: tuple[SafetyStatus, ...]) -> None:
         if all(status.is_ok for status in statuses):

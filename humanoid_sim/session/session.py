@@ -89,8 +89,24 @@ class Session:
         sinks: Sequence[Sink] = (),
         safety_filter: SafetyFilter = _unfiltered,
         qpos: Callable[[], FloatArray] | None = None,
+        mode_listener: Callable[[Mode], str] | None = None,
     ) -> None:
-        """Put the parts together; nothing moves before `run`."""
+        """Put the parts together; nothing moves before `run`.
+
+        Args:
+            robot: what is driven.
+            supervisor: what decides.
+            settings: how the loop keeps time.
+            header: what the sinks are told about the run.
+            intents: asked for intents every tick, in order.
+            remote: the latest remote command.
+            externs: live inputs beside those of the robot.
+            sinks: take the ticks.
+            safety_filter: adds to what the robot reports.
+            qpos: MuJoCo's generalised position, for viewers.
+            mode_listener: told of each new mode before its first command is written; what it answers, if anything, is
+                recorded as an event.
+        """
         self._robot = robot
         self._supervisor = supervisor
         self._settings = settings
@@ -102,6 +118,7 @@ class Session:
         self._failures: list[str] = []
         self._safety_filter = safety_filter
         self._qpos = qpos
+        self._mode_listener = mode_listener
         self._stop_reason = ""
         self._hurry = threading.Event()
         self._memory: SupervisorMemory = supervisor.initial()
@@ -216,7 +233,12 @@ class Session:
         chosen = self._collect() if intents is None else intents
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None
         tick_input = TickInput(state, self._safety_filter(safety), chosen, remote)
+        before = self.mode
         self._memory, self._output = self._supervisor.step(self._memory, tick_input)
+        if self._mode_listener is not None and (self.mode is not before or self._index == 0):
+            told = self._mode_listener(self.mode)
+            if told:
+                self._announce(told)
         qpos = self._qpos() if self._qpos else None
         decided = perf_counter()
         self._robot.write(self._output.command)
