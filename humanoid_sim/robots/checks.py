@@ -19,6 +19,8 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
     yield from _text("name", robot.name)
     yield from _text("mjcf", robot.mjcf)
     yield from _text("imu", robot.imu)
+    if robot.base.height is not None and not math.isfinite(robot.base.height):
+        yield f"base.height: is {robot.base.height}, expected a finite number"
     if not robot.joints:
         yield "joints: is empty, expected at least one joint"
     yield from _duplicates("joints", [joint.name for joint in robot.joints], "name")

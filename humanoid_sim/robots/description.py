@@ -24,14 +24,19 @@ def shipped_robots() -> tuple[str, ...]:
 
 
 def load_robot(name_or_path: str | Path) -> RobotDescription:
-    """The description of a shipped robot (`lite`), or of the YAML file at a path, beside its MJCF.
+    """The description of a shipped robot (`lite`), of the YAML file at a path, beside its MJCF, or of an MJCF alone.
 
-    The MJCF's existence is checked here, its content when a simulation is built.
+    A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
+    user's MJCF: `humanoid_sim.simulation.mjcf` says what is read from it.
 
     Raises:
         InputError: one line, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
     path, label = _find(str(name_or_path))
+    if path.suffix == ".xml":
+        from humanoid_sim.simulation.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
+
+        return describe_mjcf(path, label)
     document = _read(path, label)
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
@@ -54,7 +59,9 @@ def _find(name_or_path: str) -> tuple[Path, str]:
         return asset_path("robots", f"{name_or_path}.yaml"), f"{name_or_path}.yaml"
     path = Path(name_or_path)
     if path.is_dir():
-        raise InputError(f"{name_or_path}: is a folder, expected a robot's YAML file or one of: {', '.join(known)}")
+        raise InputError(
+            f"{name_or_path}: is a folder, expected a robot's YAML file, an MJCF or one of: {', '.join(known)}"
+        )
     if not path.is_file():
         raise InputError(f"unknown robot '{name_or_path}': neither a file nor one of: {', '.join(known)}")
     return path, name_or_path

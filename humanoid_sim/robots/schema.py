@@ -6,8 +6,9 @@ schema, `humanoid_sim.robots.checks` is what types cannot say, `humanoid_sim.rob
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import msgspec
 import numpy as np
@@ -17,6 +18,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 
 __all__ = [
+    "BaseSettings",
     "DampingSettings",
     "HardwareSettings",
     "JointDescription",
@@ -55,13 +57,25 @@ class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     upper: float
     """rad"""
     effort_limit: float
-    """N·m, at which the MIT law saturates: the hardware's."""
+    """N·m, at which the MIT law saturates: the hardware's. Infinite where a user's MJCF gives none."""
     stiffness: float
     """N·m/rad, default K_p."""
     damping: float
     """N·m·s/rad, default K_d."""
     motor: MotorDescription | None = None
     """None: this joint exists in simulation only."""
+
+
+class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What carries the robot."""
+
+    type: Literal["fixed", "floating"] = "fixed"
+    """`fixed`: welded to the world, as the Lite's chest is; `floating`: the base moves freely, and may fall."""
+    body: str = ""
+    """The MJCF body with the free joint; empty: the one that carries the joints."""
+    height: float | None = None
+    """m, of the origin of a floating base above the world's origin where a simulation starts; none: such that the robot
+    touches the floor in its initial position."""
 
 
 class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -129,6 +143,7 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """rad, one per joint: where a simulated robot starts, at rest under gravity."""
     imu: str
     """The MJCF site or body whose frame is the IMU's."""
+    base: BaseSettings = BaseSettings()
     hands: tuple[str, ...] = ()
     """MJCF bodies whose poses are tracked and reported."""
     simulation: SimulationSettings = SimulationSettings()
@@ -155,6 +170,16 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     def joint_names(self) -> tuple[str, ...]:
         """The joints' names in order."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def is_floating(self) -> bool:
+        """Whether the base moves freely."""
+        return self.base.type == "floating"
+
+    @property
+    def has_gains(self) -> bool:
+        """Whether any joint has a default K_p; a user's MJCF has none, so that they must come from the policy."""
+        return any(joint.stiffness > 0.0 for joint in self.joints)
 
     @property
     def lower(self) -> FloatArray:
@@ -195,9 +220,19 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
             InputError: the text is not such a document.
         """
         try:
-            return msgspec.structs.replace(msgspec.json.decode(text, type=cls), folder=folder)
-        except msgspec.DecodeError as error:
+            document = msgspec.json.decode(text)
+            _restore_infinite(document)
+            return msgspec.structs.replace(msgspec.convert(document, cls), folder=folder)
+        except (msgspec.DecodeError, msgspec.ValidationError) as error:
             raise InputError(f"robot description (JSON): {error}") from None
+
+
+def _restore_infinite(document: Any) -> None:
+    """JSON has no infinity: a limit that does not exist is written as null."""
+    for joint in document.get("joints", ()) if isinstance(document, dict) else ():
+        for name, value in (("lower", -math.inf), ("upper", math.inf), ("effort_limit", math.inf)):
+            if isinstance(joint, dict) and name in joint and joint[name] is None:
+                joint[name] = value
 
 
 def _read_only(values: list[float]) -> FloatArray:

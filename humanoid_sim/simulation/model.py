@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,7 +12,9 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_scene
+from humanoid_sim.simulation.spec import compile_spec, read_spec
 
 __all__ = ["JointAddresses", "base_body", "build_model", "joint_addresses"]
 
@@ -39,7 +42,8 @@ def build_model(
 
     The MJCF loses its own actuators, the sensors tied to them, and its keyframes: they would fight the law, or no
     longer fit. Joint and effort limits are the description's. Euler integration, and no automatic reset of a bad state.
-    Joints that the MJCF has and the description does not stay passive.
+    Joints that the MJCF has and the description does not stay passive. Whatever else the MJCF says about contacts and
+    the solver stays as it is. A floating base gets a support, see `humanoid_sim.simulation.floating_base`.
 
     Args:
         description: the robot.
@@ -51,18 +55,20 @@ def build_model(
     Raises:
         InputError: the MJCF cannot be read, or does not have what the description names.
     """
-    spec = _read_spec(description.mjcf_path)
+    spec = read_spec(description.mjcf_path)
     _remove_actuation(spec)
     _check_names(description, spec)
     spec.option.timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    if description.is_floating:
+        add_support(spec, description.base.body)
     if affine_actuators:
         _add_affine_actuators(spec, description)
     if scene:
-        bare = _compile(spec, description.mjcf_path)
-        add_scene(spec, description.simulation.floor_height, bare.stat.center.copy(), float(bare.stat.extent))
-    model = _compile(spec, description.mjcf_path)
+        bare = compile_spec(spec, description.mjcf_path)
+        add_scene(spec, bare, description)
+    model = compile_spec(spec, description.mjcf_path)
     _set_limits(model, description)
     return model
 
@@ -93,26 +99,6 @@ def base_body(model: mujoco.MjModel, description: RobotDescription) -> int:
     return body
 
 
-def _read_spec(path: Path) -> mujoco.MjSpec:
-    if not path.is_file():
-        raise InputError(f"{path}: the robot's MJCF model is not there")
-    try:
-        return mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise InputError(f"{path}: not a valid MJCF model: {_one_line(error)}") from None
-
-
-def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise InputError(f"{path}: does not compile: {_one_line(error)}") from None
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
-
-
 def _remove_actuation(spec: mujoco.MjSpec) -> None:
     for sensor in list(spec.sensors):
         if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype):
@@ -137,6 +123,19 @@ def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
     if description.imu not in (*sites, *bodies):
         known = known_names("site or body", description.imu, [*sites, *bodies])
         raise InputError(f"{path}: imu of '{description.name}': {known}")
+    if description.is_floating:
+        _check_base(description, spec)
+
+
+def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:
+    free = [
+        body.name
+        for body in spec.worldbody.bodies
+        if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
+    ]
+    if description.base.body not in free:
+        known = known_names("body with a free joint", description.base.body, free)
+        raise InputError(f"{description.mjcf_path}: base.body of '{description.name}': {known}")
 
 
 def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:
@@ -149,9 +148,14 @@ def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) ->
             gainprm=[1.0, *[0.0] * 9],
             biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             biasprm=[0.0] * 10,
-            forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-            forcerange=[-joint.effort_limit, joint.effort_limit],
+            **_force_limit(joint.effort_limit),
         )
+
+
+def _force_limit(effort_limit: float) -> dict[str, Any]:
+    if math.isinf(effort_limit):
+        return {"forcelimited": mujoco.mjtLimited.mjLIMITED_FALSE}
+    return {"forcelimited": mujoco.mjtLimited.mjLIMITED_TRUE, "forcerange": [-effort_limit, effort_limit]}
 
 
 def _set_limits(model: mujoco.MjModel, description: RobotDescription) -> None:
@@ -161,6 +165,7 @@ def _set_limits(model: mujoco.MjModel, description: RobotDescription) -> None:
     """
     for joint in description.joints:
         i = model.joint(joint.name).id
-        model.jnt_range[i] = joint.lower, joint.upper
-        model.jnt_limited[i] = 1
+        model.jnt_limited[i] = math.isfinite(joint.lower) or math.isfinite(joint.upper)
+        if model.jnt_limited[i]:
+            model.jnt_range[i] = joint.lower, joint.upper
         model.jnt_actfrclimited[i] = 0

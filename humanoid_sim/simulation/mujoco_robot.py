@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from typing import Literal, get_args
 
 import mujoco
@@ -10,12 +11,13 @@ import numpy as np
 
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
-from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import DelayLine, delay_steps
-from humanoid_sim.simulation.imu import Imu, ImuSample
+from humanoid_sim.simulation.floating_base import BaseState, FloatingBase
 from humanoid_sim.simulation.plant import Actuation, make_plant
+from humanoid_sim.simulation.senses import BodySample, BodySenses
 from humanoid_sim.simulation.stability import DampingStability
 
 __all__ = ["MujocoRobot", "StateSampling"]
@@ -53,6 +55,11 @@ class MujocoRobot:
         command_delay: float = 0.0,
         state_delay: float = 0.0,
         state_sampling: StateSampling = "now",
+        support: bool = True,
+        base_position: tuple[float, float] = (0.0, 0.0),
+        base_yaw: float = 0.0,
+        base_height: float | None = None,
+        anchor_body: str = "",
     ) -> None:
         """Build the model.
 
@@ -64,6 +71,12 @@ class MujocoRobot:
             command_delay: s, a multiple of the physics step.
             state_delay: s, a multiple of the physics step.
             state_sampling: `now` or `on_command`.
+            support: whether a floating base starts held; a fixed one ignores this and the three below.
+            base_position: m, world frame, x and y where the base starts.
+            base_yaw: rad, about the vertical, how the base is turned at the start.
+            base_height: m, of the base's origin at the start; None for the description's, and if that has none, such
+                that the robot touches the floor.
+            anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
 
         Raises:
             InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
@@ -86,7 +99,18 @@ class MujocoRobot:
         self._plant = make_plant(description, actuation=actuation, physics_timestep=timestep)
         self._stability = DampingStability(self._plant.model, description)
         self._warnings = self._stability.check_description()
-        self._imu = Imu(self._plant.model, description.imu)
+        self._starts_held = support
+        self._base: FloatingBase | None = None
+        if description.is_floating:
+            self._base = FloatingBase(
+                self._plant.model,
+                description,
+                self._plant.data.qpos,
+                position=base_position,
+                yaw=base_yaw,
+                height=base_height,
+            )
+        self._senses = BodySenses(self._plant.model, description, self._base, anchor_body)
 
         self._steps = steps
         # A command written at the start of a period arrives `whole` periods and `offset` steps later. Samples for
@@ -96,7 +120,7 @@ class MujocoRobot:
         self._samples_now = state_sampling == "now"
         self._pending: deque[MITCommand] = deque()
         self._joint_line: DelayLine[_JointSample] = DelayLine(state_steps)
-        self._imu_line: DelayLine[ImuSample] = DelayLine(state_steps)
+        self._body_line: DelayLine[BodySample] = DelayLine(state_steps)
         self._step = 0
         self._fault = ""
         self._is_closed = False
@@ -149,6 +173,21 @@ class MujocoRobot:
         return self._step * self._timestep
 
     @property
+    def extern(self) -> Mapping[str, int]:
+        """Names and widths of the live inputs that the state carries, as the policy's controller wants them."""
+        return self._senses.widths
+
+    @property
+    def supported(self) -> bool:
+        """Whether the support holds a floating base; a fixed base never needs one."""
+        return self._base is not None and self._base.is_held(self._plant.data)
+
+    @property
+    def base_state(self) -> BaseState | None:
+        """Pose and motion of a floating base at the present simulation time, None for a fixed one. For monitors."""
+        return None if self._base is None else self._base.state(self._plant.data)
+
+    @property
     def qpos(self) -> FloatArray:
         """Shape (nq,), a read-only copy of MuJoCo's generalised position, for viewers."""
         qpos: FloatArray = self._plant.data.qpos.copy()
@@ -164,12 +203,15 @@ class MujocoRobot:
         if self._is_closed:
             raise RobotError(f"{self._description.name}: the simulated robot is closed")
         self._plant.reset()
+        if self._base is not None:
+            self._base.place(self._plant.data)
+            self.set_support(self._starts_held)
         self._plant.data.time = self.time
         self._pending.clear()
         self._fault = ""
         self._state = None
         self._joint_line.restart(self._step, self._joint_sample())
-        self._imu_line.restart(self._step, self._imu.read(self._plant.data))
+        self._body_line.restart(self._step, self._senses.read(self._plant.data))
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         """The state as it is seen at the present simulation time, and the simulator's safety status.
@@ -178,16 +220,18 @@ class MujocoRobot:
         """
         if self._state is None:
             sampled, (position, velocity, effort) = self._joint_line.at(self._step)
-            _, imu = self._imu_line.at(self._step)
+            felt, body = self._body_line.at(self._step)
+            live = {name: Extern(value, felt * self._timestep) for name, value in body.live.items()}
             self._state = MITState(
                 time=self.time,
                 joint_position=position,
                 joint_velocity=velocity,
                 joint_effort=effort,
                 joint_age=np.full(len(self._joints), (self._step - sampled) * self._timestep),
-                imu_quaternion=imu.quaternion,
-                imu_angular_velocity=imu.angular_velocity,
-                imu_linear_acceleration=imu.linear_acceleration,
+                imu_quaternion=body.imu.quaternion,
+                imu_angular_velocity=body.imu.angular_velocity,
+                imu_linear_acceleration=body.imu.linear_acceleration,
+                **({"extern": live} if live else {}),
             )
         if self._fault:
             return self._state, (SafetyStatus(level=SafetyLevel.CRITICAL, source=_SOURCE, message=self._fault),)
@@ -226,6 +270,19 @@ class MujocoRobot:
         if fault:
             self._fault = f"{fault} (t = {self.time:.4f} s)"
 
+    def set_support(self, held: bool) -> None:
+        """Let the support take a floating base where it now is, or let the base go; from the next write on.
+
+        Raises:
+            RobotError: the base is fixed.
+        """
+        if self._base is None:
+            raise RobotError(f"{self._description.name}: has a fixed base, which needs no support")
+        if not held:
+            self._base.release(self._plant.data)
+        elif not self.supported:
+            self._base.hold(self._plant.data)
+
     def close(self) -> None:
         """Refuse further commands. May be called twice."""
         self._is_closed = True
@@ -243,7 +300,7 @@ class MujocoRobot:
                 self._joint_line.push(self._step, self._joint_sample())
 
     def _sample(self) -> None:
-        self._imu_line.push(self._step, self._imu.read(self._plant.data))
+        self._body_line.push(self._step, self._senses.read(self._plant.data))
         if self._samples_now:
             self._joint_line.push(self._step, self._joint_sample())
 

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
 
 __all__ = ["CAMERAS", "OFFSCREEN_SIZE", "add_scene"]
 
@@ -17,22 +18,25 @@ OFFSCREEN_SIZE = (1920, 1440)
 CAMERAS = {"front": (30.0, 12.0), "side": (90.0, 8.0), "back": (205.0, 15.0), "top": (0.0, 80.0)}
 """Cameras that every scene has: azimuth (from the robot's front, towards its left) and elevation, degrees."""
 
+_FLOORS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+
 _FIELD_OF_VIEW = 38.0
 """degrees, vertical: long enough a lens that a hand in front does not look bigger than the head."""
 
 
-def add_scene(spec: mujoco.MjSpec, floor_height: float, center: FloatArray, extent: float) -> None:
+def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription) -> None:
     """Add the room to a robot's spec. What the robot's own MJCF brings (a floor, lights, cameras) is kept, not doubled.
 
     Args:
         spec: changed in place.
-        floor_height: m, world frame.
-        center: shape (3,), m, world frame, of the robot: what the cameras look at.
-        extent: m, the robot's size.
+        bare: the same compiled, without a room.
+        description: the robot; its base carries the cameras, if it moves.
     """
+    center: FloatArray = bare.stat.center.copy()
+    extent = float(bare.stat.extent)
     _add_sky_and_quality(spec)
-    if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.worldbody.geoms):
-        _add_floor(spec, floor_height)
+    if not any(geom.type in _FLOORS for geom in spec.geoms):
+        _add_floor(spec, description.simulation.floor_height)
     if not spec.lights:
         _add_lights(spec, center, extent)
     taken = {camera.name for camera in spec.cameras}

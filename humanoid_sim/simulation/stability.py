@@ -48,8 +48,11 @@ class DampingStability:
             *description.standby_controller_a.pose_segments,
             *description.standby_controller_b.pose_segments,
         ]
+        lower, upper = description.lower, description.upper
         draw = np.random.default_rng(seed).uniform(
-            description.lower, description.upper, (samples, description.joint_count)
+            np.where(np.isfinite(lower), lower, -np.pi),
+            np.where(np.isfinite(upper), upper, np.pi),
+            (samples, description.joint_count),
         )
         self._inverse_mass = _inverse_mass(model, description.joint_names, np.concatenate([np.array(poses), draw]))
 

@@ -116,7 +116,10 @@ def test_a_joint_given_twice_is_named(tmp_path: Path, document: Document) -> Non
 
 
 UNKNOWN_FIELDS = [
-    ("stifness", "unknown field 'stifness'; known: name, mjcf, joints, initial_position, imu, hands, simulation, "),
+    (
+        "stifness",
+        "unknown field 'stifness'; known: name, mjcf, joints, initial_position, imu, base, hands, simulation, ",
+    ),
     ("joints[2].limit", "joints[2]: unknown field 'limit'; known: name, lower, upper, effort_limit, stiffness, "),
     ("joints[2].motor.id", "joints[2].motor: unknown field 'id'; known: bus, can_id, model, direction, torque_limit, "),
     (f"{STANDBY}.poses", f"{STANDBY}: unknown field 'poses'; known: target_stiffness, target_damping, "),
@@ -174,7 +177,10 @@ def test_a_binary_file(tmp_path: Path) -> None:
 def test_a_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         load_robot(tmp_path)
-    assert str(caught.value) == f"{tmp_path}: is a folder, expected a robot's YAML file or one of: lite, lite_neck"
+    assert (
+        str(caught.value)
+        == f"{tmp_path}: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_neck"
+    )
 
 
 def test_an_unknown_name_lists_the_shipped_robots() -> None:

@@ -1,0 +1,186 @@
+"""A base that moves freely: where it starts, the support that holds it, and how it moves."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+
+__all__ = ["BaseState", "FloatingBase", "add_support"]
+
+_SUPPORT = "humanoid_sim_support"
+"""Name of the mocap body and of the weld: unlikely enough to be free in any user's MJCF."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseState:
+    """Pose and motion of the base at one instant: the origin and the axes of its MJCF body."""
+
+    position: FloatArray
+    """Shape (3,), m, world frame."""
+    quaternion: FloatArray
+    """Shape (4,), w x y z, base frame in the world frame."""
+    linear_velocity: FloatArray
+    """Shape (3,), m/s, world frame."""
+    angular_velocity: FloatArray
+    """Shape (3,), rad/s, base frame."""
+
+    @property
+    def height(self) -> float:
+        """m, above the world's origin."""
+        return float(self.position[2])
+
+    @property
+    def tilt(self) -> float:
+        """rad, between the base's z axis and the vertical, 0 to π."""
+        _, x, y, _ = self.quaternion
+        return 2.0 * math.asin(min(math.hypot(x, y), 1.0))
+
+    @property
+    def yaw(self) -> float:
+        """rad, heading: of the base's x axis in the horizontal plane, -π to π."""
+        w, x, y, z = self.quaternion
+        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+    @property
+    def heading_velocity(self) -> FloatArray:
+        """Shape (3,), m/s: forward, to the left and up, in the frame that is turned by `yaw` only."""
+        vx, vy, vz = self.linear_velocity
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return np.array([cos * vx + sin * vy, cos * vy - sin * vx, vz])
+
+    @property
+    def yaw_rate(self) -> float:
+        """rad/s, about the vertical."""
+        velocity = np.empty(3)
+        mujoco.mju_rotVecQuat(velocity, self.angular_velocity, self.quaternion)
+        return float(velocity[2])
+
+
+def add_support(spec: mujoco.MjSpec, body: str) -> None:
+    """Add what can hold the base: a weld, at first inactive, to a mocap body that nothing pushes away."""
+    spec.worldbody.add_body(name=_SUPPORT, mocap=True)
+    spec.add_equality(
+        name=_SUPPORT,
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=_SUPPORT,
+        name2=body,
+        # Anchor at the origin, no offset between the two frames, torques weighed as forces at 1 m.
+        data=[*[0.0] * 6, 1.0, *[0.0] * 3, 1.0, 0.0],
+        active=False,
+    )
+
+
+class FloatingBase:
+    """The free joint of a robot's base in a model made by `build_model`, and the support that may hold it."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        description: RobotDescription,
+        joint_qpos: FloatArray,
+        *,
+        position: tuple[float, float] = (0.0, 0.0),
+        yaw: float = 0.0,
+        height: float | None = None,
+    ) -> None:
+        """Choose where the base starts.
+
+        Args:
+            model: with the robot and its support.
+            description: the robot, with a floating base.
+            joint_qpos: shape (nq,), MuJoCo's generalised position with the joints in the initial position.
+            position: m, world frame, x and y.
+            yaw: rad, about the vertical, on top of the base's orientation in the MJCF.
+            height: m, of the base's origin; None for the description's, and if that has none, such that the lowest
+                part of the robot touches the floor.
+
+        Raises:
+            InputError: a value is not finite.
+        """
+        for name, value in (
+            ("base_position[0]", position[0]),
+            ("base_position[1]", position[1]),
+            ("base_yaw", yaw),
+            ("base_height", 0.0 if height is None else height),
+        ):
+            if not math.isfinite(value):
+                raise InputError(f"{name}: is {value}, expected a finite number")
+        joint = int(model.body_jntadr[model.body(description.base.body).id])
+        start = int(model.jnt_qposadr[joint])
+        self._position = slice(start, start + 3)
+        self._quaternion = slice(start + 3, start + 7)
+        dof = int(model.jnt_dofadr[joint])
+        self._linear = slice(dof, dof + 3)
+        self._angular = slice(dof + 3, dof + 6)
+        self._mocap = int(model.body(_SUPPORT).mocapid[0])
+        self._weld = model.equality(_SUPPORT).id
+
+        turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
+        qpos = np.array(joint_qpos)
+        self._start = np.empty(7)
+        mujoco.mju_mulQuat(self._start[3:], turn, model.qpos0[self._quaternion])
+        self._start[:2] = position
+        self._start[2] = qpos[self._position][2]
+        if height is None:
+            height = description.base.height
+        if height is None:
+            qpos[start : start + 7] = self._start
+            height = float(self._start[2]) - _clearance(model, qpos)
+        self._start[2] = height
+
+    def place(self, data: mujoco.MjData) -> None:
+        """Put the base to rest where it starts."""
+        data.qpos[self._position] = self._start[:3]
+        data.qpos[self._quaternion] = self._start[3:]
+        data.qvel[self._linear] = 0.0
+        data.qvel[self._angular] = 0.0
+
+    def is_held(self, data: mujoco.MjData) -> bool:
+        """Whether the support holds the base."""
+        return bool(data.eq_active[self._weld])
+
+    def hold(self, data: mujoco.MjData) -> None:
+        """Let the support take the base where it now is."""
+        data.mocap_pos[self._mocap] = data.qpos[self._position]
+        data.mocap_quat[self._mocap] = data.qpos[self._quaternion]
+        data.eq_active[self._weld] = 1
+
+    def release(self, data: mujoco.MjData) -> None:
+        """Let the base go."""
+        data.eq_active[self._weld] = 0
+
+    def state(self, data: mujoco.MjData) -> BaseState:
+        """Pose and motion at the data's present `qpos` and `qvel`; the values are copies."""
+        quaternion = data.qpos[self._quaternion].copy()
+        mujoco.mju_normalize4(quaternion)
+        return BaseState(
+            data.qpos[self._position].copy(),
+            quaternion,
+            data.qvel[self._linear].copy(),
+            data.qvel[self._angular].copy(),
+        )
+
+
+def _clearance(model: mujoco.MjModel, qpos: FloatArray) -> float:
+    """m, from the lowest part of the robot that can collide down to what stands still; 0 if there is nothing below."""
+    model = copy.copy(model)
+    is_static = model.body_weldid[model.geom_bodyid] == 0
+    # Contacts are found within a margin: one as large as the robot finds them however far it floats or is sunk in.
+    model.geom_margin[is_static] = 10.0 + 4.0 * float(model.stat.extent)
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_collision(model, data)
+    pairs = data.contact.geom
+    distances = data.contact.dist[is_static[pairs].any(axis=1)] if len(pairs) else np.empty(0)
+    return float(distances.min()) if len(distances) else 0.0

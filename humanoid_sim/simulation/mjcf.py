@@ -1,0 +1,182 @@
+"""A robot description from nothing but an MJCF: any user's robot by path.
+
+Read from the model: the actuated hinge joints in its order (all hinge joints, if it has no actuators), their limits,
+effort limits as far as it gives them, the base, and the IMU. Other joints stay passive. Gains are 0: they come from the
+policy's contract, see `humanoid_sim.robots.contract_gains`.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.robots.schema import (
+    BaseSettings,
+    DampingSettings,
+    JointDescription,
+    RemoteSettings,
+    RobotDescription,
+    SimulationSettings,
+    StandbySettings,
+)
+from humanoid_sim.simulation.spec import compile_spec, read_spec
+
+__all__ = ["describe_mjcf"]
+
+_UNNAMED = "MuJoCo Model"
+"""The name that MuJoCo gives to a model that has none."""
+
+_LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
+"""s. Contacts of feet are well resolved there, and damping is stable for any robot that has its motors' inertia."""
+
+_STANDBY_SECONDS = 2.0
+
+
+def describe_mjcf(path: Path, label: str = "") -> RobotDescription:
+    """Describe the robot in an MJCF file.
+
+    The IMU is the site of the base's gyro sensor, else a site of the base named like an IMU, else the base itself.
+
+    Args:
+        path: the MJCF.
+        label: what to call it in messages; empty: the path.
+
+    Raises:
+        InputError: not an MJCF, or one without a named hinge joint.
+    """
+    label = label or str(path)
+    spec = read_spec(path)
+    model = compile_spec(spec, path)
+    joints = _joints(model)
+    if not joints:
+        raise InputError(f"{label}: has no hinge joint, expected a robot")
+    for joint in joints:
+        if not model.joint(joint).name:
+            body = model.body(model.jnt_bodyid[joint]).name
+            raise InputError(f"{label}: the joint of body '{body}' has no name; policies find joints by name")
+    base = _root(model, joints[0])
+    is_floating = _has_free_joint(model, base)
+    n = len(joints)
+    lower, upper = _limits(model, joints)
+    pose = tuple(float(q) for q in np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper))
+    standby = StandbySettings(
+        target_stiffness=(0.0,) * n,
+        target_damping=(0.0,) * n,
+        segment_durations=(_STANDBY_SECONDS,),
+        pose_segments=(pose,),
+    )
+    efforts = _effort_limits(model, joints)
+    return RobotDescription(
+        name=spec.modelname if spec.modelname not in ("", _UNNAMED) else path.stem,
+        mjcf=path.name,
+        folder=str(path.resolve().parent),
+        joints=tuple(
+            JointDescription(
+                name=model.joint(joint).name,
+                lower=float(lower[i]),
+                upper=float(upper[i]),
+                effort_limit=efforts[i],
+                stiffness=0.0,
+                damping=0.0,
+            )
+            for i, joint in enumerate(joints)
+        ),
+        initial_position=pose,
+        imu=_imu(model, base),
+        base=BaseSettings(type="floating", body=model.body(base).name) if is_floating else BaseSettings(),
+        simulation=_simulation(model, is_floating),
+        damping_controller=DampingSettings(damping_scalar=0.0),
+        standby_controller_a=standby,
+        standby_controller_b=standby,
+        remote_policy_controller=RemoteSettings(damping_scalar=0.0),
+    )
+
+
+def _joints(model: mujoco.MjModel) -> list[int]:
+    hinges = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE]
+    if model.nu == 0:
+        floating = [i for i in hinges if _has_free_joint(model, _root(model, i))]
+        return floating or hinges  # doors and other furniture have hinges too
+    driven = {joint for joint, _ in _drives(model)}
+    return [i for i in hinges if i in driven]
+
+
+def _drives(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Joint and actuator, for every actuator of a joint."""
+    on_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    return [(int(model.actuator_trnid[i, 0]), i) for i in range(model.nu) if model.actuator_trntype[i] in on_joint]
+
+
+def _root(model: mujoco.MjModel, joint: int) -> int:
+    return int(model.body_rootid[model.jnt_bodyid[joint]])
+
+
+def _has_free_joint(model: mujoco.MjModel, body: int) -> bool:
+    joint = int(model.body_jntadr[body])
+    return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
+
+
+def _limits(model: mujoco.MjModel, joints: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Shape (n,) each, rad; infinite where the joint turns freely."""
+    limited = model.jnt_limited[joints].astype(bool)
+    lower = np.where(limited, model.jnt_range[joints, 0], -math.inf)
+    upper = np.where(limited, model.jnt_range[joints, 1], math.inf)
+    return lower, upper
+
+
+def _effort_limits(model: mujoco.MjModel, joints: list[int]) -> list[float]:
+    """N·m: the least of what the joint and its actuators allow, infinite where neither says."""
+    limits = []
+    for joint in joints:
+        actuators = [_actuator_limit(model, actuator) for owner, actuator in _drives(model) if owner == joint]
+        limit = sum(actuators) if actuators else math.inf
+        if model.jnt_actfrclimited[joint]:
+            limit = min(limit, float(np.abs(model.jnt_actfrcrange[joint]).max()))
+        limits.append(limit)
+    return limits
+
+
+def _actuator_limit(model: mujoco.MjModel, actuator: int) -> float:
+    """N·m at the joint."""
+    gear = abs(float(model.actuator_gear[actuator, 0]))
+    limit = math.inf
+    if model.actuator_forcelimited[actuator]:
+        limit = float(np.abs(model.actuator_forcerange[actuator]).max())
+    is_motor = (
+        model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+        and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+        and model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
+    )
+    if is_motor and model.actuator_ctrllimited[actuator]:  # the control is the force
+        gain = abs(float(model.actuator_gainprm[actuator, 0]))
+        limit = min(limit, gain * float(np.abs(model.actuator_ctrlrange[actuator]).max()))
+    return gear * limit
+
+
+def _imu(model: mujoco.MjModel, base: int) -> str:
+    sites = [i for i in range(model.nsite) if model.site_bodyid[i] == base and model.site(i).name]
+    gyros = [
+        int(model.sensor_objid[i]) for i in range(model.nsensor) if model.sensor_type[i] == mujoco.mjtSensor.mjSENS_GYRO
+    ]
+    named = [site for site in sites if "imu" in model.site(site).name.lower()]
+    for site in (*[site for site in sites if site in gyros], *named):
+        name: str = model.site(site).name
+        return name
+    body: str = model.body(base).name
+    return body
+
+
+def _simulation(model: mujoco.MjModel, is_floating: bool) -> SimulationSettings:
+    """The MJCF's own step, unless it is too long or does not divide the control period."""
+    longest = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"]
+    own = float(model.opt.timestep)
+    try:
+        steps_per_period(1.0 / SimulationSettings().control_frequency, own)
+    except InputError:
+        own = longest
+    return SimulationSettings(physics_timestep=min(own, longest))
