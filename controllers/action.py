@@ -31,6 +31,8 @@ class ActionMap:
     """Shape (n,), N·m·s/rad, robot order."""
     clip: float = float("inf")
     """Magnitude at which a raw action is clipped."""
+    position_clip: FloatArray | None = None
+    """Shape (m, 2), rad, least and greatest position; None: any."""
 
 
 def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> ActionMap:
@@ -54,6 +56,7 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
         stiffness=contract.joint_stiffness[robot_order],
         damping=contract.joint_damping[robot_order],
         clip=contract.action_clip,
+        position_clip=contract.position_clip,
     )
 
 
@@ -71,7 +74,10 @@ def action_command(action_map: ActionMap, action: npt.NDArray[np.float32]) -> MI
         action = np.clip(action, -action_map.clip, action_map.clip)
     shape = (*action.shape[:-1], action_map.stiffness.shape[0])
     position = np.zeros(shape)
-    position[..., action_map.indices] = action_map.offset + action_map.scale * action
+    driven = action_map.offset + action_map.scale * action
+    if action_map.position_clip is not None:
+        driven = np.clip(driven, action_map.position_clip[:, 0], action_map.position_clip[:, 1])
+    position[..., action_map.indices] = driven
     zeros = np.zeros(shape)
     return MITCommand(
         position=position,

@@ -71,6 +71,8 @@ class PolicyContract:
     """Shape (m,) or scalar, rad, added to the scaled action; None: the default pose of the driven joints."""
     action_clip: float = float("inf")
     """Magnitude at which a raw action is clipped before it is scaled."""
+    position_clip: FloatArray | None = None
+    """Shape (m, 2) or (1, 2), rad, least and greatest position that leaves as a command; None: any."""
     history_layout: HistoryLayout = "per_term"
     """Of terms that show more than one step: each term's steps together, or each step's terms together."""
     command_ranges: FloatArray | None = None
@@ -121,6 +123,12 @@ class PolicyContract:
             raise FieldError(f"{_OWNER}.observation: is {self.observation!r}, expected a sequence of terms")
         terms = tuple(term if isinstance(term, Term) else Term(term) for term in self.observation)
         joint_tuple(_OWNER, [term.name for term in terms], "observation")
+        for term in terms:
+            strangers = [joint for joint in term.joints or () if joint not in self.joint_names]
+            if strangers:
+                raise FieldError(
+                    f"{_OWNER}.observation: term '{term.name}' shows {', '.join(strangers)}, not in joint_names"
+                )
         object.__setattr__(self, "observation", terms)
         if self.history_layout not in get_args(HistoryLayout):
             accepted = ", ".join(get_args(HistoryLayout))
@@ -145,6 +153,15 @@ class PolicyContract:
         if isinstance(clip, bool) or not isinstance(clip, int | float | np.floating) or not clip > 0.0:
             raise FieldError(f"{_OWNER}.action_clip: is {clip!r}, expected a number > 0")
         set_field(self, "action_clip", float(clip))
+        if self.position_clip is not None:
+            limits = frozen_array(_OWNER, "position_clip", self.position_clip)
+            count = len(self.action_joint_names)
+            if limits.shape not in ((1, 2), (count, 2)) or not (limits[:, 0] <= limits[:, 1]).all():
+                raise FieldError(
+                    f"{_OWNER}.position_clip: is {limits.tolist()}, expected [least, greatest] for each of "
+                    f"{count} action joints, or one for all"
+                )
+            set_field(self, "position_clip", frozen_array(_OWNER, "position_clip", np.broadcast_to(limits, (count, 2))))
 
     def _check_command(self) -> None:
         if self.command_ranges is None:

@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, yaw_quaternion
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["Alignment", "Frame", "MotionReference", "build_reference", "no_reference"]
+__all__ = ["Alignment", "Frame", "MotionReference", "build_reference", "build_world_reference", "no_reference"]
 
 Float32Array = npt.NDArray[np.float32]
 Frame = int | npt.NDArray[np.integer]
@@ -124,3 +125,35 @@ def build_reference(contract: PolicyContract, frames: npt.ArrayLike) -> MotionRe
         future = table[np.minimum(steps, len(table) - 1)].reshape(len(table), -1)
         return MotionReference(len(table), {"target_keys": table, "target_keys_future": future})
     raise FieldError(f"motion: a policy of task_type '{contract.task_type}' follows no motion")
+
+
+def build_world_reference(
+    contract: PolicyContract, frames: npt.ArrayLike, joint_names: tuple[str, ...], body_names: tuple[str, ...]
+) -> MotionReference:
+    """Cut frames of joints and world poses into the terms that anchor policies compare with.
+
+    Args:
+        contract: its `joint_names` choose and order the joints, its `anchor_body` the body.
+        frames: shape (f, 2 n + 7 b): `[joint positions n | joint velocities n | positions 3 b | quaternions 4 b]`, rad,
+            rad/s and m, w x y z, world frame.
+        joint_names: the n joints of the frames.
+        body_names: the b bodies of the frames; without the anchor body, its terms are left out.
+
+    Raises:
+        FieldError: if the width does not fit, or a joint of the policy is missing.
+    """
+    table = np.asarray(frames, dtype=np.float32)
+    n, b = len(joint_names), len(body_names)
+    if table.ndim != 2 or not len(table) or table.shape[1] != 2 * n + 7 * b:
+        raise FieldError(
+            f"motion: has shape {table.shape}, expected (frames, {2 * n + 7 * b}), that is 2 for each of {n} joints "
+            f"and 7 for each of {b} bodies"
+        )
+    order = joint_indices(contract.joint_names, joint_names, "joints of the motion")
+    terms = {"reference_joint_pos": table[:, order], "reference_joint_vel": table[:, n + order]}
+    if contract.anchor_body in body_names:
+        i = body_names.index(contract.anchor_body)
+        position, quaternion = 2 * n + 3 * i, 2 * n + 3 * b + 4 * i
+        terms["anchor_pos"] = table[:, position : position + 3]
+        terms["anchor_quat"] = table[:, quaternion : quaternion + 4]
+    return MotionReference(len(table), terms)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
@@ -81,16 +82,15 @@ def _last_action(request: Request) -> tuple[int, Source]:
 
 
 def _joints(request: Request) -> tuple[int, Source]:
-    order = joint_indices(request.contract.joint_names, request.robot_joints, "joint_names of the policy")
+    contract = request.contract
+    names = contract.joint_names if request.term.joints is None else request.term.joints
+    order = joint_indices(names, request.robot_joints, "joint_names of the policy")
     if request.kind == "joint_vel":
         return len(order), lambda context: context.state.joint_velocity[..., order]
     if request.term.relative is False:
         return len(order), lambda context: context.state.joint_position[..., order]
-    default = request.contract.default_joint_pos
+    default = contract.default_joint_pos[joint_indices(names, contract.joint_names, "joint_names of the policy")]
     return len(order), lambda context: context.state.joint_position[..., order] - default
-
-
-_COMMAND_PARTS = {"velocity_command": slice(0, 3), "command_lin_vel": slice(0, 2), "command_ang_vel": slice(2, 3)}
 
 
 def _velocity(request: Request) -> tuple[int, Source]:
@@ -124,27 +124,29 @@ def _imu_quaternion(request: Request) -> tuple[int, Source]:
     return 4, lambda context: context.state.imu_quaternion[..., [1, 2, 3, 0]]
 
 
-_RESOLVERS: Mapping[str, Callable[[Request], tuple[int, Source]]] = {
-    "joint_pos": _joints,
-    "joint_vel": _joints,
-    "actions": _last_action,
-    "base_ang_vel": _angular_velocity,
-    "imu_quaternion": _imu_quaternion,
-    "imu_linear_acceleration": lambda _: (3, _acceleration),
-    "projected_gravity": lambda _: (3, _gravity),
-    "base_lin_vel": motion_sources.linear_velocity,
-    "velocity_command": _velocity,
-    "command_lin_vel": _velocity,
-    "command_ang_vel": _velocity,
-    "motion_command": motion_sources.motion_command,
-    "motion_anchor_pos": motion_sources.anchor,
-    "motion_anchor_ori": motion_sources.anchor,
-    "sin_phase": _phase,
-    "cos_phase": _phase,
-    "gait_phase": _phase,
-    "motion_body_pos_b": motion_sources.referenced,
-    "motion_body_ori_b": motion_sources.referenced,
-    "target_keys": motion_sources.referenced,
-    "target_keys_future": motion_sources.referenced,
-    "progress": motion_sources.progress,
-}
+_RESOLVERS: Mapping[str, Callable[[Request], tuple[int, Source]]] = MappingProxyType(
+    {
+        "joint_pos": _joints,
+        "joint_vel": _joints,
+        "actions": _last_action,
+        "base_ang_vel": _angular_velocity,
+        "imu_quaternion": _imu_quaternion,
+        "imu_linear_acceleration": lambda _: (3, _acceleration),
+        "projected_gravity": lambda _: (3, _gravity),
+        "base_lin_vel": motion_sources.linear_velocity,
+        "velocity_command": _velocity,
+        "command_lin_vel": _velocity,
+        "command_ang_vel": _velocity,
+        "motion_command": motion_sources.motion_command,
+        "motion_anchor_pos": motion_sources.anchor,
+        "motion_anchor_ori": motion_sources.anchor,
+        "sin_phase": _phase,
+        "cos_phase": _phase,
+        "gait_phase": _phase,
+        "motion_body_pos_b": motion_sources.referenced,
+        "motion_body_ori_b": motion_sources.referenced,
+        "target_keys": motion_sources.referenced,
+        "target_keys_future": motion_sources.referenced,
+        "progress": motion_sources.progress,
+    }
+)

@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.parameters import joint_tuple
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, frozen_array
 
@@ -101,6 +102,8 @@ class Term:
     """For terms that are quaternions."""
     form: ActionForm = "raw"
     """For the last action: the network's output, or that times the action scale."""
+    joints: tuple[str, ...] | None = None
+    """For joint positions and velocities: the joints shown, in this order; None: all, in the policy's order."""
 
     def __post_init__(self) -> None:
         where = f"observation term '{self.name}'"
@@ -119,6 +122,8 @@ class Term:
             set_field(self, "clip", (float(low), float(high)))
         if isinstance(self.history, bool) or not isinstance(self.history, int) or self.history < 1:
             raise FieldError(f"{where}: history is {self.history!r}, expected a whole number >= 1")
+        if self.joints is not None:
+            set_field(self, "joints", joint_tuple(where, self.joints, "joints"))
         choices = {
             "history_order": HistoryOrder,
             "frame": Frame,

@@ -17,17 +17,23 @@ from humanoid_sim.controllers.base import (
     ZERO_TORQUE,
     Controller,
 )
+from humanoid_sim.controllers.context import EXTERN_WIDTHS
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController
 from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
-from humanoid_sim.controllers.reference import MotionReference, build_reference, no_reference
+from humanoid_sim.controllers.reference import (
+    MotionReference,
+    build_reference,
+    build_world_reference,
+    no_reference,
+)
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import Policy, RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.policy.metadata import parse_metadata, write_metadata
+from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.motion import Motion, parse_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import StandbySettings
@@ -56,9 +62,9 @@ class LoadedPolicy:
 
     @property
     def extern(self) -> Mapping[str, int]:
-        """Name and width of the live observation terms: pressed keys come as wide as the goal keys."""
+        """Name and width of the live inputs: commands and estimates, and pressed keys, as wide as the goal keys."""
         keys = self.reference.terms.get("target_keys")
-        return {"key_pressed": keys.shape[1]} if keys is not None else {}
+        return {**EXTERN_WIDTHS, **({"key_pressed": keys.shape[1]} if keys is not None else {})}
 
     @property
     def layout(self) -> ObservationLayout:
@@ -111,7 +117,12 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
             f"{motion_source}: is a motion for task_type {motion.task_type}; "
             f"{source} expects one for {contract.task_type}"
         )
-    if contract.task_type == "tracking" and motion.body_names and motion.body_names != contract.body_names:
+    if (
+        motion.layout == "bodies_b"
+        and contract.task_type == "tracking"
+        and motion.body_names
+        and (motion.body_names != contract.body_names)
+    ):
         raise InputError(
             f"{motion_source}: describes the bodies {', '.join(motion.body_names)}; "
             f"{source} expects {', '.join(contract.body_names)}"
@@ -121,6 +132,8 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
             f"{motion_source}: has a frame every {motion.policy_dt:g} s, "
             f"{source} a step every {contract.policy_dt:g} s; resample the motion"
         )
+    if motion.layout == "joints_bodies_w":
+        return build_world_reference(contract, motion.frames, motion.joint_names, motion.body_names)
     return build_reference(contract, motion.frames)
 
 
@@ -191,7 +204,7 @@ def header_documents(
         "controllers": json.dumps({"remote": remote}),
     }
     if loaded is not None:
-        documents["contract"] = json.dumps(write_metadata(loaded.contract), indent=1)
+        documents["contract"] = encode(loaded.contract)
     return documents
 
 
@@ -208,7 +221,7 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     loaded = None
     if "contract" in header.documents:
-        contract = parse_metadata(json.loads(header.documents["contract"]), "recording")
+        contract = decode(header.documents["contract"], "recording")
         attached = header.attachments.get(MOTION_ATTACHMENT)
         motion = parse_motion(attached, MOTION_ATTACHMENT) if attached is not None else None
         loaded = load_policy(contract, policy, motion)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.policy.motion import Motion
 
 __all__ = ["Checkpoint", "file_digest"]
 
@@ -24,6 +25,10 @@ class Checkpoint:
     """Of the file and of the external tensors beside it; empty for the placeholder."""
     observation_width: int | None = None
     """N as the model declares it; None if any width will do."""
+    motion: Motion | None = None
+    """The motion that the model carries in its graph; None if it carries none."""
+    contract_file: Path | None = None
+    """The contract.yaml that took part, beside the model or named; None without one."""
 
 
 def file_digest(path: Path) -> str:

@@ -1,8 +1,10 @@
 """Reference motions on disk: one episode as an MCAP file of `std_msgs/msg/Float32MultiArray`, one message per frame.
 
-A tracking frame is `[positions 3·B | orientations 6·B]` in the base frame, metres; an orientation is the first two
-columns of its rotation matrix, flattened row by row. A piano frame is the goal state of the keys, 0 or 1. Files of
-other writers are read too; the metadata record `motion` (robot, body_names, policy_dt, task_type) is then missing.
+A tracking frame of the layout `bodies_b` is `[positions 3·B | orientations 6·B]` in the base frame, metres; an
+orientation is the first two columns of its rotation matrix, flattened row by row. One of the layout `joints_bodies_w`
+is `[joint positions n | joint velocities n | positions 3·B | quaternions w x y z 4·B]`, rad, rad/s and metres, world
+frame. A piano frame is the goal state of the keys, 0 or 1. Files of other writers are read too; the metadata record
+`motion` (robot, body_names, joint_names, layout, policy_dt, task_type) is then missing.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO
+from typing import IO, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +28,9 @@ from humanoid_sim.recording.schemas import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING,
 from humanoid_sim.recording.stream import McapStream, Message
 from humanoid_sim.recording.whole_file import whole_file
 
-__all__ = ["Motion", "parse_motion", "read_motion", "write_motion"]
+__all__ = ["Motion", "MotionLayout", "motion_bytes", "parse_motion", "read_motion", "write_motion"]
+
+MotionLayout = Literal["bodies_b", "joints_bodies_w"]
 
 _TOPIC = "/motion"
 _LIBRARY = "humanoid_sim"
@@ -47,6 +51,10 @@ class Motion:
     """`tracking`, `piano` or `locomotion`; empty if the file does not say."""
     robot: str = ""
     """The robot that the motion was made for; empty if the file does not say."""
+    layout: MotionLayout = "bodies_b"
+    """What a tracking frame holds."""
+    joint_names: tuple[str, ...] = ()
+    """The n joints of the layout `joints_bodies_w`, in the order of the frame."""
 
     def __post_init__(self) -> None:
         frames = np.array(self.frames, dtype=np.float32)
@@ -56,18 +64,31 @@ class Motion:
         if len(bad):
             frame, index = (int(value) for value in bad[0])
             raise FieldError(f"Motion.frames: value {index} of frame {frame} is {frames[frame, index]}, not finite")
-        bodies = len(self.body_names)
-        if bodies and self.task_type == "tracking" and frames.shape[1] != 9 * bodies:
-            raise FieldError(
-                f"Motion.frames: {frames.shape[1]} values per frame, expected {9 * bodies}, that is 9 for each of "
-                f"{bodies} bodies"
-            )
+        if self.layout not in get_args(MotionLayout):
+            accepted = ", ".join(get_args(MotionLayout))
+            raise FieldError(f"Motion.layout: is {self.layout!r}, expected one of {accepted}")
+        self._check_width(frames.shape[1])
         if not (np.isfinite(self.policy_dt) and self.policy_dt > 0.0):
             raise FieldError(f"Motion.policy_dt: is {self.policy_dt}, expected a positive number of seconds")
         frames.setflags(write=False)
         object.__setattr__(self, "frames", frames)
         object.__setattr__(self, "body_names", tuple(self.body_names))
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
         object.__setattr__(self, "policy_dt", float(self.policy_dt))
+
+    def _check_width(self, width: int) -> None:
+        bodies, joints = len(self.body_names), len(self.joint_names)
+        if self.layout == "joints_bodies_w":
+            expected, parts = (
+                2 * joints + 7 * bodies,
+                f"2 for each of {joints} joints and 7 for each of {bodies} bodies",
+            )
+        elif bodies and self.task_type == "tracking":
+            expected, parts = 9 * bodies, f"9 for each of {bodies} bodies"
+        else:
+            return
+        if width != expected:
+            raise FieldError(f"Motion.frames: {width} values per frame, expected {expected}, that is {parts}")
 
     @property
     def duration(self) -> float:
@@ -102,17 +123,24 @@ def parse_motion(data: bytes, name: str) -> Motion:
 
 def _parse(path: Path, file: IO[bytes]) -> Motion:
     rows, times, metadata = _read_rows(path, McapStream(file))
-    names = metadata.get("body_names", "")
+    layout = metadata.get("layout", "bodies_b")
     try:
         return Motion(
             frames=np.stack(rows),
-            body_names=tuple(name.strip() for name in names.split(",")) if names.strip() else (),
+            body_names=_names(metadata, "body_names"),
             policy_dt=_policy_dt(metadata, times),
             task_type=metadata.get("task_type", ""),
             robot=metadata.get("robot", ""),
+            layout=layout,  # type: ignore[arg-type]  # checked at construction
+            joint_names=_names(metadata, "joint_names"),
         )
     except FieldError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def _names(metadata: Mapping[str, str], key: str) -> tuple[str, ...]:
+    text = metadata.get(key, "")
+    return tuple(name.strip() for name in text.split(",")) if text.strip() else ()
 
 
 def _read_rows(path: Path, stream: McapStream) -> tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]:
@@ -188,6 +216,13 @@ def write_motion(path: str | os.PathLike[str], motion: Motion) -> None:
         _write(Writer(file, compression=CompressionType.LZ4), motion)
 
 
+def motion_bytes(motion: Motion) -> bytes:
+    """What `write_motion` would write."""
+    stream = BytesIO()
+    _write(Writer(stream, compression=CompressionType.LZ4), motion)
+    return stream.getvalue()
+
+
 def _write(writer: Writer, motion: Motion) -> None:
     # The library's name without its version: the bytes must not change with an update of it.
     writer.start(profile="ros2", library=_LIBRARY)
@@ -197,6 +232,8 @@ def _write(writer: Writer, motion: Motion) -> None:
         "policy_dt": repr(motion.policy_dt),
         "task_type": motion.task_type,
     }
+    if motion.layout != "bodies_b":  # the usual layout goes without saying, as in files of older versions
+        metadata |= {"layout": motion.layout, "joint_names": ",".join(motion.joint_names)}
     writer.add_metadata("motion", metadata)
     schema = writer.register_schema(FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text(FLOAT32_MULTI_ARRAY).encode())
     channel = writer.register_channel(_TOPIC, "cdr", schema)

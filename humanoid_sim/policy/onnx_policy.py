@@ -1,81 +1,106 @@
-"""ONNX Runtime around a checkpoint: one thread, one observation in, one action out."""
+"""A checkpoint that runs: its contract read, its tensors found, one observation in and one action out."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
-from humanoid_sim.policy.metadata import parse_metadata
+from humanoid_sim.policy.graph_motion import Progress, has_graph_motion, sweep_motion
+from humanoid_sim.policy.onnx_model import OnnxModel, Tensor, first_line, has_onnxruntime, read_metadata
+from humanoid_sim.policy.readers.contract_yaml import find_contract
+from humanoid_sim.policy.readers.sources import assemble_contract
 
-__all__ = ["OnnxPolicy", "has_onnxruntime", "load_checkpoint", "read_metadata"]
+__all__ = ["OnnxPolicy", "has_onnxruntime", "load_checkpoint", "read_contract", "read_metadata"]
 
-
-def has_onnxruntime() -> bool:
-    """Whether ONNX Runtime can be imported on this machine."""
-    try:
-        import onnxruntime  # noqa: F401, PLC0415 - heavy, and optional on purpose
-    except ImportError:
-        return False
-    return True
+_ACTIONS = ("actions", "action")
+_TIME_STEP = "time_step"
+_NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
 
 
 class OnnxPolicy:
-    """`(observation (N,), frame) -> action (m,)`, float32.
+    """`(observation (N,), frame) -> action (m,)`, float32. A model with a `time_step` input gets the frame there."""
 
-    One thread and sequential execution: results do not depend on the machine's load, and no pool of spinning workers
-    competes with the control loop.
-    """
+    def __init__(self, model: OnnxModel | Path, tensors: TensorNames | None = None) -> None:
+        """Find the tensors of a model and check their form.
 
-    def __init__(self, path: Path) -> None:
-        """Load a model and check its form.
+        Args:
+            model: loaded, or its file.
+            tensors: names; those that are empty are found by their place.
 
         Raises:
-            InputError: if the file is no ONNX model, its external tensors are missing, or its inputs and outputs are
-                not one float32 (1, N) and at least one float32 (1, M).
+            InputError: if there is not exactly one observation, float32 (1, N), beside an optional time_step, or no
+                action, float32 (1, M).
         """
-        import onnxruntime  # noqa: PLC0415 - see has_onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        options.inter_op_num_threads = 1
-        options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
-        options.log_severity_level = 4  # what it would log reaches the user through the exception
-        try:
-            self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime raises its own types, which differ between builds
-            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {_first_line(error)}") from None
-        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        if len(inputs) != 1 or not outputs:
-            names = ", ".join(node.name for node in inputs) or "none"
+        self.model = OnnxModel(model) if isinstance(model, Path) else model
+        tensors = TensorNames() if tensors is None else tensors
+        path, inputs, outputs = self.model.path, self.model.inputs, self.model.outputs
+        time_step = _time_step(path, inputs, tensors.time_step)
+        others = [tensor for tensor in inputs if tensor is not time_step]
+        observation = _named(path, "input", inputs, tensors.observation) if tensors.observation else None
+        if observation is None:
+            observation = others[0] if len(others) == 1 else None
+        surplus = [tensor.name for tensor in others if tensor is not observation]
+        if observation is None or surplus or not outputs:
+            names = ", ".join(tensor.name for tensor in inputs) or "none"
             raise InputError(
-                f"{path}: has the inputs {names} and {len(outputs)} outputs, expected one input and an output"
+                f"{path}: has the inputs {names} and {len(outputs)} outputs, expected one input, or one and "
+                f"'{_TIME_STEP}', and an output"
             )
-        self.observation_width = _vector_width(path, "input", inputs[0])
-        self.action_width = _vector_width(path, "output", outputs[0])
-        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        self._input = inputs[0].name
-        self._outputs = [outputs[0].name]
+        usual = [tensor for tensor in outputs if tensor.name in _ACTIONS]
+        action = _named(path, "output", outputs, tensors.action) if tensors.action else (usual or outputs)[0]
+        self.observation_width = _vector_width(path, "input", observation)
+        self.action_width = _vector_width(path, "output", action)
+        self.has_time_step = time_step is not None
+        self._observation = observation.name
+        self._action = [action.name]
+        self._time_step = "" if time_step is None else time_step.name
+        self._frame_type = np.float32 if time_step is None else _NUMBERS[time_step.type]
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """The model's `custom_metadata_map`."""
+        return self.model.metadata
 
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
         """One inference."""
-        action: npt.NDArray[np.float32] = self._session.run(self._outputs, {self._input: observation[None]})[0][0]
+        action: npt.NDArray[np.float32] = self.run(self._action, observation, frame)[0][0]
         return action
 
+    def run(
+        self, outputs: list[str], observation: npt.NDArray[np.float32], frame: int
+    ) -> list[npt.NDArray[np.float32]]:
+        """Any outputs of one inference, each as the model gives it, shape (1, …)."""
+        inputs = {self._observation: observation[None]}
+        if self.has_time_step:
+            inputs[self._time_step] = np.array([[frame]], dtype=self._frame_type)
+        return self.model.run(outputs, inputs)
 
-def load_checkpoint(path: Path) -> Checkpoint:
-    """A checkpoint with its contract read, its widths checked and its first (slow) inference done.
+
+def load_checkpoint(
+    path: Path,
+    contract_file: Path | None = None,
+    robot_joints: tuple[str, ...] | None = None,
+    progress: Progress | None = None,
+) -> Checkpoint:
+    """A checkpoint with its contract complete, its widths checked and its first (slow) inference done.
+
+    Args:
+        path: the model.
+        contract_file: a contract.yaml; None: the one beside the model, if there is one.
+        robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
+        progress: told of each frame while a motion in the graph is read.
 
     Raises:
         InputError: one line that names the file and what is wrong with it.
     """
-    _check_file(path)
-    policy = OnnxPolicy(path)
-    contract = parse_metadata(policy.metadata, str(path))
+    model = OnnxModel(path)
+    contract = assemble_contract(path, model.metadata, contract_file, robot_joints)
+    policy = OnnxPolicy(model, contract.tensors)
     if policy.action_width != contract.action_count:
         raise InputError(
             f"{path}: the model's output is {policy.action_width} wide, "
@@ -84,45 +109,48 @@ def load_checkpoint(path: Path) -> Checkpoint:
     try:
         answer = policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
     except Exception as error:  # onnxruntime's own types: operators that do not fit show only when they run
-        raise InputError(f"{path}: the model fails on an observation of zeros: {_first_line(error)}") from None
+        raise InputError(f"{path}: the model fails on an observation of zeros: {first_line(error)}") from None
     if answer.shape != (contract.action_count,):
         raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
-    return Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width)
+    motion = sweep_motion(policy, contract, progress) if has_graph_motion(policy, contract) else None
+    used = find_contract(path) if contract_file is None else contract_file
+    return Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
 
 
-def read_metadata(path: Path) -> dict[str, str]:
-    """The metadata of a checkpoint without ONNX Runtime.
+def read_contract(
+    path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
+) -> PolicyContract:
+    """The contract alone, without ONNX Runtime.
 
     Raises:
-        InputError: if the file is no ONNX model.
+        InputError: as `load_checkpoint`.
     """
-    import onnx  # noqa: PLC0415 - heavy, and only needed where onnxruntime is missing
-
-    _check_file(path)
-    try:
-        model = onnx.load(str(path), load_external_data=False)
-    except Exception as error:  # protobuf's exception type is not part of onnx's interface
-        raise InputError(f"{path}: is not an ONNX model: {_first_line(error)}") from None
-    return {entry.key: entry.value for entry in model.metadata_props}
+    return assemble_contract(path, read_metadata(path), contract_file, robot_joints)
 
 
-def _check_file(path: Path) -> None:
-    if path.is_dir():
-        raise InputError(f"{path}: is a directory, expected an ONNX file")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file, expected an ONNX file")
-    if path.stat().st_size == 0:
-        raise InputError(f"{path}: is empty, expected an ONNX file")
+def _time_step(path: Path, inputs: tuple[Tensor, ...], name: str) -> Tensor | None:
+    """The input that selects a frame, by its name; by default the one that is called time_step."""
+    tensor = _named(path, "input", inputs, name) if name else None
+    if tensor is None:
+        tensor = next((tensor for tensor in inputs if tensor.name == _TIME_STEP and len(inputs) > 1), None)
+    if tensor is not None and (tensor.type not in _NUMBERS or tensor.width != 1):
+        raise InputError(
+            f"{path}: input '{tensor.name}' is {tensor.type} of shape {list(tensor.shape)}, "
+            "expected a number of shape (1, 1)"
+        )
+    return tensor
 
 
-def _vector_width(path: Path, kind: str, node: Any) -> int:
-    if node.type != "tensor(float)":
-        raise InputError(f"{path}: {kind} '{node.name}' is {node.type}, expected tensor(float)")
-    shape = node.shape
-    if len(shape) != 2 or (isinstance(shape[0], int) and shape[0] != 1) or not isinstance(shape[1], int):
-        raise InputError(f"{path}: {kind} '{node.name}' has shape {shape}, expected (1, width)")
-    return int(shape[1])
+def _named(path: Path, kind: str, tensors: tuple[Tensor, ...], name: str) -> Tensor:
+    for tensor in tensors:
+        if tensor.name == name:
+            return tensor
+    raise InputError(f"{path}: has no {kind} '{name}'; its {kind}s are {', '.join(t.name for t in tensors) or 'none'}")
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+def _vector_width(path: Path, kind: str, tensor: Tensor) -> int:
+    if tensor.type != "tensor(float)":
+        raise InputError(f"{path}: {kind} '{tensor.name}' is {tensor.type}, expected tensor(float)")
+    if tensor.width is None:
+        raise InputError(f"{path}: {kind} '{tensor.name}' has shape {list(tensor.shape)}, expected (1, width)")
+    return tensor.width

@@ -102,7 +102,11 @@ def test_orientation_and_key_terms():
 @pytest.mark.parametrize(
     ("names", "source", "message"),
     [
-        (("joint_pos", "nonsense"), reference(), "unknown observation term 'nonsense'; known: actions, imu_"),
+        (
+            ("joint_pos", "nonsense"),
+            reference(),
+            "unknown observation term 'nonsense'; known: actions, base_ang_vel, base_lin_vel",
+        ),
         (("motion_body_pos_b",), no_reference(), "observation term 'motion_body_pos_b' needs a tracking motion"),
         (("motion_body_ori_b",), reference(), "observation term 'motion_body_ori_b' needs a tracking motion"),
         (("target_keys",), reference(), "observation term 'target_keys' needs a piano motion, and there is none"),

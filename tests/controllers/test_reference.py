@@ -9,7 +9,7 @@ from rig import contract, reference
 from humanoid_sim.controllers.reference import MotionReference, build_reference, no_reference
 from humanoid_sim.errors import FieldError
 
-PIANO = {"task_type": "piano", "observation_names": ("target_keys",), "lookahead_steps": (1, 2)}
+PIANO = {"task_type": "piano", "observation": ("target_keys",), "lookahead_steps": (1, 2)}
 
 
 @pytest.mark.parametrize(("frame", "shown"), [(0, 0), (3, 3), (4, 3), (10**9, 3)])

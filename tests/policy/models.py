@@ -25,7 +25,7 @@ def contract(**changes: Any) -> PolicyContract:
         "joint_stiffness": [50.0, 40.0, 30.0],
         "joint_damping": [2.0, 1.5, 1.0],
         "default_joint_pos": [0.1, 0.2, 0.3],
-        "observation_names": ("joint_pos", "joint_vel", "actions"),
+        "observation": ("joint_pos", "joint_vel", "actions"),
         "command_names": (),
         "action_scale": [0.5, 0.25],
         "policy_dt": 0.02,

@@ -1,0 +1,116 @@
+"""A complete contract as JSON, bit for bit: for recordings, and for checkpoints that carry theirs with them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract, TensorNames
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.policy.readers.partial import Given, PartialContract
+
+__all__ = ["STAMP_KEY", "decode", "encode", "read_stamp"]
+
+STAMP_KEY = "humanoid_sim_contract"
+"""Metadata key under which a stamped checkpoint carries its contract."""
+
+_VERSION = 1
+
+
+def encode(contract: PolicyContract) -> str:
+    """One line of JSON from which `decode` makes the same contract again, provenance included."""
+    document = {"version": _VERSION, **_plain(contract)}
+    return json.dumps(document)
+
+
+def decode(text: str, where: str) -> PolicyContract:
+    """The contract in a text of `encode`.
+
+    Raises:
+        InputError: naming `where`, if it is none.
+    """
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where}: contract is no JSON: {error}") from None
+    if not isinstance(document, dict):
+        raise InputError(f"{where}: contract is a {type(document).__name__}, expected a JSON object")
+    version = document.pop("version", None)
+    if version != _VERSION:
+        raise InputError(f"{where}: contract has version {version!r}, expected {_VERSION}")
+    try:
+        return _contract(document)
+    except FieldError as error:
+        raise InputError(f"{where}: {str(error).removeprefix('PolicyContract.')}") from None
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(f"{where}: contract is malformed: {error}") from None
+
+
+def read_stamp(text: str, where: str) -> PartialContract:
+    """A stamped contract as one source among others; what its fields came from is kept."""
+    contract = decode(text, where)
+    source = "stamp"
+
+    def given(value: Any, name: str) -> Given:
+        origin = contract.provenance.get(name)
+        return Given(value, origin if origin else source)
+
+    values = {field.name: getattr(contract, field.name) for field in fields(PolicyContract)}
+    del values["provenance"], values["observation"], values["tensors"]
+    stated = {name: given(value, name) for name, value in values.items()}
+    stated["observation"] = given(contract.observation_names, "observation")
+    for field in fields(TensorNames):
+        name = f"tensors.{field.name}"
+        stated[name] = given(getattr(contract.tensors, field.name), name)
+    terms = {
+        term.name: {
+            field.name: given(getattr(term, field.name), f"observation.{term.name}.{field.name}")
+            for field in fields(Term)
+            if field.name != "name"
+        }
+        for term in contract.terms
+    }
+    return PartialContract(source, stated, terms)
+
+
+def _plain(value: Any) -> Any:
+    """Arrays as lists, structs and mappings as objects; JSON keeps a float64's repr, and with it every bit."""
+    if isinstance(value, PolicyContract | Term | PhaseRule | TensorNames):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _contract(document: dict[str, Any]) -> PolicyContract:
+    known = [field.name for field in fields(PolicyContract)]
+    for name in document:
+        if name not in known:
+            raise FieldError(known_names("field", name, known))
+    values = dict(document)
+    values["observation"] = [_term(term) for term in document.get("observation", [])]
+    if document.get("phase") is not None:
+        values["phase"] = PhaseRule(**document["phase"])
+    values["tensors"] = TensorNames(**document.get("tensors", {}))
+    for name in ("joint_names", "action_joint_names", "command_names", "body_names"):
+        if not isinstance(values.get(name), list):
+            raise FieldError(f"{name}: is {values.get(name)!r}, expected a list of names")
+    return PolicyContract(**values)
+
+
+def _term(document: Any) -> Term:
+    values = dict(document)
+    for name in ("clip", "joints"):
+        if values.get(name) is not None:
+            values[name] = tuple(values[name])
+    return Term(**values)

@@ -1,0 +1,114 @@
+"""An ONNX model in ONNX Runtime: its tensors by name, one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import InputError
+
+__all__ = ["OnnxModel", "Tensor", "check_file", "first_line", "has_onnxruntime", "read_metadata"]
+
+
+@dataclass(frozen=True, slots=True)
+class Tensor:
+    """An input or output of a model."""
+
+    name: str
+    type: str
+    """As ONNX Runtime calls it: `tensor(float)`."""
+    shape: tuple[int | str | None, ...]
+    """A text or None stands for a size that is left open."""
+
+    @property
+    def width(self) -> int | None:
+        """Values of one row of a (1, width) tensor of numbers; None for any other tensor."""
+        if len(self.shape) != 2 or (isinstance(self.shape[0], int) and self.shape[0] != 1):
+            return None
+        return self.shape[1] if isinstance(self.shape[1], int) else None
+
+
+class OnnxModel:
+    """A model that is loaded and can be run.
+
+    One thread and sequential execution: results do not depend on the machine's load, and no pool of spinning workers
+    competes with the control loop.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Load a model.
+
+        Raises:
+            InputError: if the file is no ONNX model, or its external tensors are missing.
+        """
+        import onnxruntime  # noqa: PLC0415 - see has_onnxruntime
+
+        check_file(path)
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+        options.log_severity_level = 4  # what it would log reaches the user through the exception
+        try:
+            session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime raises its own types, which differ between builds
+            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}") from None
+        self.path = path
+        self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
+        self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
+        self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
+        self._session = session
+
+    def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[npt.NDArray[np.float32]]:
+        """The values of some outputs; raises whatever ONNX Runtime raises."""
+        values: list[npt.NDArray[np.float32]] = self._session.run(list(outputs), inputs)
+        return values
+
+
+def has_onnxruntime() -> bool:
+    """Whether ONNX Runtime can be imported on this machine."""
+    try:
+        import onnxruntime  # noqa: F401, PLC0415 - heavy, and optional on purpose
+    except ImportError:
+        return False
+    return True
+
+
+def read_metadata(path: Path) -> dict[str, str]:
+    """The metadata of a checkpoint without ONNX Runtime.
+
+    Raises:
+        InputError: if the file is no ONNX model.
+    """
+    import onnx  # noqa: PLC0415 - heavy, and only needed where onnxruntime is missing
+
+    check_file(path)
+    try:
+        model = onnx.load(str(path), load_external_data=False)
+    except Exception as error:  # protobuf's exception type is not part of onnx's interface
+        raise InputError(f"{path}: is not an ONNX model: {first_line(error)}") from None
+    return {entry.key: entry.value for entry in model.metadata_props}
+
+
+def check_file(path: Path) -> None:
+    """Refuse what cannot be an ONNX file.
+
+    Raises:
+        InputError: if there is no such file, or it is a directory or empty.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a directory, expected an ONNX file")
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected an ONNX file")
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: is empty, expected an ONNX file")
+
+
+def first_line(error: Exception) -> str:
+    """What an exception says, cut to its first line."""
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -1,0 +1,151 @@
+"""Fields that follow from others: what no source has to say, because it can be worked out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.policy.readers.agree import kind_of
+from humanoid_sim.policy.readers.partial import Given
+
+__all__ = ["complete", "missing_fields"]
+
+_REQUIRED = (
+    "joint_names",
+    "joint_stiffness",
+    "joint_damping",
+    "default_joint_pos",
+    "observation",
+    "action_scale",
+    "policy_dt",
+)
+_ONLY_FOR = {
+    "phase": ("sin_phase", "cos_phase", "gait_phase"),
+    "anchor_body": ("motion_anchor_pos", "motion_anchor_ori"),
+    "body_names": ("motion_body_pos_b", "motion_body_ori_b"),
+    "lookahead_steps": ("target_keys_future",),
+}
+"""Fields that a contract needs if its observation has one of these terms."""
+_TRACKING = ("motion_command", "motion_anchor_pos", "motion_anchor_ori", "motion_body_pos_b", "motion_body_ori_b")
+_PIANO = ("target_keys", "target_keys_future")
+_DERIVED = "follows from"
+
+
+def complete(
+    known: dict[str, Given],
+    terms: Mapping[str, dict[str, Given]],
+    robot_joints: tuple[str, ...] | None,
+    sources: Sequence[str],
+) -> None:
+    """Add what follows from the fields that are known, and turn places of joints into names.
+
+    Args:
+        known: changed in place; the three kinds of places are taken out of it.
+        terms: options of the observation terms, changed in place.
+        robot_joints: the joints in the robot's own order, if known.
+        sources: names of all sources, for messages.
+
+    Raises:
+        FieldError: if a place leads nowhere.
+    """
+    places = known.pop("joint_places", None)
+    if "joint_names" not in known and (places is not None or _has_robot_order(known, sources)):
+        known["joint_names"] = _joint_names(known, places, robot_joints)
+    chosen, patterns = known.pop("action_joint_places", None), known.pop("action_joint_patterns", None)
+    if "joint_names" in known:
+        joints: tuple[str, ...] = known["joint_names"].value
+        if "action_joint_names" not in known:
+            known["action_joint_names"] = _action_joints(joints, chosen, patterns)
+        for name, options in terms.items():
+            if "joint_places" in options:
+                given = options.pop("joint_places")
+                options.setdefault("joints", Given(_at_places(joints, given, f"observation.{name}"), given.source))
+    if "observation" in known:
+        _complete_task(known)
+
+
+def missing_fields(known: Mapping[str, Given]) -> list[str]:
+    """The fields that a contract cannot do without, and that nobody gives."""
+    missing = [name for name in _REQUIRED if name not in known]
+    kinds = _kinds(known)
+    missing += [name for name, terms in _ONLY_FOR.items() if name not in known and any(k in kinds for k in terms)]
+    if "observation" in known and "command" in known["observation"].value and not _value(known, "command_names"):
+        missing.append("command_names")
+    return missing
+
+
+def _value(known: Mapping[str, Given], name: str) -> Any:
+    return known[name].value if name in known else None
+
+
+def _kinds(known: Mapping[str, Given]) -> set[str]:
+    names: tuple[str, ...] = _value(known, "observation") or ()
+    commands = _value(known, "command_names") or ()
+    return {"motion_command" if name == "command" and "motion" in commands else kind_of(name) for name in names}
+
+
+def _complete_task(known: dict[str, Given]) -> None:
+    kinds = _kinds(known)
+    task = "locomotion"
+    if any(kind in kinds for kind in _TRACKING):
+        task = "tracking"
+    elif any(kind in kinds for kind in _PIANO):
+        task = "piano"
+    known.setdefault("task_type", Given(task, f"{_DERIVED} the observation"))
+    known.setdefault("command_names", Given((), f"{_DERIVED} the observation"))
+    if not any(kind in kinds for kind in _ONLY_FOR["body_names"]):
+        known.setdefault("body_names", Given((), f"{_DERIVED} the observation"))
+
+
+def _has_robot_order(known: Mapping[str, Given], sources: Sequence[str]) -> bool:
+    """A deploy.yaml without `joint_ids_map` means the robot's own order."""
+    return any(source == "deploy.yaml" for source in sources) and "joint_stiffness" in known
+
+
+def _joint_names(known: Mapping[str, Given], places: Given | None, robot_joints: tuple[str, ...] | None) -> Given:
+    if robot_joints is None:
+        source = places.source if places else known["joint_stiffness"].source
+        raise FieldError(
+            f"joint_names: {source} gives the joints by their places on the robot, and no robot is known; "
+            "name the robot, or give joint_names in a contract.yaml"
+        )
+    if places is None:
+        return Given(robot_joints, "robot's own order")
+    order: tuple[int, ...] = places.value
+    if len(order) == len(robot_joints):  # also where the numbers leave gaps for joints that this robot lacks
+        ranks = sorted(order)
+        return Given(tuple(robot_joints[ranks.index(place)] for place in order), f"{places.source} and the robot")
+    if max(order) >= len(robot_joints):
+        raise FieldError(
+            f"joint_ids_map: leads to place {max(order)} ({places.source}), "
+            f"but the robot has {len(robot_joints)} joints"
+        )
+    return Given(tuple(robot_joints[place] for place in order), f"{places.source} and the robot")
+
+
+def _action_joints(joints: tuple[str, ...], chosen: Given | None, patterns: Given | None) -> Given:
+    if chosen is not None:
+        return Given(_at_places(joints, chosen, "actions.JointPositionAction.joint_ids"), chosen.source)
+    if patterns is not None:
+        matches = tuple(joint for joint in joints if any(_matches(text, joint, patterns) for text in patterns.value))
+        if not matches:
+            raise FieldError(f"action_joint_names: {list(patterns.value)} ({patterns.source}) matches no joint")
+        return Given(matches, patterns.source)
+    return Given(joints, f"{_DERIVED} joint_names")
+
+
+def _matches(pattern: str, joint: str, patterns: Given) -> bool:
+    try:
+        return re.fullmatch(pattern, joint) is not None
+    except (re.error, RecursionError, OverflowError):
+        raise FieldError(f"action_joint_names: {pattern!r} ({patterns.source}) is no pattern") from None
+
+
+def _at_places(joints: tuple[str, ...], places: Given, field: str) -> tuple[str, ...]:
+    if isinstance(places.value, slice):
+        return joints[places.value]
+    if max(places.value) >= len(joints):
+        raise FieldError(f"{field}: place {max(places.value)} ({places.source}), but there are {len(joints)} joints")
+    return tuple(joints[place] for place in places.value)

@@ -1,0 +1,187 @@
+"""`contract.yaml`: any field of a contract, written by hand; under `override:` also against what other sources say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.policy.readers.contract_schema import (
+    CommandRangeFields,
+    ContractFields,
+    ContractFile,
+    PhaseFields,
+    TensorFields,
+    TermFields,
+    TermOptions,
+)
+from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.yaml_file import read_yaml
+
+__all__ = ["CONTRACT_FILE", "find_contract", "parse_contract", "read_contract_file"]
+
+CONTRACT_FILE = "contract.yaml"
+
+
+def find_contract(checkpoint: Path) -> Path | None:
+    """`<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, in the checkpoint's folder; None without one."""
+    places = (checkpoint.with_name(f"{checkpoint.stem}.{CONTRACT_FILE}"), checkpoint.with_name(CONTRACT_FILE))
+    return next((place for place in places if place.is_file()), None)
+
+
+def read_contract_file(path: Path) -> list[PartialContract]:
+    """The file's own fields and, if it has any, its overrides.
+
+    Raises:
+        InputError: one line with the file, the path of the field, and what is wrong.
+    """
+    return parse_contract(read_yaml(path), str(path), path.name)
+
+
+def parse_contract(document: Any, where: str, source: str) -> list[PartialContract]:
+    """The same of a document that has been read already.
+
+    Args:
+        document: as YAML gives it.
+        where: what to call the file in messages.
+        source: what to call it in the contract's provenance.
+
+    Raises:
+        InputError: as `read_contract_file`.
+    """
+    try:
+        file = msgspec.convert({} if document is None else document, ContractFile)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where}: {_problem(str(error), document)}") from None
+    except (OverflowError, RecursionError) as error:
+        raise InputError(f"{where}: {error}") from None
+    partials = [_partial(file, where, source, overrides=False)]
+    if isinstance(file.override, ContractFields):
+        partials.append(_partial(file.override, where, f"{source} override", overrides=True))
+    return partials
+
+
+def _partial(section: ContractFields, where: str, source: str, *, overrides: bool) -> PartialContract:
+    fields: dict[str, Given] = {}
+    terms: dict[str, dict[str, Given]] = {}
+    prefix = "override." if overrides else ""
+    for name, value in _set_fields(section):
+        if name in ("override", "terms"):
+            continue
+        if name == "tensors":
+            fields |= {f"tensors.{key}": Given(text, source) for key, text in _set_fields(value)}
+            continue
+        try:
+            fields[name] = Given(_value(name, value), source)
+        except FieldError as error:
+            raise InputError(f"{where}: {prefix}{name}.{str(error).partition('.')[2]}") from None
+        if name == "observation":
+            for term in value:
+                if isinstance(term, TermFields):
+                    terms.setdefault(term.name, {}).update(_options(term, source))
+    if isinstance(section.terms, dict):
+        for term_name, options in section.terms.items():
+            for option, value in _options(options, source).items():
+                if option in terms.setdefault(term_name, {}):
+                    raise InputError(f"{where}: {prefix}terms.{term_name}.{option}: is given in observation as well")
+                terms[term_name][option] = value
+    return PartialContract(source, fields, terms, overrides=overrides)
+
+
+def _set_fields(struct: msgspec.Struct) -> Iterator[tuple[str, Any]]:
+    for name in struct.__struct_fields__:
+        value = getattr(struct, name)
+        if value is not msgspec.UNSET:
+            yield name, value
+
+
+def _options(term: TermOptions, source: str) -> dict[str, Given]:
+    return {
+        name: Given(tuple(value) if name == "joints" else _number_or_array(value), source)
+        for name, value in _set_fields(term)
+        if name != "name"
+    }
+
+
+def _value(name: str, value: Any) -> Any:
+    if name == "observation":
+        return tuple(term if isinstance(term, str) else term.name for term in value)
+    if isinstance(value, CommandRangeFields):
+        return np.array([value.lin_vel_x, value.lin_vel_y, value.ang_vel_z])
+    if isinstance(value, PhaseFields):
+        return PhaseRule(**dict(_set_fields(value)))
+    if name == "position_clip":
+        return None if value is None else np.array(value, dtype=np.float64).reshape(-1, 2)
+    if isinstance(value, list) and name.endswith(("_names", "_steps")):
+        return tuple(value)
+    return _number_or_array(value)
+
+
+def _number_or_array(value: Any) -> Any:
+    return np.array(value, dtype=np.float64) if isinstance(value, list) else value
+
+
+_ACCEPTED = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a mapping",
+    "null": "null",
+}
+"""What msgspec calls a type, and what a person does."""
+
+
+def _problem(message: str, document: Any) -> str:
+    """Turn ``Expected `float`, got `str` - at `$.phase.period` `` into `phase.period: is 'x', expected a number`."""
+    problem, _, place = message.partition(" - at `$")
+    place = place.rstrip("`").lstrip(".")
+    value = _at(document, place)
+    expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
+    if is_type:
+        accepted = " or ".join(_ACCEPTED.get(name, name) for name in expected.strip("`").split(" | "))
+        problem = f"is {_shown(value)}, expected {accepted}"
+    elif problem.startswith("Object contains unknown field"):
+        problem = known_names("field", problem.split("`")[1], _known(place))
+    elif problem.startswith("Invalid enum value"):
+        problem = f"is {_shown(value)}, expected one of the words that docs/contract.md lists"
+    return f"{place}: {problem}" if place else problem
+
+
+def _known(place: str) -> tuple[str, ...]:
+    """The fields that exist at a place in the file."""
+    parts = place.removeprefix("override").lstrip(".")
+    structs: dict[str, type[msgspec.Struct]] = {
+        "observation": TermFields,
+        "terms": TermOptions,
+        "phase": PhaseFields,
+        "tensors": TensorFields,
+        "command_ranges": CommandRangeFields,
+    }
+    for name, struct in structs.items():
+        if parts.startswith(name):
+            return struct.__struct_fields__
+    return ContractFields.__struct_fields__ if place.startswith("override") else ContractFile.__struct_fields__
+
+
+def _at(document: Any, place: str) -> Any:
+    """The value at a path such as `observation[3].scale`; `[...]` stands for a key that is not known."""
+    for part in place.replace("[", ".[").split("."):
+        if not part:
+            continue
+        try:
+            document = document[int(part[1:-1])] if part.startswith("[") else document[part]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return document
+    return document
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,63 @@
+"""Lists as comma-separated text, the way exporters write them into the metadata of a model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers.partial import Given
+
+__all__ = ["integers", "names", "number", "numbers"]
+
+
+def names(text: str) -> tuple[str, ...]:
+    """The items without the space around them; empty text is an empty list."""
+    return tuple(_items(text))
+
+
+def number(key: str, text: str, where: str) -> float:
+    """One number.
+
+    Raises:
+        InputError: naming `where`, the key and the text, if it is none.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{where}: {key} is {text!r}, expected one number") from None
+
+
+def numbers(key: str, text: str, where: str, source: str) -> Given:
+    """At least one number, and how many decimals they have; a single one stands for every joint.
+
+    Raises:
+        InputError: as `number`.
+    """
+    items = _items(text)
+    try:
+        values = [float(item) for item in items]
+    except ValueError:
+        raise InputError(f"{where}: {key} is {text!r}, expected numbers separated by commas") from None
+    if not values:
+        raise InputError(f"{where}: {key} is empty, expected numbers separated by commas")
+    # In scientific notation the digits behind the point do not tell the last place: then the values themselves do.
+    plain = all("e" not in item.lower() for item in items)
+    decimals = max(len(item.partition(".")[2]) for item in items) if plain else None
+    return Given(np.array(values[0] if len(values) == 1 else values), source, decimals)
+
+
+def integers(key: str, text: str, where: str) -> tuple[int, ...]:
+    """Whole numbers.
+
+    Raises:
+        InputError: as `number`.
+    """
+    try:
+        return tuple(int(item) for item in _items(text))
+    except ValueError:
+        raise InputError(f"{where}: {key} is {text!r}, expected integers separated by commas") from None
+
+
+def _items(text: str) -> list[str]:
+    text = text.strip()
+    return [item.strip() for item in text.split(",")] if text else []

@@ -1,0 +1,83 @@
+"""What holosoma writes into the metadata of a model: JSON, and only the part that a robot needs to stand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers.partial import Given, PartialContract, given
+
+__all__ = ["HOLOSOMA_SOURCE", "is_holosoma", "read_holosoma"]
+
+HOLOSOMA_SOURCE = "holosoma metadata"
+_ASSUMED = "assumed (holosoma)"
+
+_COMMANDS = ("lin_vel_x", "lin_vel_y", "ang_vel_yaw")
+
+
+def is_holosoma(metadata: Mapping[str, str]) -> bool:
+    """Whether the metadata has the key by which this dialect is known."""
+    return "dof_names" in metadata
+
+
+def read_holosoma(metadata: Mapping[str, str], where: str) -> PartialContract:
+    """Joints, gains and command ranges; the rest is in the trainer's Python configuration and is for a contract.yaml.
+
+    Raises:
+        InputError: naming `where`, the key and its text, if one is malformed.
+    """
+    fields: dict[str, Given] = {}
+    names = _parse("dof_names", metadata, where)
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise _wrong(where, "dof_names", metadata, "a JSON list of names")
+    fields["joint_names"] = Given(tuple(names), HOLOSOMA_SOURCE)
+    for key, field in (("kp", "joint_stiffness"), ("kd", "joint_damping")):
+        if key in metadata:
+            fields[field] = Given(_numbers(key, metadata, where), HOLOSOMA_SOURCE)
+    if "command_ranges" in metadata:
+        ranges = _parse("command_ranges", metadata, where)
+        if ranges is not None:
+            fields["command_ranges"] = Given(_ranges(ranges, metadata, where), HOLOSOMA_SOURCE)
+    return PartialContract(HOLOSOMA_SOURCE, fields, assumed=given(_ASSUMED, {"policy_dt": 0.02}))
+
+
+def _parse(key: str, metadata: Mapping[str, str], where: str) -> Any:
+    try:
+        return json.loads(metadata[key])
+    except (ValueError, RecursionError):
+        raise _wrong(where, key, metadata, "JSON") from None
+
+
+def _numbers(key: str, metadata: Mapping[str, str], where: str) -> Any:
+    values = _parse(key, metadata, where)
+    if _is_number(values):
+        return float(values)
+    if not isinstance(values, list) or not values or not all(_is_number(value) for value in values):
+        raise _wrong(where, key, metadata, "a JSON list of numbers")
+    return np.array(values, dtype=np.float64)
+
+
+def _ranges(ranges: Any, metadata: Mapping[str, str], where: str) -> Any:
+    rows = [ranges.get(name) for name in _COMMANDS] if isinstance(ranges, dict) else []
+    pairs = [row for row in rows if isinstance(row, list) and len(row) == 2 and all(_is_number(v) for v in row)]
+    if len(pairs) != len(_COMMANDS):
+        raise _wrong(
+            where, "command_ranges", metadata, f"a JSON object with [least, greatest] for {', '.join(_COMMANDS)}"
+        )
+    return np.array(pairs, dtype=np.float64)
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) < 1e300  # a longer integer does not fit a float
+
+
+def _wrong(where: str, key: str, metadata: Mapping[str, str], expected: str) -> InputError:
+    text = metadata[key]
+    shown = text if len(text) <= 80 else text[:77] + "..."
+    return InputError(f"{where}: {key} is {shown!r}, expected {expected}")

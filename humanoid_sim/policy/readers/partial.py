@@ -1,0 +1,47 @@
+"""What one source says about a contract: some fields, each with the source it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+__all__ = ["Given", "PartialContract", "given"]
+
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A value and where it came from."""
+
+    value: Any
+    source: str
+    """For people: `mjlab metadata`, `deploy.yaml`, `contract.yaml override`."""
+    decimals: int | None = None
+    """Digits behind the point that the source writes; None: as many as the values have."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartialContract:
+    """The fields of a `PolicyContract` that one source states; the others are for other sources."""
+
+    source: str
+    fields: Mapping[str, Given] = field(default_factory=lambda: _NOTHING)
+    """By the name of the contract's field; `observation` holds the names of the terms alone. Three more say how to
+    find what the source does not name: `joint_places` (the policy's joints as places in the robot's own order),
+    `action_joint_places` (the driven ones as places in `joint_names`) and `action_joint_patterns`."""
+    terms: Mapping[str, Mapping[str, Given]] = field(default_factory=lambda: _NOTHING)
+    """Options of observation terms: name of the term, then name of the option."""
+    assumed: Mapping[str, Given] = field(default_factory=lambda: _NOTHING)
+    """What the dialect implies without saying so; anything that a source states comes before it."""
+    assumed_terms: Mapping[str, Given] = field(default_factory=lambda: _NOTHING)
+    """Options of every term, likewise."""
+    overrides: bool = False
+    """Beats the other sources instead of having to agree with them."""
+
+
+def given(source: str, values: Mapping[str, Any]) -> dict[str, Given]:
+    """Each value with the one source."""
+    return {name: Given(value, source) for name, value in values.items()}

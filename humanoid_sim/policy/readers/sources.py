@@ -1,0 +1,77 @@
+"""Which files and metadata say something about a checkpoint, and the contract that they make together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.policy.contract_json import STAMP_KEY, read_stamp
+from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contract_file
+from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
+from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.readers.mjlab import is_mjlab, read_mjlab
+from humanoid_sim.policy.readers.own_metadata import is_own, read_own
+from humanoid_sim.policy.readers.partial import PartialContract
+from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
+
+__all__ = ["assemble_contract", "assumptions", "metadata_contract", "source_files"]
+
+
+def assemble_contract(
+    path: Path,
+    metadata: Mapping[str, str],
+    contract_file: Path | None = None,
+    robot_joints: tuple[str, ...] | None = None,
+) -> PolicyContract:
+    """The contract of a checkpoint, from everything that speaks about it.
+
+    A stamped checkpoint is complete by itself, so a `deploy.yaml` beside it is not read; a `contract.yaml` always is.
+
+    Args:
+        path: the checkpoint.
+        metadata: its `custom_metadata_map`.
+        contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
+        robot_joints: the joints in the robot's own order, for sources that give places instead of names.
+
+    Raises:
+        InputError: if a source is malformed, if two contradict each other, or if something is missing.
+    """
+    partials = metadata_contract(metadata, str(path))
+    deploy = None if STAMP_KEY in metadata else find_deploy(path)
+    if deploy is not None:
+        partials.append(read_deploy(deploy))
+    chosen = find_contract(path) if contract_file is None else contract_file
+    if chosen is not None:
+        partials += read_contract_file(chosen)
+    return merge(partials, str(path), robot_joints)
+
+
+def metadata_contract(metadata: Mapping[str, str], where: str) -> list[PartialContract]:
+    """What a model's metadata says, in whichever dialect it is; an empty list if it says nothing."""
+    if STAMP_KEY in metadata:
+        return [read_stamp(metadata[STAMP_KEY], where)]
+    if is_own(metadata):
+        return [read_own(metadata, where)]
+    partials = []
+    if is_mjlab(metadata):
+        partials.append(read_mjlab(metadata, where))
+    if is_holosoma(metadata):
+        partials.append(read_holosoma(metadata, where))
+    return partials
+
+
+def source_files(path: Path, contract_file: Path | None = None) -> tuple[Path, ...]:
+    """The files beside a checkpoint that `assemble_contract` reads, as far as they exist."""
+    found = (find_deploy(path), find_contract(path) if contract_file is None else contract_file)
+    return tuple(file for file in found if file is not None)
+
+
+def assumptions(contract: PolicyContract) -> tuple[str, ...]:
+    """What no source states and a dialect implies, one line each: `policy_dt 0.02: assumed (mjlab)`."""
+    lines = []
+    for name, source in contract.provenance.items():
+        if source.startswith("assumed"):
+            value = getattr(contract, name, None)
+            lines.append(f"{name}{'' if value is None else f' {value}'}: {source}")
+    return tuple(lines)

@@ -1,0 +1,236 @@
+"""Unitree's `deploy.yaml`: everything but the names of the joints, which are given by their places on the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.readers.partial import Given, PartialContract, given
+from humanoid_sim.policy.readers.yaml_file import read_yaml
+
+__all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]
+
+DEPLOY_FILE = "deploy.yaml"
+_ASSUMED = "assumed (Unitree)"
+_SWITCHES = ("use_gym_history", "scale_first")
+_RANGES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
+
+
+def find_deploy(checkpoint: Path) -> Path | None:
+    """The file beside the model, or in `params/` beside the folder `exported/` that holds it; None without one."""
+    places = [checkpoint.parent / DEPLOY_FILE, checkpoint.parent / "params" / DEPLOY_FILE]
+    places.append(checkpoint.parent.parent / "params" / DEPLOY_FILE)
+    return next((place for place in places if place.is_file()), None)
+
+
+def read_deploy(path: Path) -> PartialContract:
+    """What the file states.
+
+    Gains are listed in the robot's order, everything else in the policy's: `joint_ids_map` leads from the one to the
+    other.
+
+    Raises:
+        InputError: one line with the file, the field, the value and what is accepted.
+    """
+    reader = _Reader(path, read_yaml(path))
+    fields = {name: Given(value, path.name) for name, value in reader.fields().items()}
+    terms = {name: given(path.name, options) for name, options in reader.terms.items()}
+    return PartialContract(path.name, fields, terms, assumed=given(_ASSUMED, {"reference_quaternion": "wxyz"}))
+
+
+class _Reader:
+    def __init__(self, path: Path, document: Any) -> None:
+        self.path = path
+        self.document = self._mapping(document, "")
+        self.terms: dict[str, dict[str, Any]] = {}
+
+    def fields(self) -> dict[str, Any]:
+        fields: dict[str, Any] = {}
+        places = self._places(self.document.get("joint_ids_map"))
+        if places is not None:
+            fields["joint_places"] = places
+        if "step_dt" in self.document:
+            fields["policy_dt"] = self._number(self.document["step_dt"], "step_dt")
+        for key in ("stiffness", "damping"):
+            if self.document.get(key) is not None:
+                values = self._numbers(self.document[key], key)
+                fields[f"joint_{key}"] = self._policy_order(values, places, key)
+        if self.document.get("default_joint_pos") is not None:
+            fields["default_joint_pos"] = self._numbers(self.document["default_joint_pos"], "default_joint_pos")
+        fields |= self._commands() | self._action() | self._observations()
+        return fields
+
+    def _places(self, value: Any) -> tuple[int, ...] | None:
+        if value is None:
+            return None
+        places = self._list(value, "joint_ids_map")
+        if not all(type(place) is int and 0 <= place < 1000 for place in places) or len(set(places)) < len(places):
+            raise self._wrong("joint_ids_map", value, "places on the robot, each a whole number >= 0, none twice")
+        return tuple(places)
+
+    def _policy_order(self, values: Any, places: tuple[int, ...] | None, key: str) -> Any:
+        if places is None or np.ndim(values) == 0:
+            return values
+        if len(values) > max(places):
+            return values[list(places)]
+        if len(values) == len(places):  # the robot lacks some joints of the full one, and so does the list
+            return values[[sorted(places).index(place) for place in places]]
+        expected = f"{max(places) + 1} values, as joint_ids_map leads to place {max(places)}, or {len(places)}"
+        raise self._wrong(key, f"{len(values)} values", expected)
+
+    def _commands(self) -> dict[str, Any]:
+        commands = self._mapping(self.document.get("commands") or {}, "commands")
+        fields: dict[str, Any] = {}
+        if commands:
+            fields["command_names"] = tuple(commands)
+        velocity = self._mapping(commands.get("base_velocity") or {}, "commands.base_velocity")
+        ranges = self._mapping(velocity.get("ranges") or {}, "commands.base_velocity.ranges")
+        if ranges:
+            rows = [self._pair(ranges.get(name), f"commands.base_velocity.ranges.{name}") for name in _RANGES]
+            fields["command_ranges"] = np.array(rows)
+        return fields
+
+    def _action(self) -> dict[str, Any]:
+        actions = self._mapping(self.document.get("actions") or {}, "actions")
+        if not actions:
+            return {}
+        if tuple(actions) != ("JointPositionAction",):
+            raise self._wrong("actions", ", ".join(map(str, actions)), "JointPositionAction alone")
+        where = "actions.JointPositionAction"
+        action = self._mapping(actions["JointPositionAction"], where)
+        fields: dict[str, Any] = {}
+        for key, field in (("scale", "action_scale"), ("offset", "action_offset")):
+            if action.get(key) is not None:
+                fields[field] = self._numbers(action[key], f"{where}.{key}")
+        if action.get("clip") is not None:
+            fields["position_clip"] = self._clip(action["clip"], f"{where}.clip")
+        ids = action.get("joint_ids")
+        if ids is not None and ids != slice(None):
+            fields["action_joint_places"] = self._indices(ids, f"{where}.joint_ids")
+        elif action.get("joint_names") is not None:
+            patterns = self._list(action["joint_names"], f"{where}.joint_names")
+            if not all(isinstance(pattern, str) for pattern in patterns):
+                raise self._wrong(f"{where}.joint_names", patterns, "patterns of joint names")
+            fields["action_joint_patterns"] = tuple(patterns)
+        return fields
+
+    def _observations(self) -> dict[str, Any]:
+        group = self._mapping(self.document.get("observations") or {}, "observations")
+        where = "observations"
+        while len(group) == 1 and _is_group(next(iter(group.values()))):
+            name, group = next(iter(group.items()))
+            where = f"{where}.{name}"
+        switches = {name: group.get(name, False) for name in _SWITCHES}
+        for name, value in switches.items():
+            if not isinstance(value, bool):
+                raise self._wrong(f"{where}.{name}", value, "true or false")
+        names = [str(name) for name in group if name not in _SWITCHES]
+        fields: dict[str, Any] = {}
+        for name in names:
+            term = self._mapping(group[name] if group[name] is not None else {}, f"{where}.{name}")
+            if _is_group(term):
+                raise self._wrong(where, f"the groups {', '.join(names)}", "one group of terms, for one input")
+            fields |= self._term(name, term, f"{where}.{name}", switches["scale_first"])
+        if names:
+            fields["observation"] = tuple(names)
+            fields["history_layout"] = "per_step" if switches["use_gym_history"] else "per_term"
+        return fields
+
+    def _term(self, name: str, term: Mapping[str, Any], where: str, scale_first: bool) -> dict[str, Any]:
+        options: dict[str, Any] = {"history": 1, "scale": 1.0}
+        if term.get("scale") is not None:
+            options["scale"] = self._numbers(term["scale"], f"{where}.scale")
+        if term.get("clip") is not None:
+            options["clip"] = self._pair(term["clip"], f"{where}.clip")
+            if scale_first:
+                options["clip"] = self._before_scaling(options, where)
+        length = term.get("history_length", 1)
+        if type(length) is not int or not 0 <= length <= 1000:
+            raise self._wrong(f"{where}.history_length", length, "a whole number >= 0")
+        options["history"] = max(length, 1)
+        params = self._mapping(term.get("params") or {}, f"{where}.params")
+        asset = self._mapping(params.get("asset_cfg") or {}, f"{where}.params.asset_cfg")
+        ids = asset.get("joint_ids")
+        if ids is not None and ids != slice(None):
+            options["joint_places"] = self._indices(ids, f"{where}.params.asset_cfg.joint_ids")
+        self.terms[name] = options
+        if name == "gait_phase" and params.get("period") is not None:
+            try:
+                return {"phase": PhaseRule(self._number(params["period"], f"{where}.params.period"), [0.0])}  # type: ignore[arg-type]
+            except FieldError as error:
+                raise InputError(f"{self.path}: {where}.params.{str(error).removeprefix('PhaseRule.')}") from None
+        return {}
+
+    def _before_scaling(self, options: Mapping[str, Any], where: str) -> tuple[float, float]:
+        """Bounds of the scaled value as bounds of the value itself."""
+        scale = np.unique(options["scale"])
+        if len(scale) != 1 or not scale[0] > 0.0:
+            raise self._wrong(f"{where}.scale", options["scale"], "one positive factor, as scale_first clips after it")
+        low, high = options["clip"]
+        return low / float(scale[0]), high / float(scale[0])
+
+    def _indices(self, value: Any, where: str) -> Any:
+        if isinstance(value, slice):
+            return value
+        indices = self._list(value, where)
+        if not all(type(index) is int and 0 <= index < 1000 for index in indices) or len(set(indices)) < len(indices):
+            raise self._wrong(where, value, "a slice, or whole numbers >= 0, none twice")
+        return tuple(indices)
+
+    def _clip(self, value: Any, where: str) -> Any:
+        rows = self._list(value, where)
+        if len(rows) == 2 and not any(isinstance(row, Sequence) for row in rows):
+            return np.array([self._pair(rows, where)])
+        return np.array([self._pair(row, f"{where}[{index}]") for index, row in enumerate(rows)])
+
+    def _pair(self, value: Any, where: str) -> tuple[float, float]:
+        if not isinstance(value, list) or len(value) != 2 or not all(_is_number(item) for item in value):
+            raise self._wrong(where, value, "[least, greatest]")
+        return float(value[0]), float(value[1])
+
+    def _numbers(self, value: Any, where: str) -> Any:
+        if _is_number(value):
+            return float(value)
+        if not isinstance(value, list) or not value or not all(_is_number(item) for item in value):
+            raise self._wrong(where, value, "a number, or a list of numbers")
+        return np.array(value, dtype=np.float64)
+
+    def _number(self, value: Any, where: str) -> float:
+        if not _is_number(value):
+            raise self._wrong(where, value, "a number")
+        return float(value)
+
+    def _list(self, value: Any, where: str) -> list[Any]:
+        if not isinstance(value, list) or not value:
+            raise self._wrong(where, value, "a list")
+        return value
+
+    def _mapping(self, value: Any, where: str) -> Mapping[str, Any]:
+        if not isinstance(value, dict):
+            raise self._wrong(where or "the file", value, "a mapping")
+        return value
+
+    def _wrong(self, where: str, value: Any, expected: str) -> InputError:
+        text = str(value)
+        shown = text if len(text) <= 80 else text[:77] + "..."
+        return InputError(f"{self.path}: {where} is {shown}, expected {expected}")
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return not (isinstance(value, int) and abs(value) > 10**300) and not math.isnan(value)
+
+
+def _is_group(value: Any) -> bool:
+    """A group holds terms, that is mappings; a term holds `params`, `scale` and the like."""
+    if not isinstance(value, dict) or not value:
+        return False
+    terms = [item for key, item in value.items() if key not in (*_SWITCHES, "params")]
+    return bool(terms) and all(isinstance(item, dict) for item in terms)
