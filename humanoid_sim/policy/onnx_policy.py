@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,22 @@ from humanoid_sim.policy.metadata import parse_metadata
 __all__ = ["OnnxPolicy", "has_onnxruntime", "load_checkpoint", "read_metadata"]
 
 
+def _onnxruntime() -> Any:
+    """ONNX Runtime, imported when it is first needed, because it is heavy and may be missing.
+
+    By default it keeps a database in the user's home and reports to its makers from a thread of its own: nothing that
+    belongs beside a control loop, on a machine that may be offline.
+    """
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    import onnxruntime  # noqa: PLC0415 - see above
+
+    return onnxruntime
+
+
 def has_onnxruntime() -> bool:
     """Whether ONNX Runtime can be imported on this machine."""
     try:
-        import onnxruntime  # noqa: F401, PLC0415 - heavy, and optional on purpose
+        _onnxruntime()
     except ImportError:
         return False
     return True
@@ -38,8 +51,7 @@ class OnnxPolicy:
             InputError: if the file is no ONNX model, its external tensors are missing, or its inputs and outputs are
                 not one float32 (1, N) and at least one float32 (1, M).
         """
-        import onnxruntime  # noqa: PLC0415 - see has_onnxruntime
-
+        onnxruntime = _onnxruntime()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
         options.inter_op_num_threads = 1
