@@ -186,5 +186,9 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
                 f"the control rate moves from {frequency:g} Hz to {1.0 / period:g} Hz, "
                 f"{ticks} times the policy's {1.0 / policy_dt:g} Hz"
             )
-    steps_per_period(period, config.physics_timestep or description.simulation.physics_timestep)
+    timestep = description.simulation.physics_timestep if config.physics_timestep is None else config.physics_timestep
+    try:
+        steps_per_period(period, timestep, step_name="--physics-timestep")
+    except InputError as error:
+        raise InputError(f"{error}; {notice}" if notice else str(error)) from None
     return period, notice
