@@ -117,9 +117,6 @@ def choose_outputs(config: PlayConfig) -> Outputs:
             raise InputError(f"{option}: the folder '{path.parent}' does not exist")
         if not os.access(path.parent, os.W_OK):
             raise InputError(f"{option}: the folder '{path.parent}' cannot be written to")
-    paths = [path.resolve() for _, path, _ in named.values() if path is not None]
-    if len(set(paths)) != len(paths):
-        raise InputError("--record, --video, --snapshot and --summary: two of them name the same file")
     if any(value == "auto" and path is not None for value, path, _ in named.values()):
         try:
             _RUNS.mkdir(exist_ok=True)
