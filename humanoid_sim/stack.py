@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
+import msgspec
 import numpy as np
 
 from humanoid_sim.controllers.base import (
@@ -47,6 +49,8 @@ __all__ = [
     "load_policy",
     "rebuild_supervisor",
 ]
+
+T = TypeVar("T")
 
 MOTION_ATTACHMENT = "motion.mcap"
 """Name of the motion file inside a recording."""
@@ -216,7 +220,7 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     """
     try:
         description = RobotDescription.from_json(header.documents["robot"])
-        remote = bool(json.loads(header.documents["controllers"])["remote"])
+        remote = _decoded(header, "controllers", dict[str, bool])["remote"]
     except KeyError as error:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     loaded = None
@@ -226,3 +230,16 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         motion = parse_motion(attached, MOTION_ATTACHMENT) if attached is not None else None
         loaded = load_policy(contract, policy, motion)
     return build_supervisor(description, header.control_period, loaded, remote=remote)
+
+
+def _decoded(header: SessionHeader, name: str, kind: type[T]) -> T:
+    """A document of the header.
+
+    Raises:
+        KeyError: if the header lacks it.
+        InputError: if it is not what it should be.
+    """
+    try:
+        return msgspec.json.decode(header.documents[name], type=kind)
+    except msgspec.DecodeError as error:
+        raise InputError(f"recording: its header's '{name}' is damaged: {error}") from None

@@ -7,9 +7,9 @@ import os
 import platform
 from collections.abc import Callable
 from dataclasses import asdict
+from importlib.metadata import version
 
 import mujoco
-import onnxruntime
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -61,7 +61,7 @@ def _machine() -> dict[str, object]:
         "platform": platform.platform(),
         "python": platform.python_version(),
         "mujoco": mujoco.__version__,
-        "onnxruntime": onnxruntime.__version__,
+        "onnxruntime": version("onnxruntime"),
         "humanoid_sim": __version__,
     }
 

@@ -117,9 +117,6 @@ def choose_outputs(config: PlayConfig) -> Outputs:
             raise InputError(f"{option}: the folder '{path.parent}' does not exist")
         if not os.access(path.parent, os.W_OK):
             raise InputError(f"{option}: the folder '{path.parent}' cannot be written to")
-    paths = [path.resolve() for _, path, _ in named.values() if path is not None]
-    if len(set(paths)) != len(paths):
-        raise InputError("--record, --video, --snapshot and --summary: two of them name the same file")
     if any(value == "auto" and path is not None for value, path, _ in named.values()):
         try:
             _RUNS.mkdir(exist_ok=True)
@@ -186,5 +183,9 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
                 f"the control rate moves from {frequency:g} Hz to {1.0 / period:g} Hz, "
                 f"{ticks} times the policy's {1.0 / policy_dt:g} Hz"
             )
-    steps_per_period(period, config.physics_timestep or description.simulation.physics_timestep)
+    timestep = description.simulation.physics_timestep if config.physics_timestep is None else config.physics_timestep
+    try:
+        steps_per_period(period, timestep, step_name="--physics-timestep")
+    except InputError as error:
+        raise InputError(f"{error}; {notice}" if notice else str(error)) from None
     return period, notice

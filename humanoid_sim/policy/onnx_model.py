@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,9 +47,8 @@ class OnnxModel:
         Raises:
             InputError: if the file is no ONNX model, or its external tensors are missing.
         """
-        import onnxruntime  # noqa: PLC0415 - see has_onnxruntime
-
         check_file(path)
+        onnxruntime = _onnxruntime()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
         options.inter_op_num_threads = 1
@@ -70,10 +70,22 @@ class OnnxModel:
         return values
 
 
+def _onnxruntime() -> Any:
+    """ONNX Runtime, imported when it is first needed, because it is heavy and may be missing.
+
+    By default it keeps a database in the user's home and reports to its makers from a thread of its own: nothing that
+    belongs beside a control loop, on a machine that may be offline.
+    """
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    import onnxruntime  # noqa: PLC0415 - see above
+
+    return onnxruntime
+
+
 def has_onnxruntime() -> bool:
     """Whether ONNX Runtime can be imported on this machine."""
     try:
-        import onnxruntime  # noqa: F401, PLC0415 - heavy, and optional on purpose
+        _onnxruntime()
     except ImportError:
         return False
     return True

@@ -13,7 +13,7 @@ __all__ = ["make_camera"]
 _AZIMUTH = 155.0
 """Degrees. 180 looks along -x, straight at the face of a robot whose front is +x; 155 shows a little of its left."""
 _ELEVATION = -14.0
-_MARGIN = 1.08
+_MARGIN = 1.3
 """Room around the robot at rest, for arms that are raised."""
 
 

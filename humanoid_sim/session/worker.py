@@ -24,7 +24,7 @@ class WorkerSink:
             name: of the thread.
             period: s between two looks at the queue.
         """
-        self.error: Exception | None = None
+        self.error: BaseException | None = None
         self._queue: deque[TickRecord | tuple[float, str]] = deque()
         self._period = period
         self._stop = threading.Event()
@@ -92,6 +92,6 @@ class WorkerSink:
                 else:
                     self.handle_event(*item)
             self.handle_pause()
-        except Exception as error:  # kept for the program to report; see the class
+        except (Exception, SystemExit) as error:  # kept for the program to report; rich exits where a pipe has broken
             self.error = error
             self._queue.clear()

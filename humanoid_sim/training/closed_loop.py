@@ -53,14 +53,16 @@ def linearise(mass: FloatArray, stiffness: FloatArray, damping: FloatArray, peri
         period: s
     """
     n = ARM_JOINTS
-    inverse = torch.linalg.inv(tensor(mass))
-    rate = torch.zeros(len(mass), 3 * n, 3 * n)
-    rate[:, :n, n : 2 * n] = torch.eye(n)
-    rate[:, n : 2 * n, 2 * n :] = inverse * tensor(stiffness)[:, None]
-    rate[:, n : 2 * n, :n] = -rate[:, n : 2 * n, 2 * n :]
-    rate[:, n : 2 * n, n : 2 * n] = -inverse * tensor(damping)[:, None]
-    flow = torch.cat([torch.linalg.matrix_exp(part * period) for part in torch.split(rate, 16384)])
-    return flow[:, : 2 * n, : 2 * n].contiguous(), flow[:, : 2 * n, 2 * n :].contiguous()
+    inverse = np.linalg.inv(mass)
+    rate = np.zeros((len(mass), 2 * n, 2 * n))
+    rate[:, :n, n:] = np.eye(n)
+    rate[:, n:, :n] = -inverse * stiffness[:, None]
+    rate[:, n:, n:] = -inverse * damping[:, None]
+    flow = torch.cat([torch.linalg.matrix_exp(part) for part in torch.split(tensor(rate * period), 16384)])
+    # An arm that rests at its command stays there: A [u, 0] + B u = [u, 0] for every u.
+    drive = -flow[:, :, :n]
+    drive[:, :n] += torch.eye(n)
+    return flow, drive
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.stack import build_supervisor, load_policy
+from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
 from humanoid_sim.tracking import TrackingErrors, TrackingSummary, rotation_from_6d
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
 
@@ -71,10 +71,11 @@ def follow(
         InputError: if robot, policy and motion do not fit together.
         TrackingFailedError: if the robot leaves LOCOMOTION before the end.
     """
-    errors = TrackingErrors(description, motion.frames, motion.body_names, motion.policy_dt)
-    wanted = len(motion.frames) + round(extra_time / motion.policy_dt)
+    loaded = load_policy(contract, policy, motion)
+    errors = TrackingErrors(description, motion.frames, contract.body_names, contract.policy_dt)
+    wanted = len(motion.frames) + round(extra_time / contract.policy_dt)
     positions, commands, fastest = [], [], 0.0
-    for tick_input, output in _ticks(description, contract, policy, motion, command_delay):
+    for tick_input, output in _ticks(description, loaded, command_delay):
         if output.control_mode.mode is not Mode.LOCOMOTION:
             continue
         fastest = max(fastest, float(np.abs(tick_input.state.joint_velocity).max()))
@@ -95,14 +96,14 @@ def inverse_kinematics_policy(description: RobotDescription, contract: PolicyCon
     """A policy that commands the joint positions of the frame it is shown, solved beforehand.
 
     Raises:
-        InputError: if the robot lacks one of the motion's bodies.
+        InputError: if the robot lacks one of the policy's bodies.
     """
-    count = len(motion.body_names)
+    count = len(contract.body_names)
     frames = motion.frames.astype(np.float64)
     position = frames[:, : 3 * count].reshape(-1, count, 3)
     rotation = rotation_from_6d(frames[:, 3 * count :].reshape(-1, count, 6))
     # Little damping: the poses can be reached, and the baseline is to be as good as it can.
-    solver = InverseKinematics(description, motion.body_names, damping=1e-3)
+    solver = InverseKinematics(description, contract.body_names, damping=1e-3)
     home = np.array(description.standby_controller_a.pose_segments[-1])
     path = solver.solve_path(position, rotation, home)
     driven = joint_indices(contract.action_joint_names, description.joint_names, "action_joint_names")
@@ -119,11 +120,11 @@ def inverse_kinematics_policy(description: RobotDescription, contract: PolicyCon
 
 
 def _ticks(
-    description: RobotDescription, contract: PolicyContract, policy: Policy, motion: Motion, command_delay: float
+    description: RobotDescription, loaded: LoadedPolicy, command_delay: float
 ) -> Iterator[tuple[TickInput, TickOutput]]:
     """The control loop of `play`, in simulated time and without end: DAMP, LOAD_A, START_LOCOMOTION."""
     period = 1.0 / description.simulation.control_frequency
-    supervisor = build_supervisor(description, period, load_policy(contract, policy, motion))
+    supervisor = build_supervisor(description, period, loaded)
     # MuJoCo's own actuators: the same law as on `qfrc_applied` to rounding, several times as fast.
     robot = MujocoRobot(description, actuation="affine", command_delay=command_delay)
     memory = supervisor.initial()

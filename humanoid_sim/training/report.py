@@ -11,12 +11,15 @@ from rich.console import Console
 from rich.table import Table
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.recording.whole_file import whole_file
-from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.stack import load_policy
 from humanoid_sim.training.config import EvaluateConfig
-from humanoid_sim.training.evaluate import Rollout, follow, inverse_kinematics_policy
+from humanoid_sim.training.evaluate import Rollout, TrackingFailedError, follow, inverse_kinematics_policy
 from humanoid_sim.training.held_out import held_out_motions
 
 __all__ = ["Figures", "evaluate"]
@@ -65,6 +68,10 @@ def evaluate(config: EvaluateConfig) -> int:
     """
     description = load_robot("lite")
     checkpoint = load_checkpoint(Path(config.policy) if config.policy else asset_path("policies", "lite_tracking.onnx"))
+    if checkpoint.contract.task_type != "tracking":
+        raise InputError(f"{checkpoint.source}: task_type is {checkpoint.contract.task_type}, expected tracking")
+    if config.random < 0 or config.seed < 0:
+        raise InputError(f"--random and --seed: are {config.random} and {config.seed}, expected at least 0")
     files = [Path(name) for name in config.motion] or sorted(asset_path("motions").glob("*.mcap"))
     motions = [(file.stem, read_motion(file)) for file in files]
     motions += [
@@ -75,15 +82,28 @@ def evaluate(config: EvaluateConfig) -> int:
     with console.status("") as status:
         for name, motion in motions:
             status.update(f"following {name}")
-            baseline = inverse_kinematics_policy(description, checkpoint.contract, motion)
-            for label, policy in (("policy", checkpoint.policy), ("ik", baseline)):
-                rollout = follow(description, checkpoint.contract, policy, motion, command_delay=config.command_delay)
-                rows.append(Figures.of(name, label, rollout))
+            try:
+                rows += _measure(description, checkpoint, name, motion, config.command_delay)
+            except (InputError, TrackingFailedError) as error:
+                raise InputError(f"{name}: {error}") from None
     console.print(_table(rows))
     if config.json:
         with whole_file(config.json) as file:
             file.write(json.dumps([asdict(row) for row in rows], indent=1).encode())
     return 0
+
+
+def _measure(
+    description: RobotDescription, checkpoint: Checkpoint, name: str, motion: Motion, command_delay: float
+) -> list[Figures]:
+    """The policy and the baseline on one motion."""
+    contract = checkpoint.contract
+    load_policy(contract, checkpoint.policy, motion)  # a motion that does not fit is refused before it is solved
+    baseline = inverse_kinematics_policy(description, contract, motion)
+    return [
+        Figures.of(name, label, follow(description, contract, policy, motion, command_delay=command_delay))
+        for label, policy in (("policy", checkpoint.policy), ("ik", baseline))
+    ]
 
 
 def _table(rows: list[Figures]) -> Table:

@@ -22,17 +22,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.training import scales
 from humanoid_sim.training.mirror import ARM_JOINTS, JOINT_SIGN, ORIENTATION_SIGN, POSITION_SIGN
 
-__all__ = ["ArmGeometry", "ArmNetwork", "ArmTarget", "Student"]
-
-
-@dataclass(frozen=True, slots=True)
-class ArmGeometry:
-    """What the network takes as given, and does not learn."""
-
-    default: FloatArray
-    """Shape (7,), rad: the joint positions of action 0."""
-    shoulder: FloatArray
-    """Shape (3,), m, base frame: where the left shoulder's axes meet."""
+__all__ = ["ArmNetwork", "ArmTarget", "Student"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +42,9 @@ class ArmTarget:
 class ArmNetwork(nn.Module):
     """The network of one arm, in the left arm's coordinates. Joint positions are relative to the default pose."""
 
-    def __init__(self, geometry: ArmGeometry) -> None:
+    def __init__(self, origin: FloatArray) -> None:
+        """Untrained; `origin` is where the left shoulder's axes meet, shape (3,), m, base frame."""
         super().__init__()
-        self.geometry = geometry
         self.shoulder = _perceptron(12 + scales.ELBOW_JOINTS, 192, 192, 192, scales.ELBOW_JOINTS)
         self.wrist = _perceptron(9, 128, 128, ARM_JOINTS - scales.ELBOW_JOINTS)
         self.feedback = _perceptron(5 * ARM_JOINTS, 128, 128, ARM_JOINTS)
@@ -62,7 +52,7 @@ class ArmNetwork(nn.Module):
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
         self.largest_lead = torch.tensor(scales.LARGEST_LEAD)
-        self.origin = torch.tensor(geometry.shoulder, dtype=torch.float32)
+        self.origin = torch.tensor(origin, dtype=torch.float32)
 
     def target(self, position: Tensor, columns: Tensor) -> ArmTarget:
         """Take in a frame.

@@ -12,7 +12,7 @@ import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from humanoid_sim.errors import HumanoidSimError
+from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.training.arm import ArmModel
@@ -22,7 +22,7 @@ from humanoid_sim.training.export import export_policy, sample_contract
 from humanoid_sim.training.losses import tensor
 from humanoid_sim.training.random_motions import random_motions
 from humanoid_sim.training.statics import PoseBatches, train_statics
-from humanoid_sim.training.student import ArmGeometry, ArmNetwork, Student
+from humanoid_sim.training.student import ArmNetwork, Student
 from humanoid_sim.training.teacher import training_motions, training_poses
 
 __all__ = ["train"]
@@ -35,8 +35,10 @@ def train(config: TrainConfig) -> int:
     """Run the whole training; returns the exit status.
 
     Raises:
-        InputError: if the output cannot be written.
+        InputError: if an option is out of range, or the output cannot be written.
     """
+    path = Path(config.output)
+    _check(config, path)
     if config.quick:
         config = replace(config, motions=8, poses=500, static_steps=20, loop_steps=4, arms=32)
     torch.manual_seed(config.seed)
@@ -44,11 +46,23 @@ def train(config: TrainConfig) -> int:
     description = load_robot("lite")
     console = Console()
     with _progress(console) as progress:
-        arm_network = _train(config, ArmModel(description), progress)
-    path = Path(config.output)
-    _export(path, description, arm_network)
+        network = _train(config, ArmModel(description), progress)
+    _export(path, description, network)
     console.print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
     return 0
+
+
+def _check(config: TrainConfig, path: Path) -> None:
+    """Find out before the training what would stop it at its end."""
+    for name in ("motions", "poses", "static_steps", "loop_steps", "arms", "threads"):
+        if getattr(config, name) < 1:
+            raise InputError(f"--{name.replace('_', '-')}: is {getattr(config, name)}, expected at least 1")
+    if config.seed < 0:
+        raise InputError(f"--seed: is {config.seed}, expected at least 0")
+    if not path.parent.is_dir():
+        raise InputError(f"--output: {path.parent} is no folder")
+    if path.is_dir():
+        raise InputError(f"--output: {path} is a folder, expected a file name")
 
 
 def _train(config: TrainConfig, arm: ArmModel, progress: Progress) -> ArmNetwork:
@@ -61,10 +75,12 @@ def _train(config: TrainConfig, arm: ArmModel, progress: Progress) -> ArmNetwork
         paths.append(path)
         advance(len(paths), float("nan"))
     motions = training_motions(arm, paths, rng)
+    advance = _task(progress, "poses", 1)
     poses = training_poses(arm, config.poses, rng)
+    advance(1, float("nan"))
 
     default = tensor(arm.home)
-    network = ArmNetwork(ArmGeometry(arm.home, arm.shoulder))
+    network = ArmNetwork(arm.shoulder)
     batches = PoseBatches(poses, default, generator)
     train_statics(network, batches, config.static_steps, report=_task(progress, "statics", config.static_steps))
     loop = ClosedLoop(motions, default, config.arms, generator)

@@ -25,7 +25,6 @@ SAFE = (ZERO, DAMPING)
 
 EDGES = {
     (ZERO, DAMPING): {Intent.DAMP},
-    (DAMPING, ZERO): set(),
     (DAMPING, STANDBY_A): {Intent.LOAD_A},
     (DAMPING, STANDBY_B): {Intent.LOAD_B},
     (STANDBY_A, RL): {Intent.START_LOCOMOTION},
@@ -91,6 +90,7 @@ class SafetyProperties:
             if self.name == ZERO:
                 assert name == DAMPING
                 assert Intent.DAMP in wanted
+            assert self.name != DAMPING or name != ZERO, "DAMPING was active and went limp"
         if output.quit:
             assert Intent.QUIT in wanted
             assert Intent.DAMP not in wanted
@@ -150,6 +150,7 @@ class SafetyProperties:
                 stiffness = np.array([10.0, 11.0, 12.0] if name == STANDBY_A else [20.0, 21.0, 22.0])
                 ramp = kp / stiffness
                 assert 0.0 <= ramp[0] <= 1.0
+                assert ramp[0] == 0.0 or name == self.name, "the gains did not start from 0"
                 np.testing.assert_allclose(ramp, ramp[0], rtol=1e-12)
                 np.testing.assert_allclose(kd, 0.1 * kp, rtol=1e-12)
 

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -224,10 +227,20 @@ def test_the_digest_tells_weights_apart_wherever_they_lie(tmp_path: Path) -> Non
     assert file_digest(path) != before
 
 
+def test_onnxruntime_keeps_no_files_and_calls_nobody(tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    environ = {k: v for k, v in os.environ.items() if not k.startswith(("XDG", "ORT"))} | {"HOME": str(home)}
+    path = str(models.saved(tmp_path / "policy.onnx"))
+    code = f"from humanoid_sim.policy.onnx_policy import *; from pathlib import Path; load_checkpoint(Path({path!r}))"
+    subprocess.run([sys.executable, "-c", code], check=True, env=environ)
+    assert list(home.rglob("*")) == []
+
+
 def test_onnxruntime_is_here() -> None:
     assert has_onnxruntime()
 
 
 def test_onnxruntime_that_cannot_be_imported_is_not_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "onnxruntime", None)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
     assert not has_onnxruntime()

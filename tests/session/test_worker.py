@@ -109,6 +109,17 @@ def test_one_that_raises_keeps_the_exception_and_takes_no_more(where: str) -> No
     assert 2 not in sink.calls
 
 
+def test_one_whose_library_wants_to_exit_is_one_that_raises() -> None:
+    class Exits(Kept):
+        def handle_tick(self, record: TickRecord) -> None:
+            raise SystemExit(1)  # what rich does where the reader of its output has left
+
+    sink = Exits()
+    session(FakeRobot(), duration=60.0, sinks=[sink]).run()  # longer than the backlog that a run waits for
+    assert isinstance(sink.error, SystemExit)
+    assert sink.backlog == 0
+
+
 def test_an_exception_in_closing_is_kept_unless_there_was_one_before() -> None:
     sink = Kept(fail_at="close")
     sink.start(HEADER)

@@ -6,7 +6,7 @@ import pytest
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
-from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.policy.motion import Motion, read_motion, write_motion
 from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.training.__main__ import main
 
@@ -37,6 +37,29 @@ def test_evaluate_prints_a_table_and_writes_json(tmp_path, capsys):
 def test_evaluate_names_a_missing_file(capsys):
     assert run_program(main, ["evaluate", "--policy", "no.onnx"]) == 2
     assert "no.onnx: no such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--motions", "0"], "--motions: is 0, expected at least 1"),
+        (["--seed", "-1"], "--seed: is -1, expected at least 0"),
+        (["--output", "no/where.onnx"], "--output: no is no folder"),
+        (["--output", "."], "--output: . is a folder"),
+    ],
+)
+def test_training_refuses_what_would_stop_it_later(options, message, capsys):
+    pytest.importorskip("torch")
+    assert run_program(main, ["train", "--quick", *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_evaluate_refuses_a_motion_of_other_bodies(tmp_path, capsys):
+    wave = read_motion(asset_path("motions", "wave.mcap"))
+    renamed = ("head", *wave.body_names[1:])
+    write_motion(tmp_path / "other.mcap", Motion(wave.frames, renamed, wave.policy_dt, "tracking", "lite"))
+    assert run_program(main, ["evaluate", "--motion", str(tmp_path / "other.mcap")]) == 2
+    assert "other: motion: describes the bodies head, left_hand" in capsys.readouterr().err
 
 
 def test_training_without_pytorch_says_what_to_install(monkeypatch, capsys):

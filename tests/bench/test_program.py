@@ -1,0 +1,120 @@
+"""That every figure can be taken and printed; what they come to is the machine's business."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from humanoid_sim.bench import control_tick, main, program
+from humanoid_sim.bench.timing import Row
+from humanoid_sim.cli import run_program
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run `bench` with blocks of a few ticks: status, stdout, stderr."""
+    monkeypatch.setattr(control_tick, "_BLOCK", 8)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def bench(*arguments: str) -> tuple[int, str, str]:
+        capsys.readouterr()
+        try:
+            status = run_program(main, arguments)
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+        return status, *capsys.readouterr()
+
+    return bench
+
+
+def fake(monkeypatch: pytest.MonkeyPatch, **rows: Row) -> list[tuple[str, int]]:
+    """Put rows in the place of what is measured; gives the list of what was asked for."""
+    asked: list[tuple[str, int]] = []
+
+    def taker(name: str, row: Row) -> Callable[[int], list[Row]]:
+        return lambda repetitions: asked.append((name, repetitions)) or [row]  # type: ignore[func-returns-value]
+
+    monkeypatch.setattr(program, "_BENCHMARKS", {name: taker(name, row) for name, row in rows.items()})
+    return asked
+
+
+GOOD = Row("quick thing", 1.5, "ratio", 1.25, 1.75, 2.5, "3 µs")
+BAD = Row("slow thing", 3.0, "ratio", 2.0, 4.0, 2.5)
+FREE = Row("other thing", 7.0, "µs", 6.0, 8.0)
+
+
+def test_every_figure_can_be_taken(run: Run) -> None:
+    status, out, _ = run("--repetitions", "1", "--json")
+    assert status in (0, 1)  # what the figures are is not judged here
+    document = json.loads(out)
+    rows: dict[str, dict[str, Any]] = {row["name"]: row for row in document["rows"]}
+    assert list(rows) == [
+        "control tick of play at 200 Hz",
+        "play --help",
+        "supervisor step, ZERO_TORQUE",
+        "supervisor step, DAMPING",
+        "supervisor step, STANDBY",
+        "supervisor step, LOCOMOTION, command held",
+        "recording, per tick",
+        "play, times real time",
+    ]
+    assert rows["control tick of play at 200 Hz"]["target"] == 2.5
+    assert rows["play --help"]["target"] == 15.0
+    for row in rows.values():
+        assert row["low"] <= row["value"] <= row["high"]
+        assert row["met"] == (row["target"] is None or row["value"] <= row["target"])
+    for name in ("control tick of play at 200 Hz", "play --help", "play, times real time"):
+        assert rows[name]["value"] > 0.0
+    assert set(document["machine"]) == {"cpus", "platform", "python", "mujoco", "onnxruntime", "humanoid_sim"}
+    assert status == (0 if all(row["met"] for row in rows.values()) else 1)
+
+
+def test_a_missed_target_is_status_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake(monkeypatch, good=GOOD, free=FREE)
+    assert run()[0] == 0
+    fake(monkeypatch, good=GOOD, bad=BAD)
+    assert run()[0] == 1
+
+
+def test_the_table_shows_figures_ranges_and_targets(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = fake(monkeypatch, good=GOOD, free=FREE)
+    _, out, _ = run("--repetitions", "3")
+    assert asked == [("good", 3), ("free", 3)]
+    lines = {line.split("│")[1].strip(): line for line in out.splitlines() if "thing" in line}
+    assert [cell.strip() for cell in lines["quick thing"].split("│")[2:-1]] == ["1.50", "1.25–1.75", "≤ 2.5", "3 µs"]
+    assert [cell.strip() for cell in lines["other thing"].split("│")[2:-1]] == ["7.00 µs", "6.00–8.00", "", ""]
+    assert "medians of 3 repetitions" in out
+
+
+def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = fake(monkeypatch, **{"control tick": GOOD, "play --help": FREE})
+    run("--only", "tick")
+    assert asked == [("control tick", 15)]
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (
+            ("--only", "speed"),
+            "error: --only: is 'speed', expected part of one of control tick, play --help, supervisor step, recording, "
+            "real time\n",
+        ),
+        (("--repetitions", "0"), "error: --repetitions: is 0, expected a whole number >= 1\n"),
+        (("--repetitions", "-3"), "error: --repetitions: is -3, expected a whole number >= 1\n"),
+    ],
+)
+def test_a_bad_option_is_one_line(options: tuple[str, ...], expected: str, run: Run) -> None:
+    assert run(*options) == (2, "", expected)
+
+
+@pytest.mark.parametrize("options", [("--repetitions", "many"), ("--bogus",), ("extra",)])
+def test_what_the_parser_refuses_names_the_option(options: tuple[str, ...], run: Run) -> None:
+    status, out, err = run(*options)
+    assert (status, out) == (2, "")
+    assert options[0] in err

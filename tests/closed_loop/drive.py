@@ -1,0 +1,64 @@
+"""The whole stack around a simulated Lite, one tick at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from humanoid_sim.messages import Intent, RemoteCommand, TickInput, TickOutput
+from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.stack import LoadedPolicy, build_supervisor
+
+PERIOD = 0.005
+
+
+class Drive:
+    """Steps robot and supervisor in turn and keeps what passed between them."""
+
+    def __init__(
+        self, loaded: LoadedPolicy | None = None, *, robot: str | RobotDescription = "lite", remote: bool = False
+    ) -> None:
+        self.description = load_robot(robot) if isinstance(robot, str) else robot
+        self.robot = MujocoRobot(self.description, control_period=PERIOD)
+        self.supervisor = build_supervisor(self.description, PERIOD, loaded, remote=remote)
+        self.memory = self.supervisor.initial()
+        self.states: list[MITState] = []
+        self.outputs: list[TickOutput] = []
+
+    @property
+    def time(self) -> float:
+        """s, robot's clock at the latest reading."""
+        return float(self.states[-1].time)
+
+    @property
+    def position(self) -> FloatArray:
+        """Shape (n,), rad, at the latest reading."""
+        return self.states[-1].joint_position
+
+    def step(self, *intents: Intent, remote: RemoteCommand | None = None) -> TickOutput:
+        """One tick."""
+        state, safety = self.robot.read()
+        self.memory, output = self.supervisor.step(self.memory, TickInput(state, safety, intents, remote))
+        self.robot.write(output.command)
+        self.states.append(state)
+        self.outputs.append(output)
+        return output
+
+    def run(self, seconds: float, remote: Callable[[], RemoteCommand | None] = lambda: None) -> None:
+        """Ticks without intents."""
+        for _ in range(round(seconds / PERIOD)):
+            self.step(remote=remote())
+
+    def stand(self, load: Intent = Intent.LOAD_A) -> None:
+        """DAMPING, then STANDBY until it is finished."""
+        self.step(Intent.DAMP)
+        self.step(load)
+        while not self.outputs[-1].standby.is_finished:  # type: ignore[union-attr]
+            self.step()
+
+    def applied(self, since: int = 0) -> FloatArray:
+        """Shape (ticks, n), N·m: the torques that the motors applied, from tick `since` on."""
+        return np.array([state.joint_effort for state in self.states[since:]])

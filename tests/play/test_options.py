@@ -1,0 +1,246 @@
+"""Options that are wrong, or wrong together: exit status 2, one line, and nothing left behind."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import models
+import numpy as np
+import pytest
+from result import Result
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.play.config import PlayConfig
+from humanoid_sim.play.options import choose_outputs, control_rate, motion_path, refuse_conflicts
+from humanoid_sim.policy.motion import Motion, write_motion
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.inject import parse_injections
+from humanoid_sim.session.script import parse_script
+
+MANUAL = "--manual: standard input is no terminal, expected one to read keys from"
+FAULTS = "expected FAULT@SECONDS with FAULT one of nan_policy, safety, silent_remote"
+
+BAD: list[tuple[tuple[str, ...], str]] = [
+    (("--policy", "no.onnx"), "no.onnx: no such file, expected an ONNX file"),
+    (("--policy", "sub"), "sub: is a directory, expected an ONNX file"),
+    (("--policy", "empty"), "empty: is empty, expected an ONNX file"),
+    (("--policy", "text.onnx"), "text.onnx: is not a model that ONNX Runtime can load: "),
+    (("--policy", "other.onnx"), "policy on robot 'lite': joint_names of the policy do not match the robot's joints: "),
+    (("--policy", "narrow.onnx"), "narrow.onnx: its terms are 8 wide (joint_pos 3 + joint_vel 3 + actions 2), its "),
+    (("--policy", "strange.onnx"), "strange.onnx: unknown observation term 'mood'; known: actions, "),
+    (("--policy", "follows.onnx"), "--motion: is missing; follows.onnx is a tracking policy and follows a motion"),
+    (("--policy", "follows.onnx", "--motion", "wave"), "{wave}: describes the bodies left_elbow_pitch, "),
+    (("--policy", "follows.onnx", "--motion", "slow.mcap"), "slow.mcap: has a frame every 0.04 s, follows.onnx a "),
+    (("--policy", "follows.onnx", "--motion", "keys.mcap"), "keys.mcap: is a motion for task_type piano; "),
+    (("--policy", "other.onnx", "--motion", "wave"), "--motion: is 'wave', but other.onnx follows no motion"),
+    (("--policy", "placeholder", "--motion", "wave"), "--motion: is 'wave', but placeholder follows no motion"),
+    (("--motion", "jump"), "--motion: 'jump' is neither a file nor a sample motion; samples: circle, "),
+    (("--motion", "text.onnx"), "text.onnx: not an MCAP file"),
+    (("--motion", "empty"), "empty: the file is empty"),
+    (("--motion", "sub"), "sub: is a directory, expected a motion file (.mcap)"),
+    (("--robot", "atlas"), "unknown robot 'atlas': neither a file nor one of: lite, lite_neck"),
+    (("--robot", "sub"), "sub: is a folder, expected a robot's YAML file or one of: lite, lite_neck"),
+    (("--robot", "empty"), "empty: is empty, expected a robot description"),
+    (
+        ("--robot", "lite_neck"),
+        "policy on robot 'lite_neck': joint_names of the policy do not match the robot's joints: ",
+    ),
+    (("--hardware", "can0"), "--hardware: needs the CAN adapter for real motors, which this version does not have yet"),
+    (("--gamepad",), "--gamepad: needs the gamepad reader, which this version does not have yet"),
+    (("--viewer", "web"), "--viewer web: needs the browser console, which this version does not have yet"),
+    (("--viewer", "native"), "--viewer native: there is no display here; use --video out.mp4 instead"),
+    (("--remote", "dds"), "--remote dds: needs the DDS bridge, which this version does not have yet"),
+    (("--manual",), MANUAL),
+    (("--manual", "--script", "damp"), "--manual and --script: both drive the FSM, expected at most one of them"),
+    (("--script", ""), "--script: is empty, expected steps separated by ';', each one of damp, "),
+    (("--script", "damp; run"), "--script: step 2 is 'run', expected one of damp, load_a, load_b, start_locomotion, "),
+    (("--script", "damp; hold x"), "--script: step 2 is 'hold x', expected hold with a number of seconds >= 0"),
+    (
+        ("--script", "START_REMOTE"),
+        "--script: has start_remote, which needs a source of commands: use --remote gravity",
+    ),
+    (("--inject", "fire@1"), f"--inject: is 'fire@1', {FAULTS}"),
+    (("--inject", "safety"), f"--inject: is 'safety', {FAULTS}"),
+    (("--inject", "safety@1", "safety@-1"), f"--inject: is 'safety@-1', {FAULTS}"),
+    (("--inject", "silent_remote@1"), "--inject: silent_remote needs a source of commands to silence: use --remote "),
+    (("--duration", "0"), "--duration: is 0.0, expected a finite number > 0"),
+    (("--duration", "-1"), "--duration: is -1.0, expected a finite number > 0"),
+    (("--duration", "nan"), "--duration: is nan, expected a finite number > 0"),
+    (("--duration", "inf"), "--duration: is inf, expected a finite number > 0"),
+    (("--control-frequency", "0"), "--control-frequency: is 0.0, expected a finite number > 0"),
+    (("--control-frequency", "nan"), "--control-frequency: is nan, expected a finite number > 0"),
+    (
+        ("--control-frequency", "330"),
+        "--physics-timestep: 0.0005 s does not divide the control period of 0.00285714 s; the nearest that does is "
+        "0.00047619 s (6 per period); the control rate moves from 330 Hz to 350 Hz, 7 times the policy's 50 Hz",
+    ),
+    (
+        ("--physics-timestep", "0.0007"),
+        "--physics-timestep: 0.0007 s does not divide the control period of 0.005 s; the nearest that does is "
+        "0.000714286 s (7 per period)",
+    ),
+    (("--physics-timestep", "0"), "--physics-timestep: is 0.0 s, expected a finite number > 0"),
+    (("--physics-timestep", "-1"), "--physics-timestep: is -1.0 s, expected a finite number > 0"),
+    (("--physics-timestep", "nan"), "--physics-timestep: is nan s, expected a finite number > 0"),
+    (("--physics-timestep", "0.005"), "lite: joints, standby_controller_a, standby_controller_b: dt·M⁻¹·K_d reaches "),
+    (("--command-delay", "-0.001"), "command_delay: is -0.001 s, expected a finite number >= 0"),
+    (("--command-delay", "nan"), "command_delay: is nan s, expected a finite number >= 0"),
+    (("--command-delay", "0.0007"), "command_delay: 0.0007 s is not a multiple of the physics step of 0.0005 s; the "),
+    (("--state-delay", "inf"), "state_delay: is inf s, expected a finite number >= 0"),
+    (("--record", ""), "--record: is empty, expected a file name"),
+    (("--record", "r.bag"), "--record: is 'r.bag', expected a name that ends in .mcap"),
+    (("--record", "sub.mcap"), "--record: 'sub.mcap' is a directory, expected a file name"),
+    (("--record", "no/r.mcap"), "--record: the folder 'no' does not exist"),
+    (("--record", "empty/r.mcap"), "--record: the folder 'empty' does not exist"),
+    (("--record", "there.mcap"), "--record: 'there.mcap' exists; choose another name, or add --overwrite"),
+    (("--video", "v.avi"), "--video: is 'v.avi', expected a name that ends in .mp4"),
+    (("--video", "no/v.mp4"), "--video: the folder 'no' does not exist"),
+    (("--snapshot", "p.gif"), "--snapshot: is 'p.gif', expected a name that ends in .png"),
+    (("--snapshot", "no/p.png"), "--snapshot: the folder 'no' does not exist"),
+    (("--summary", "s.txt"), "--summary: is 's.txt', expected a name that ends in .json"),
+    (("--summary", "no/s.json"), "--summary: the folder 'no' does not exist"),
+]
+
+
+@pytest.fixture
+def inputs(folder: Path) -> Path:
+    """The folder, with files that are there but wrong."""
+    (folder / "sub").mkdir()
+    (folder / "sub.mcap").mkdir()
+    (folder / "empty").touch()
+    (folder / "text.onnx").write_text("a policy", encoding="utf-8")
+    (folder / "there.mcap").write_text("mine", encoding="utf-8")
+    write = models.write_metadata
+    follows = models.contract(
+        task_type="tracking", body_names=("hand",), observation_names=("motion_body_pos_b", "joint_pos", "actions")
+    )
+    strange = models.contract(observation_names=("joint_pos", "mood"))
+    models.saved(folder / "other.onnx")
+    models.saved(folder / "narrow.onnx", models.linear_model(inputs=7))
+    models.saved(folder / "strange.onnx", models.linear_model(write(strange)))
+    models.saved(folder / "follows.onnx", models.linear_model(write(follows)))
+    write_motion(folder / "slow.mcap", Motion(np.ones((3, 9)), ("hand",), 0.04))
+    write_motion(folder / "keys.mcap", Motion(np.ones((3, 9)), (), 0.02, "piano"))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"), BAD, ids=lambda value: " ".join(value) if isinstance(value, tuple) else ""
+)
+def test_a_bad_option_is_one_line_and_leaves_nothing(
+    options: tuple[str, ...], expected: str, inputs: Path, run: Callable[..., Result]
+) -> None:
+    before = sorted(inputs.rglob("*"))
+    result = run(*options, record=False)
+    assert result.status == 2
+    assert result.out == ""
+    expected = expected.replace("{wave}", str(motion_path("wave")))
+    assert result.err.startswith(f"error: {expected}")
+    assert result.err.endswith("\n")
+    assert result.err.count("\n") == 1
+    assert sorted(inputs.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--bogus",),
+        ("extra",),
+        ("--duration", "soon"),
+        ("--pose", "c"),
+        ("--viewer", "window"),
+        ("--actuation", "springs"),
+        ("--pace", "slow"),
+        ("--state-sampling", "later"),
+        ("--gravity-form", "full"),
+        ("--remote", "ros"),
+        ("--robot",),
+    ],
+    ids=" ".join,
+)
+def test_what_the_parser_refuses_names_the_option_and_leaves_nothing(
+    options: tuple[str, ...], folder: Path, run: Callable[..., Result]
+) -> None:
+    result = run(*options, record=False)
+    assert result.status == 2
+    assert result.out == ""
+    assert options[0] in result.err
+    assert list(folder.iterdir()) == []
+
+
+def test_automatic_outputs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    outputs = choose_outputs(PlayConfig())
+    assert outputs.record is not None
+    assert outputs.video is not None
+    assert outputs.record.parent == outputs.video.parent == Path("runs")
+    assert (folder / "runs").is_dir()
+    assert (outputs.snapshot, outputs.summary) == (None, None)
+    assert choose_outputs(PlayConfig(viewer="none")).video is None  # nobody asked to see anything
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert choose_outputs(PlayConfig()).video is None  # there is a window instead
+    none = choose_outputs(PlayConfig(record="none", video="none"))
+    assert (none.record, none.video) == (None, None)
+
+
+def test_a_runs_folder_that_cannot_be_made(folder: Path) -> None:
+    (folder / "runs").touch()
+    with pytest.raises(InputError, match="folder 'runs' for recordings cannot be made: File exists; use --record"):
+        choose_outputs(PlayConfig())
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written_to(folder: Path) -> None:
+    (folder / "locked").mkdir(mode=0o500)
+    with pytest.raises(InputError, match="--summary: the folder 'locked' cannot be written to"):
+        choose_outputs(PlayConfig(record="none", video="none", summary="locked/s.json"))
+
+
+def test_a_missing_terminal_is_noticed_before_anything_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", None)
+    with pytest.raises(InputError, match=MANUAL):
+        refuse_conflicts(PlayConfig(manual=True), (), ())
+
+
+def test_what_remote_makes_possible_is_not_refused() -> None:
+    steps, injections = parse_script("start_remote"), parse_injections(["silent_remote@1"])
+    refuse_conflicts(PlayConfig(remote="gravity", viewer="none"), steps, injections)
+    with pytest.raises(InputError, match="--script"):
+        refuse_conflicts(PlayConfig(viewer="none"), steps, ())
+    with pytest.raises(InputError, match="--inject"):
+        refuse_conflicts(PlayConfig(viewer="none"), (), injections)
+
+
+@pytest.mark.parametrize(
+    ("asked", "policy_dt", "hertz", "moves"),
+    [
+        (None, 0.02, 200.0, False),
+        (None, None, 200.0, False),
+        (50.0, 0.02, 50.0, False),
+        (99.9, 0.02, 100.0, True),
+        (260.0, 0.02, 250.0, True),
+        (10.0, 0.02, 50.0, True),  # never slower than the policy
+        (None, 1 / 60, 180.0, True),
+        (200.0, None, 200.0, False),
+    ],
+)
+def test_the_control_rate_moves_to_a_multiple_of_the_policys(
+    asked: float | None, policy_dt: float | None, hertz: float, moves: bool
+) -> None:
+    timestep = None if hertz != 180.0 else 1 / 1800
+    period, notice = control_rate(
+        PlayConfig(control_frequency=asked, physics_timestep=timestep), load_robot("lite"), policy_dt
+    )
+    assert period == pytest.approx(1.0 / hertz)
+    assert bool(notice) == moves
+    if moves:
+        assert f"to {hertz:g} Hz" in notice
+
+
+def test_samples_go_by_name_and_files_by_path(folder: Path) -> None:
+    assert motion_path("wave").name == "wave.mcap"
+    (folder / "mine.mcap").touch()
+    assert motion_path("mine.mcap") == Path("mine.mcap")
+    with pytest.raises(InputError, match="'mine' is neither a file nor a sample motion; samples: circle, "):
+        motion_path("mine")

@@ -1,0 +1,291 @@
+"""End to end: options in, exit status, tables and files out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from result import Result
+
+from humanoid_sim import replay
+from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
+from humanoid_sim.play import program
+from humanoid_sim.robots.description import load_robot
+
+Play = Callable[..., Result]
+
+PLACEHOLDER = ("--policy", "placeholder")
+WALK = "damp; hold 0.1; load_a; wait; start_locomotion; hold 1; damp; hold 0.2"
+
+
+def test_without_options_the_sample_policy_is_walked_up_and_down_again(run: Play) -> None:
+    result = run()
+    assert (result.status, result.err) == (0, "")
+    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
+    assert result.reasons == [
+        "started",
+        "DAMP requested",
+        "LOAD_A requested",
+        "START_LOCOMOTION requested",
+        "DAMP requested",
+    ]
+    for reason in result.reasons:
+        assert reason in result.out
+    assert "PLACEHOLDER" not in result.out
+    summary = result.summary
+    assert summary["robot"] == "lite"
+    assert summary["policy"].endswith("lite_tracking.onnx")
+    assert summary["motion"].endswith("wave.mcap")
+    assert summary["reason"] == "script finished"
+    assert (summary["faults"], summary["refusals"], summary["safety"], summary["not_kept"]) == ([], [], [], 0)
+    loop = summary["loop"]
+    assert loop["ticks"] == len(result.ticks)
+    assert summary["duration"] == pytest.approx(loop["ticks"] * 0.005)
+    assert loop["control_period"] == 0.005
+    assert not loop["realtime"]
+    assert loop["real_time_factor"] > 1.0
+    frames = [tick.output.policy_step.frame for tick in result.ticks if tick.output.policy_step]
+    assert loop["inferences"] == len(frames)
+    assert sorted(set(frames)) == list(range(max(frames) + 1))
+    tracking = summary["tracking"]
+    assert tracking["samples"] == len(frames)
+    assert 0.0 < tracking["hands"]["position_rms"] <= 0.03
+    assert 0.0 < tracking["hands"]["orientation_rms"] <= np.radians(12.0)
+    assert tracking["peak_speed"] >= 0.5
+    assert "Tracking" in result.out
+    assert summary["recording"] == "r.mcap"
+    # The end: a second in DAMPING that the script asks for, then until the joints are at rest.
+    assert summary["modes"][-1]["end"] - summary["modes"][-1]["start"] >= 1.5
+    assert [event.text for event in result.events] == ["ending: script finished"]
+    assert sorted(path.name for path in result.folder.iterdir()) == ["r.mcap", "s.json"]
+
+
+def test_two_runs_are_the_same_tick_for_tick_and_replay_as_they_were(run: Play, quick: str) -> None:
+    first = run("--robot", quick, "--script", WALK).ticks
+    second = run("--robot", quick, "--script", WALK)
+    assert len(first) == len(second.ticks) > 200
+    for a, b in zip(first, second.ticks, strict=True):
+        for name in ("joint_position", "joint_velocity", "joint_effort", "imu_linear_acceleration"):
+            assert getattr(a.input.state, name).tobytes() == getattr(b.input.state, name).tobytes()
+        for name in ("position", "velocity", "effort", "stiffness", "damping"):
+            assert getattr(a.output.command, name).tobytes() == getattr(b.output.command, name).tobytes()
+        assert a.output.control_mode == b.output.control_mode
+    assert any(tick.output.policy_step for tick in first)
+    assert run_program(replay.main, ["r.mcap", "--infer"]) == 0
+
+
+@pytest.mark.parametrize("name", ["lite", "lite_neck"])
+def test_the_placeholder_holds_the_pose_that_it_starts_from_and_says_so(
+    run: Play, make_robot: Callable[..., str], name: str
+) -> None:
+    path = make_robot(name)
+    result = run("--robot", path, "--pose", "b", "--duration", "3", *PLACEHOLDER)
+    assert result.status == 0
+    assert "PLACEHOLDER POLICY: no network runs" in result.out.replace("\n", " ")
+    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
+    assert result.summary["reason"] == "duration of 3 s reached"
+    assert result.summary["motion"] is result.summary["tracking"] is None
+    pose = load_robot(path).standby_controller_b.pose_segments[-1]
+    running = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
+    assert len(running) > 100
+    for tick in running:
+        assert tick.output.command.position.tolist() == list(pose)
+    step = next(tick.output.policy_step for tick in running if tick.output.policy_step)
+    assert step.action.tolist() == [0.0] * len(pose)
+
+
+def test_a_script_drives_the_fsm_and_refusals_are_shown(run: Play, quick: str) -> None:
+    script = "load_a; damp; start_locomotion; load_b; wait; load_a; hold 0.1; damp; quit"
+    result = run("--robot", quick, "--script", script, *PLACEHOLDER)
+    assert result.status == 0
+    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "DAMPING"]
+    assert result.summary["modes"][2]["controller"] == "standby_controller_b"
+    assert result.summary["reason"] == "QUIT"
+    assert [item["message"] for item in result.summary["refusals"]] == [
+        "LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE",
+        "START_LOCOMOTION refused: requires finished STANDBY, mode is DAMPING",
+        "LOAD_A refused: requires DAMPING, mode is STANDBY",
+    ]
+    for item in result.summary["refusals"]:
+        assert item["message"] in result.out
+
+
+def moment(result: Result, time: float) -> int:
+    """Index of the tick at a time, s."""
+    return next(i for i, tick in enumerate(result.ticks) if float(tick.input.state.time) >= time - 1e-9)
+
+
+def test_a_policy_that_turns_nan_leaves_dampings_command_in_that_very_tick(run: Play, quick: str) -> None:
+    result = run("--robot", quick, "--script", WALK, "--inject", "nan_policy@1.0")
+    assert result.status == 0
+    i = next(i for i, tick in enumerate(result.ticks) if tick.output.faults)
+    failing = result.ticks[i]
+    assert 1.0 <= failing.input.state.time < 1.0 + 0.02  # the first inference from then on
+    assert result.ticks[i - 1].output.control_mode.mode is Mode.LOCOMOTION
+    assert failing.output.control_mode.mode is Mode.DAMPING
+    assert failing.output.command.stiffness.tolist() == [0.0] * 14
+    assert failing.output.command.damping.tolist() == [5.0] * 14
+    assert failing.output.command.position.tolist() == failing.input.state.joint_position.tolist()
+    assert np.isnan(failing.output.policy_step.action).all()
+    fault = failing.output.faults[0]
+    assert (fault.controller, fault.fallback, fault.is_bug) == ("rl_policy_controller", "damping_controller", False)
+    assert fault.message == "action of left_shoulder_pitch is nan, expected a magnitude <= 100"
+    assert fault.message in result.summary["faults"][0]["message"]
+    assert fault.message in result.out.replace("\n", " ")
+    assert all(tick.output.control_mode.mode is Mode.DAMPING for tick in result.ticks[i:])  # the script is dropped
+    assert all(np.isfinite(tick.output.command.position).all() for tick in result.ticks)
+    assert run_program(replay.main, ["r.mcap"]) == 0
+
+
+def test_a_safety_status_damps_in_that_very_tick(run: Play, quick: str) -> None:
+    result = run("--robot", quick, "--script", WALK, "--inject", "safety@0.9", *PLACEHOLDER)
+    assert result.status == 0
+    i = moment(result, 0.9)
+    assert result.ticks[i - 1].output.control_mode.mode is Mode.LOCOMOTION
+    assert result.ticks[i].output.control_mode.mode is Mode.DAMPING
+    assert result.ticks[i].output.command.damping.tolist() == [5.0] * 14
+    assert result.reasons[-1].startswith("safety FAULT MOTOR_FAULT from injected: motor fault on purpose")
+    assert [item["time"] for item in result.summary["safety"]] == [pytest.approx(0.9)]
+    pulse = [tick for tick in result.ticks if len(tick.input.safety) > 1]
+    assert len(pulse) in (20, 21)  # 0.1 s at 200 Hz; rounding decides whether both ends count
+    assert all(tick.output.control_mode.mode is Mode.DAMPING for tick in result.ticks[i:])
+
+
+def test_gravity_compensation_as_remote_and_its_silence(run: Play, quick: str) -> None:
+    script = "damp; load_a; wait; hold 0.1; start_remote; hold 1; damp; hold 0.1"
+    result = run(
+        "--robot", quick, "--script", script, "--remote", "gravity", "--inject", "silent_remote@1.0", *PLACEHOLDER
+    )
+    assert result.status == 0
+    assert result.summary["loop"]["realtime"]  # its thread lives in real time
+    assert result.modes == ["DAMPING", "STANDBY", "REMOTE", "DAMPING"]
+    remote = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.REMOTE]
+    effort = {True: 0, False: 0}
+    for tick in remote:
+        is_fresh = bool(tick.output.command.effort.any())
+        effort[is_fresh] += 1
+        age = float(tick.input.state.time) - (tick.input.remote.arrival_time if tick.input.remote else np.inf)
+        if age > 0.1:
+            assert not is_fresh
+            assert tick.output.command.damping.tolist() == [5.0] * 14
+            assert tick.output.command.position.tolist() == tick.input.state.joint_position.tolist()
+        assert not tick.output.command.stiffness.any()
+    assert min(effort.values()) > 20
+    last = max(tick.input.remote.arrival_time for tick in result.ticks if tick.input.remote)
+    assert last <= 1.0
+
+
+def test_the_affine_actuators_give_the_same_run(run: Play, quick: str) -> None:
+    script = ("--robot", quick, "--script", WALK)
+    reference = run(*script).ticks
+    affine = run(*script, "--actuation", "affine").ticks
+    difference = max(
+        np.abs(a.input.state.joint_position - b.input.state.joint_position).max()
+        for a, b in zip(reference, affine, strict=False)
+    )
+    assert 0.0 < difference < 1e-6
+
+
+def test_delays_and_sampling_make_the_state_older(run: Play, quick: str) -> None:
+    result = run(
+        *("--robot", quick, "--duration", "0.5", "--command-delay", "0.002", "--state-delay", "0.003"),
+        *("--state-sampling", "on_command", *PLACEHOLDER),
+    )
+    assert result.status == 0
+    # Seen at t = k · 5 ms: a command written 5 ms before, that arrived 2 ms after, answered 3 ms ago.
+    assert {round(float(age), 6) for tick in result.ticks[3:] for age in tick.input.state.joint_age} == {0.003}
+
+
+def test_a_control_rate_that_the_policy_does_not_divide_moves_and_says_so(run: Play, quick: str) -> None:
+    options = ("--robot", quick, "--duration", "0.3", *PLACEHOLDER)
+    result = run(*options, "--control-frequency", "240")
+    assert result.status == 0
+    assert "the control rate moves from 240 Hz to 250 Hz, 5 times the policy's 50 Hz" in result.out
+    assert result.summary["loop"]["control_period"] == pytest.approx(0.004)
+    result = run(*options, "--control-frequency", "100", "--physics-timestep", "0.00025", record=False)
+    assert result.status == 0
+    assert "moves" not in result.out
+
+
+def test_files_that_exist_are_replaced_only_when_asked(run: Play, quick: str, folder: Path) -> None:
+    for name in ("kept.mcap", "kept.json"):
+        (folder / name).write_bytes(b"mine")
+    options = ("--robot", quick, "--duration", "0.1", *PLACEHOLDER)
+    for option, name in (("--record", "kept.mcap"), ("--summary", "kept.json")):
+        result = run(*options, option, name, record=False)
+        assert result.status == 2
+        assert result.err == f"error: {option}: '{name}' exists; choose another name, or add --overwrite\n"
+        assert (folder / name).read_bytes() == b"mine"
+    result = run(*options, "--record", "kept.mcap", "--summary", "kept.json", "--overwrite", record=False)
+    assert result.status == 0
+    assert json.loads((folder / "kept.json").read_bytes())["recording"] == "kept.mcap"
+    assert (folder / "kept.mcap").read_bytes()[:5] == b"\x89MCAP"
+    assert sorted(path.name for path in folder.iterdir()) == ["kept.json", "kept.mcap"]
+
+
+def test_recordings_get_names_of_their_own(run: Play, quick: str, folder: Path) -> None:
+    for _ in range(2):
+        assert run("--robot", quick, "--duration", "0.1", *PLACEHOLDER, record=False).status == 0
+    names = sorted(path.name for path in (folder / "runs").iterdir())
+    assert len(names) == 2
+    assert all(name.startswith("play-") and name.endswith(".mcap") for name in names)
+
+
+def test_no_file_is_left_where_none_is_wanted(run: Play, quick: str, folder: Path) -> None:
+    options = ("--robot", quick, "--duration", "0.1", "--record", "none", *PLACEHOLDER)
+    assert run(*options, record=False).status == 0
+    assert list(folder.iterdir()) == []
+
+
+def test_pictures_of_a_run(run: Play, quick: str, folder: Path) -> None:
+    options = ("--robot", quick, "--duration", "0.2", "--video", "v.mp4", "--snapshot", "p.png", *PLACEHOLDER)
+    result = run(*options, "--record", "none", record=False)
+    assert result.status == 0
+    assert (folder / "p.png").read_bytes()[:4] == b"\x89PNG"
+    assert b"ftyp" in (folder / "v.mp4").read_bytes()[:16]
+    assert sorted(path.name for path in folder.iterdir()) == ["p.png", "v.mp4"]
+    for line in ("video      v.mp4", "snapshot   p.png"):
+        assert line in result.out
+
+
+def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(
+    run: Play, quick: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise InputError("s.json: cannot be written: No space left on device")
+
+    monkeypatch.setattr(program, "write_summary", full)
+    monkeypatch.setattr(program, "save_snapshot", lambda path, *_: path.touch())
+    result = run("--robot", quick, "--duration", "0.1", "--snapshot", "p.png", *PLACEHOLDER)
+    assert result.status == 1
+    assert "failed: s.json: cannot be written: No space left on device" in result.out
+    assert (folder / "p.png").is_file()
+    assert len(result.ticks) > 20
+
+
+def test_a_simulation_that_becomes_unstable_is_no_success(run: Play, make_robot: Callable[..., str]) -> None:
+    def throw(document: dict[str, Any]) -> None:
+        joint = document["joints"][0]
+        joint["effort_limit"] = 1e12
+        document["standby_controller_a"]["target_stiffness"][0] = 1e12
+
+    result = run("--robot", make_robot(change=throw), "--script", "damp; load_a; hold 1", *PLACEHOLDER)
+    assert result.status == 1
+    assert result.modes[-1] == "ZERO_TORQUE"  # no joint position is known any more
+    assert "simulation unstable" in result.reasons[-1]
+    assert "simulation unstable" in result.summary["safety"][0]["message"]
+
+
+def test_names_with_brackets_are_printed_as_they_are(run: Play, quick: str, folder: Path) -> None:
+    options = ("--robot", quick, "--duration", "0.1", *PLACEHOLDER)
+    result = run(*options, "--record", "a[bold]b.mcap", "--summary", "[red].json", record=False)
+    assert result.status == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["[red].json", "a[bold]b.mcap"]
+    assert "recording  a[bold]b.mcap" in result.out
+    assert "summary    [red].json" in result.out

@@ -1,0 +1,197 @@
+"""Signals to a real process in mid-motion."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from result import Document
+
+from humanoid_sim import replay
+from humanoid_sim.cli import run_program
+from humanoid_sim.messages import Mode
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.session.sink import TickRecord
+
+SCRIPT = "damp; load_a; wait; start_locomotion; hold 60"
+OPTIONS = ("--policy", "placeholder", "--pace", "realtime")
+
+
+@contextmanager
+def playing(folder: Path, *options: str, stdin: int | None = None) -> Iterator[subprocess.Popen[str]]:
+    """A process that plays and records into `r.mcap`; killed at the end if it still runs."""
+    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
+    with subprocess.Popen(
+        command, cwd=folder, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_for(process: subprocess.Popen[str], text: str) -> str:
+    """The output up to a line that holds `text`."""
+    seen = ""
+    assert process.stdout is not None
+    for line in process.stdout:
+        seen += line
+        if text in line:
+            return seen
+    raise AssertionError(f"{text!r} never came:\n{seen}")
+
+
+def finished(process: subprocess.Popen[str]) -> str:
+    out, _ = process.communicate(timeout=30.0)
+    return out
+
+
+@pytest.fixture
+def hanging(make_robot: Callable[..., str]) -> str:
+    """A robot whose pose A lets the arms hang: at the end they are soon at rest."""
+
+    def hang(document: Document) -> None:
+        document["standby_controller_a"]["pose_segments"] = [document["initial_position"]] * 2
+
+    return make_robot(change=hang)
+
+
+def recorded(folder: Path) -> tuple[list[TickRecord], list[str]]:
+    recording = open_recording(folder / "r.mcap")
+    entries = list(recording.entries())
+    assert recording.is_complete
+    ticks = [entry for entry in entries if isinstance(entry, TickRecord)]
+    assert [tick.index for tick in ticks] == list(range(len(ticks)))
+    return ticks, [entry.text for entry in entries if not isinstance(entry, TickRecord)]
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_in_motion_ends_through_damping(
+    number: signal.Signals, status: int, folder: Path, hanging: str
+) -> None:
+    with playing(folder, "--robot", hanging, "--script", SCRIPT, *OPTIONS) as process:
+        wait_for(process, "STANDBY → LOCOMOTION")
+        time.sleep(0.1)
+        process.send_signal(number)
+        out = finished(process)
+    assert process.returncode == status
+    assert f"ending: {number.name}" in out
+    assert "Traceback" not in out
+    assert "LOCOMOTION → DAMPING" in out
+    ticks, events = recorded(folder)
+    assert events == [f"ending: {number.name}"]
+    modes = [tick.output.control_mode.mode for tick in ticks]
+    first = modes.index(Mode.DAMPING, modes.index(Mode.LOCOMOTION))
+    assert set(modes[first:]) == {Mode.DAMPING}
+    assert len(modes) - first > 100  # half a second of rest at the least
+    assert ticks[-1].output.quit
+    assert run_program(replay.main, ["r.mcap"]) == 0
+
+
+def test_a_second_signal_does_not_wait_for_the_arms_to_rest(folder: Path, quick: str) -> None:
+    with playing(folder, "--robot", quick, "--script", SCRIPT, *OPTIONS) as process:
+        wait_for(process, "STANDBY → LOCOMOTION")
+        process.send_signal(signal.SIGINT)
+        wait_for(process, "LOCOMOTION → DAMPING")
+        process.send_signal(signal.SIGINT)
+        finished(process)
+    assert process.returncode == 130
+    ticks, _ = recorded(folder)
+    modes = [tick.output.control_mode.mode for tick in ticks]
+    assert 1 <= len(modes) - modes.index(Mode.DAMPING, modes.index(Mode.LOCOMOTION)) < 100  # 0.5 s
+    assert ticks[-1].output.quit
+
+
+def test_a_signal_without_torque_ends_at_once(folder: Path, quick: str) -> None:
+    with playing(folder, "--robot", quick, "--script", "hold 60", *OPTIONS) as process:
+        wait_for(process, "ZERO_TORQUE")
+        process.send_signal(signal.SIGHUP)  # the terminal was closed
+        finished(process)
+    assert process.returncode == 129
+    ticks, _ = recorded(folder)
+    assert {tick.output.control_mode.mode for tick in ticks} == {Mode.ZERO_TORQUE}
+
+
+def test_a_run_under_nohup_outlives_its_terminal(folder: Path, quick: str) -> None:
+    code = (
+        "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); from humanoid_sim.play import main; "
+        f"sys.exit(main(['--robot', {quick!r}, '--script', 'hold 1', '--pace', 'realtime', '--viewer', 'none', "
+        "'--record', 'none']))"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], cwd=folder, stdout=subprocess.PIPE, text=True) as process:
+        wait_for(process, "ZERO_TORQUE")
+        process.send_signal(signal.SIGHUP)
+        out = finished(process)
+    assert process.returncode == 0
+    assert "ending: script finished" in out
+
+
+def test_the_keyboard_drives_a_run(folder: Path, quick: str) -> None:
+    master, slave = pty.openpty()
+    try:
+        with playing(folder, "--robot", quick, "--manual", stdin=slave) as process:
+            os.close(slave)
+            out = wait_for(process, "started")
+            assert "keys: space or d DAMP, a LOAD_A" in out
+            for key, mode in (("d", "DAMPING"), ("\x1b[A", ""), ("b", "STANDBY"), (" ", "STANDBY → DAMPING")):
+                os.write(master, key.encode())
+                if mode:
+                    wait_for(process, mode)
+                else:
+                    time.sleep(0.1)
+            os.write(master, b"q")
+            finished(process)
+    finally:
+        os.close(master)
+    assert process.returncode == 0
+    ticks, events = recorded(folder)
+    assert events == []  # QUIT needs no ending
+    controllers = [tick.output.control_mode.controller_name for tick in ticks]
+    assert list(dict.fromkeys(controllers)) == ["zero_torque_controller", "damping_controller", "standby_controller_b"]
+    assert ticks[-1].output.quit
+
+
+def test_an_operator_in_another_terminal_takes_over(folder: Path, quick: str) -> None:
+    def mode(word: str, session: int) -> str:
+        command = [sys.executable, "-m", "humanoid_sim.mode", word, "--session", str(session)]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+    with playing(folder, "--robot", quick, "--script", "damp; hold 60; load_a", "--pace", "realtime") as process:
+        wait_for(process, "DAMPING")
+        assert mode("load_b", process.pid).startswith("STANDBY (standby_controller_b): LOAD_B requested")
+        assert "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY" in mode("quit", process.pid)
+        assert mode("damp", process.pid).startswith("DAMPING")
+        mode("quit", process.pid)
+        finished(process)
+    assert process.returncode == 0
+
+
+def test_a_reader_that_leaves_does_not_stop_the_run(folder: Path, quick: str) -> None:
+    with playing(folder, "--robot", quick, "--script", "damp; hold 1", "--summary", "s.json", *OPTIONS) as process:
+        wait_for(process, "DAMPING")
+        assert process.stdout is not None
+        process.stdout.close()
+        process.wait(timeout=30.0)
+    assert process.returncode == 0
+    ticks, events = recorded(folder)
+    assert events == ["ending: script finished"]
+    assert ticks[-1].output.quit
+    assert (folder / "s.json").is_file()
+
+
+def test_ctrl_c_while_everything_loads_is_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Callable
+) -> None:
+    def interrupted(arguments: object) -> int:
+        raise KeyboardInterrupt
+
+    assert run_program(interrupted) == 130
+    assert capsys.readouterr().err == "interrupted\n"

@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+
+import pytest
+
+from humanoid_sim import __version__
+from humanoid_sim.cli import VERBS, main, run_program
+from humanoid_sim.errors import InputError, MissingPackageError, RobotError
+
+
+def failing(error: BaseException) -> int:
+    def program(arguments: Sequence[str] | None) -> int:
+        raise error
+
+    return run_program(program)
+
+
+@pytest.mark.parametrize("error", [InputError("x.onnx: is empty"), RobotError("can0: joint 3 is silent")])
+def test_what_a_user_can_mend_is_one_line_and_status_2(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+    assert failing(error) == 2
+    assert capsys.readouterr() == ("", f"error: {error}\n")
+
+
+def test_a_missing_package_is_named_with_the_command_that_installs_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert failing(MissingPackageError("viser", "viewer", "--viewer web")) == 2
+    assert capsys.readouterr().err == (
+        "error: --viewer web needs the package 'viser', which is not installed: pip install 'humanoid_sim[viewer]'\n"
+    )
+
+
+def test_a_bug_keeps_its_traceback() -> None:
+    with pytest.raises(ZeroDivisionError):
+        failing(ZeroDivisionError())
+
+
+def test_ctrl_c_is_one_line_and_status_130(capsys: pytest.CaptureFixture[str]) -> None:
+    assert failing(KeyboardInterrupt()) == 130
+    assert capsys.readouterr() == ("", "interrupted\n")
+
+
+def test_a_program_gets_its_arguments_and_gives_its_status() -> None:
+    seen: list[Sequence[str] | None] = []
+
+    def program(arguments: Sequence[str] | None) -> int:
+        seen.append(arguments)
+        return 7
+
+    assert run_program(program, ["--x"]) == 7
+    assert run_program(program) == 7
+    assert seen == [["--x"], None]
+
+
+def test_a_reader_that_leaves_makes_no_noise() -> None:
+    code = "from humanoid_sim.cli import run_program\ndef p(a):\n while True: print('x' * 1000)\nrun_program(p)"
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == ""
+        assert process.wait() == 0
+
+
+def test_the_list_of_verbs(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, status in (([], 2), (["-h"], 0), (["--help"], 0)):
+        assert main(arguments) == status
+        out = capsys.readouterr().out
+        assert out.startswith("usage: humanoid-sim <verb> [options]\n")
+        for verb, purpose in VERBS.items():
+            assert f"  {verb:<8} {purpose}\n" in out
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"{__version__}\n"
+
+
+def test_an_unknown_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dance"]) == 2
+    assert capsys.readouterr() == ("", f"error: unknown verb 'dance'; known: {', '.join(VERBS)}\n")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_is_a_program_with_help_and_one_line_for_bad_input(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert callable(importlib.import_module(f"humanoid_sim.{verb}").main)
+    with pytest.raises(SystemExit) as caught:
+        main([verb, "--help"])
+    assert caught.value.code == 0
+    assert f"usage: humanoid_sim.{verb}" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as caught:
+        main([verb, "--no-such-option"])
+    assert caught.value.code == 2
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom humanoid_sim.play import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "print(*sorted({'mujoco', 'numpy', 'onnxruntime', 'onnx', 'av', 'PIL', 'mcap'} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == ""
+
+
+def test_the_console_script_is_the_same_program() -> None:
+    script = os.path.join(os.path.dirname(sys.executable), "humanoid-sim")
+    run = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
+    assert run.stdout == f"{__version__}\n"

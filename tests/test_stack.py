@@ -1,0 +1,228 @@
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from humanoid_sim.controllers.base import REMOTE_POLICY, RL_POLICY
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.motion import Motion, write_motion
+from humanoid_sim.policy.placeholder import zero_policy
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.sink import SessionHeader
+from humanoid_sim.stack import (
+    MOTION_ATTACHMENT,
+    LoadedPolicy,
+    build_supervisor,
+    header_documents,
+    load_policy,
+    rebuild_supervisor,
+)
+
+sys.path.append(str(Path(__file__).parent / "policy"))
+
+import models
+
+LITE = load_robot("lite")
+
+
+def lite_contract(**changes: Any) -> PolicyContract:
+    """A tracking policy of one hand for the Lite; the observation is 3 + 6 + 14 = 23 wide."""
+    joints = LITE.joint_names
+    values: dict[str, Any] = {
+        "task_type": "tracking",
+        "joint_names": joints,
+        "action_joint_names": joints,
+        "joint_stiffness": LITE.stiffness,
+        "joint_damping": LITE.damping,
+        "default_joint_pos": np.zeros(14),
+        "observation_names": ("motion_body_pos_b", "motion_body_ori_b", "joint_pos"),
+        "action_scale": 0.5,
+        "body_names": ("left_hand",),
+    }
+    return models.contract(**{**values, **changes})
+
+
+def motion(width: int = 9, **changes: Any) -> Motion:
+    values: dict[str, Any] = {"body_names": ("left_hand",), "policy_dt": 0.02, "task_type": "tracking"}
+    return Motion(np.ones((5, width), dtype=np.float32), **{**values, **changes})
+
+
+def refusal(contract: PolicyContract, followed: Motion | None, width: int | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        load_policy(contract, zero_policy(14), followed, width, source="p.onnx", motion_source="m.mcap")
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_policy_and_its_motion_fit() -> None:
+    loaded = load_policy(lite_contract(), zero_policy(14), motion(), 23)
+    assert loaded.layout.width == 23
+    assert loaded.reference.frame_count == 5
+    assert dict(loaded.extern) == {}
+
+
+def test_a_policy_without_a_motion_has_a_reference_of_nothing() -> None:
+    contract = lite_contract(task_type="locomotion", observation_names=("joint_pos",), body_names=())
+    loaded = load_policy(contract, zero_policy(14), motion())
+    assert (loaded.layout.width, loaded.reference.frame_count, dict(loaded.reference.terms)) == (14, 1, {})
+
+
+def test_a_piano_policy_hears_as_many_keys_as_it_has_goals() -> None:
+    contract = lite_contract(
+        task_type="piano",
+        observation_names=("target_keys", "target_keys_future", "key_pressed", "progress"),
+        lookahead_steps=(1, 2),
+        body_names=(),
+    )
+    loaded = load_policy(contract, zero_policy(14), motion(88, body_names=(), task_type="piano"))
+    assert dict(loaded.extern) == {"key_pressed": 88}
+    assert loaded.layout.width == 88 + 2 * 88 + 88 + 1
+
+
+@pytest.mark.parametrize(
+    ("contract", "followed", "width", "expected"),
+    [
+        (lite_contract(), None, None, "p.onnx: task_type tracking follows a motion, and none is given: use --motion"),
+        (lite_contract(), motion(task_type="piano", body_names=()), None, "m.mcap: is a motion for task_type piano; "),
+        (lite_contract(), motion(body_names=("left_foot",)), None, "m.mcap: describes the bodies left_foot; p.onnx "),
+        (
+            lite_contract(),
+            motion(policy_dt=0.021),
+            None,
+            "m.mcap: has a frame every 0.021 s, p.onnx a step every 0.02 ",
+        ),
+        (
+            lite_contract(),
+            motion(18, body_names=(), task_type=""),
+            None,
+            "p.onnx: motion: frames are 18 wide, expected 9, 9 for each of the policy's 1 bodies (left_hand)",
+        ),
+        (
+            lite_contract(),
+            motion(),
+            24,
+            "p.onnx: its terms are 23 wide (motion_body_pos_b 3 + motion_body_ori_b 6 + joint_pos 14), its model's "
+            "input is 24",
+        ),
+        (
+            lite_contract(observation_names=("mood",)),
+            motion(),
+            None,
+            "p.onnx: unknown observation term 'mood'; known: ",
+        ),
+        (
+            lite_contract(task_type="locomotion", observation_names=("motion_body_pos_b",)),
+            None,
+            None,
+            "p.onnx: observation term 'motion_body_pos_b' needs a tracking motion, and there is none",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_one_line_with_the_file(
+    contract: PolicyContract, followed: Motion | None, width: int | None, expected: str
+) -> None:
+    assert refusal(contract, followed, width).startswith(expected)
+
+
+def test_a_file_that_does_not_say_what_it_is_for_is_taken_by_its_width() -> None:
+    assert load_policy(lite_contract(), zero_policy(14), motion(body_names=(), task_type="")).layout.width == 23
+
+
+def test_controllers_are_there_as_they_are_available() -> None:
+    always = {"zero_torque_controller", "damping_controller", "standby_controller_a", "standby_controller_b"}
+    assert set(build_supervisor(LITE, 0.005, None).controllers) == always
+    assert set(build_supervisor(LITE, 0.005, None, remote=True).controllers) == {*always, REMOTE_POLICY}
+    loaded = load_policy(lite_contract(), zero_policy(14), motion())
+    assert set(build_supervisor(LITE, 0.005, loaded).controllers) == {*always, RL_POLICY}
+
+
+@pytest.mark.parametrize("remote", [False, True])
+def test_every_parameter_is_the_descriptions(remote: bool) -> None:
+    controllers: dict[str, Any] = dict(build_supervisor(LITE, 0.005, None, remote=True).controllers)
+    assert controllers["damping_controller"].damping.tolist() == [5.0] * 14
+    for pose, settings in (("a", LITE.standby_controller_a), ("b", LITE.standby_controller_b)):
+        standby = controllers[f"standby_controller_{pose}"]
+        for name in ("target_stiffness", "target_damping", "segment_durations"):
+            assert getattr(standby, name).tolist() == list(getattr(settings, name))
+        assert standby.pose_segments.tolist() == [list(row) for row in settings.pose_segments]
+    passive = controllers[REMOTE_POLICY]
+    assert passive.damping.tolist() == [5.0] * 14
+    assert (passive.stale_command_policy, passive.stale_command_timeout_ms) == ("passive", 100.0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "contract", "period", "expected"),
+    [
+        ("lite_neck", lite_contract(), 0.005, "policy on robot 'lite_neck': joint_names of the policy do not match "),
+        ("lite", lite_contract(), 0.003, "policy on robot 'lite': "),
+    ],
+)
+def test_a_policy_that_does_not_fit_the_robot(
+    robot: str, contract: PolicyContract, period: float, expected: str
+) -> None:
+    loaded = load_policy(contract, zero_policy(14), motion())
+    with pytest.raises(InputError, match=expected.replace("(", r"\(")):
+        build_supervisor(load_robot(robot), period, loaded)
+
+
+def header(loaded: LoadedPolicy | None, folder: Path, *, remote: bool = False) -> SessionHeader:
+    write_motion(folder / "m.mcap", motion())
+    documents = header_documents(LITE, loaded, remote=remote, settings={"policy": "p.onnx"})
+    attachments = {MOTION_ATTACHMENT: (folder / "m.mcap").read_bytes()} if loaded else {}
+    return SessionHeader("lite", LITE.joint_names, 0.005, 0, documents, attachments)
+
+
+def test_a_recordings_header_gives_the_same_stack_again(tmp_path: Path) -> None:
+    loaded = load_policy(lite_contract(), zero_policy(14), motion())
+    head = header(loaded, tmp_path, remote=True)
+    again = rebuild_supervisor(head, zero_policy(14))
+    first = build_supervisor(LITE, 0.005, loaded, remote=True)
+    assert again.joints == first.joints
+    assert set(again.controllers) == set(first.controllers)
+    for name, controller in first.controllers.items():
+        for field in fields(controller):  # type: ignore[arg-type]
+            before, after = getattr(controller, field.name), getattr(again.controllers[name], field.name)
+            if isinstance(before, np.ndarray):
+                assert before.tobytes() == after.tobytes(), (name, field.name)
+            elif isinstance(before, str | int | float | tuple):
+                assert before == after, (name, field.name)
+    policy: Any = again.controllers[RL_POLICY]
+    assert policy.contract.joint_stiffness.tobytes() == loaded.contract.joint_stiffness.tobytes()
+    for name, table in loaded.reference.terms.items():
+        assert policy.reference.terms[name].tobytes() == table.tobytes()
+    assert json.loads(head.documents["settings"]) == {"policy": "p.onnx"}
+
+
+def test_a_run_without_policy_and_remote_gives_a_stack_without_them(tmp_path: Path) -> None:
+    again = rebuild_supervisor(header(None, tmp_path), zero_policy(0))
+    assert not {RL_POLICY, REMOTE_POLICY} & set(again.controllers)
+
+
+@pytest.mark.parametrize("name", ["robot", "controllers"])
+def test_a_header_that_lacks_a_document_is_named(name: str, tmp_path: Path) -> None:
+    head = header(None, tmp_path)
+    cut = replace(head, documents={key: text for key, text in head.documents.items() if key != name})
+    with pytest.raises(InputError, match=f"recording: its header lacks '{name}', so the run cannot be repeated"):
+        rebuild_supervisor(cut, zero_policy(0))
+
+
+def test_a_header_whose_motion_is_missing_is_one_line(tmp_path: Path) -> None:
+    head = header(load_policy(lite_contract(), zero_policy(14), motion()), tmp_path)
+    with pytest.raises(InputError, match="follows a motion, and none is given"):
+        rebuild_supervisor(replace(head, attachments={}), zero_policy(14))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"remote": {}}x', "null"])
+@pytest.mark.parametrize("name", ["robot", "controllers", "contract"])
+def test_a_header_whose_documents_are_damaged_is_one_line(name: str, text: str, tmp_path: Path) -> None:
+    head = header(load_policy(lite_contract(), zero_policy(14), motion()), tmp_path)
+    with pytest.raises(InputError) as caught:
+        rebuild_supervisor(replace(head, documents={**head.documents, name: text}), zero_policy(14))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,108 @@
+"""The wheel holds everything as ordinary files, and works where the checkout is not."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LINKED = ("controllers", "envs", "hardware", "assets")
+SUFFIXES = {".py", ".yaml", ".xml", ".onnx", ".mcap"}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built from a copy of the sources, with the setuptools of this environment: nothing is downloaded."""
+    source = tmp_path_factory.mktemp("source")
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    for name in ("humanoid_sim", *LINKED):
+        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir"]
+    subprocess.run(
+        [*command, str(folder), str(source)], check=True, capture_output=True, env={**os.environ, "PIP_NO_INDEX": "1"}
+    )
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+def test_the_wheel_holds_every_file_of_the_package_as_an_ordinary_file(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        held = {info.filename: info for info in archive.infolist()}
+    for info in held.values():
+        assert (info.external_attr >> 28) in (0, 0o10), f"{info.filename} is no ordinary file"
+    sources = {f"humanoid_sim/{path.relative_to(ROOT / 'humanoid_sim')}" for path in files(ROOT / "humanoid_sim")}
+    for package in LINKED:
+        assert (ROOT / "humanoid_sim" / package).is_symlink()
+        linked = {f"humanoid_sim/{package}/{path.relative_to(ROOT / package)}" for path in files(ROOT / package)}
+        assert f"humanoid_sim/{package}/__init__.py" in linked
+        sources |= linked
+    assert not sources - set(held)
+    for name in (
+        "humanoid_sim/py.typed",
+        "humanoid_sim/controllers/supervisor.py",
+        "humanoid_sim/assets/robots/lite.yaml",
+        "humanoid_sim/assets/mjcf/lite.xml",
+        "humanoid_sim/assets/policies/lite_tracking.onnx",
+        "humanoid_sim/assets/motions/wave.mcap",
+    ):
+        assert held[name].file_size or name.endswith("py.typed")
+
+
+def files(folder: Path) -> list[Path]:
+    """What a wheel must hold of a folder; linked packages are looked at where they are."""
+    return [
+        path
+        for path in folder.rglob("*")
+        if path.suffix in SUFFIXES
+        and path.is_file()
+        and "__pycache__" not in path.parts
+        and not any(parent.is_symlink() for parent in path.parents if parent.is_relative_to(folder))
+    ]
+
+
+def test_the_wheel_holds_nothing_else(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    roots = {name.split("/")[0] for name in names}
+    assert {root.partition("-")[0] for root in roots} == {"humanoid_sim"}
+    assert not [name for name in names if "test" in name or "notebook" in name or name.endswith((".pyc", ".ipynb"))]
+
+
+def test_the_wheel_says_what_it_is(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        info = {Path(name).name: archive.read(name).decode() for name in archive.namelist() if ".dist-info/" in name}
+    assert "humanoid-sim = humanoid_sim.cli:main" in info["entry_points.txt"]
+    assert "License-Expression: MIT" in info["METADATA"]
+    assert "Requires-Python: >=3.11" in info["METADATA"]
+    assert "MIT License" in info["LICENSE"]
+
+
+@pytest.mark.slow
+def test_the_wheel_works_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
+    venv.create(tmp_path / "venv", with_pip=True)
+    python = str(tmp_path / "venv" / "bin" / "python")
+    work = tmp_path / "work"
+    work.mkdir()
+
+    def run(*arguments: str) -> str:
+        environ = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "DISPLAY")}
+        done = subprocess.run([python, *arguments], cwd=work, env=environ, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    constraints = str(ROOT / "constraints.txt")
+    run("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-c", constraints, str(wheel))
+    where = run("-c", "import humanoid_sim.controllers.supervisor as s; print(s.__file__)")
+    assert "site-packages/humanoid_sim/controllers/supervisor.py" in where
+    assert "LOCOMOTION" in run("-m", "humanoid_sim.play", "--duration", "7", "--viewer", "none")
+    run("-m", "humanoid_sim.play", "--duration", "2", "--record", "r.mcap", "--video", "none")
+    assert "bit for bit identical" in run("-m", "humanoid_sim.replay", "r.mcap")
