@@ -1,4 +1,7 @@
-"""The room around a robot: floor, lights, sky, cameras and render quality. None of it touches the robot's dynamics."""
+"""The room around a robot: floor, lights, sky, cameras and render quality.
+
+Only the floor touches the robot's dynamics, and only a robot that has none of its own gets one.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,12 @@ OFFSCREEN_SIZE = (1920, 1440)
 CAMERAS = {"front": (30.0, 12.0), "side": (90.0, 8.0), "back": (205.0, 15.0), "top": (0.0, 80.0)}
 """Cameras that every scene has: azimuth (from the robot's front, towards its left) and elevation, degrees."""
 
+_FLOOR_MATERIAL = "scene_floor"
+
 _FLOORS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+
+_VISIBLE_GROUPS = (0, 1, 2)
+"""Of geoms, as MuJoCo's viewers show them by default."""
 
 _FIELD_OF_VIEW = 38.0
 """degrees, vertical: long enough a lens that a hand in front does not look bigger than the head."""
@@ -30,19 +38,27 @@ def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescr
     Args:
         spec: changed in place.
         bare: the same compiled, without a room.
-        description: the robot; its base carries the cameras, if it moves.
+        description: the robot. Cameras go along with a floating base, without turning with it.
     """
     center: FloatArray = bare.stat.center.copy()
     extent = float(bare.stat.extent)
     _add_sky_and_quality(spec)
-    if not any(geom.type in _FLOORS for geom in spec.geoms):
-        _add_floor(spec, description.simulation.floor_height)
+    _show_colliders(spec)
+    _add_floor_material(spec)
+    floors = [geom for geom in spec.geoms if geom.type in _FLOORS]
+    if not floors:
+        _add_floor(spec, bare, description.simulation.floor_height)
+    for floor in floors:
+        if floor.type == mujoco.mjtGeom.mjGEOM_PLANE and not floor.material:
+            floor.material = _FLOOR_MATERIAL  # on a plain floor nobody sees how far a robot has walked
     if not spec.lights:
         _add_lights(spec, center, extent)
     taken = {camera.name for camera in spec.cameras}
+    base = bare.body(description.base.body).id if description.is_floating else 0
     for name, (azimuth, elevation) in CAMERAS.items():
         if name not in taken:
-            _add_camera(spec, name, center, _viewing_distance(extent), math.radians(azimuth), math.radians(elevation))
+            rotation = _looking_back(math.radians(azimuth), math.radians(elevation))
+            _add_camera(spec, name, bare, base, center + _viewing_distance(extent) * rotation[:, 2], rotation)
 
 
 def _viewing_distance(extent: float) -> float:
@@ -72,9 +88,19 @@ def _add_sky_and_quality(spec: mujoco.MjSpec) -> None:
         )
 
 
-def _add_floor(spec: mujoco.MjSpec, height: float) -> None:
+def _show_colliders(spec: mujoco.MjSpec) -> None:
+    """Paint the colliders of a robot that has nothing else to look at, such as one whose meshes were left out."""
+    shapes = [geom for geom in spec.geoms if geom.type not in _FLOORS]
+    if any(geom.group in _VISIBLE_GROUPS for geom in shapes):
+        return
+    for geom in shapes:
+        geom.group = 0
+        geom.rgba = [0.62, 0.65, 0.69, 1.0]
+
+
+def _add_floor_material(spec: mujoco.MjSpec) -> None:
     spec.add_texture(
-        name="scene_floor",
+        name=_FLOOR_MATERIAL,
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
         mark=mujoco.mjtMark.mjMARK_EDGE,
@@ -85,16 +111,20 @@ def _add_floor(spec: mujoco.MjSpec, height: float) -> None:
         height=512,
     )
     textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
-    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = "scene_floor"
-    spec.add_material(name="scene_floor", textures=textures, texrepeat=[2.0, 2.0], texuniform=True)
+    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = _FLOOR_MATERIAL
+    spec.add_material(name=_FLOOR_MATERIAL, textures=textures, texrepeat=[2.0, 2.0], texuniform=True)
+
+
+def _add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, height: float) -> None:
+    """A floor that whatever can collide at all collides with, whichever bits its contact masks use."""
     spec.worldbody.add_geom(
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[0.0, 0.0, 0.05],
         pos=[0.0, 0.0, height],
-        material="scene_floor",
-        contype=1,
-        conaffinity=1,
+        material=_FLOOR_MATERIAL,
+        contype=1 | int(np.bitwise_or.reduce(bare.geom_conaffinity)),
+        conaffinity=1 | int(np.bitwise_or.reduce(bare.geom_contype)),
     )
 
 
@@ -115,15 +145,30 @@ def _add_lights(spec: mujoco.MjSpec, center: FloatArray, extent: float) -> None:
         )
 
 
-def _add_camera(
-    spec: mujoco.MjSpec, name: str, center: FloatArray, distance: float, azimuth: float, elevation: float
-) -> None:
-    """A camera that looks at `center`; angles in rad. MuJoCo's cameras look along their own -z, with +y up."""
+def _looking_back(azimuth: float, elevation: float) -> FloatArray:
+    """Axes of a camera that looks at where it was moved away from, in that direction; angles in rad.
+
+    Shape (3, 3), columns right, up and backward: MuJoCo's cameras look along their own -z, with +y up.
+    """
     backward = np.array(
         [math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation)]
     )
     right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
-    rotation = np.column_stack([right, np.cross(backward, right), backward])
+    return np.column_stack([right, np.cross(backward, right), backward])
+
+
+def _add_camera(
+    spec: mujoco.MjSpec, name: str, bare: mujoco.MjModel, body: int, position: FloatArray, rotation: FloatArray
+) -> None:
+    """A camera at a pose of the world frame, fixed there (body 0), or keeping its distance from a body."""
+    owner, mode = spec.worldbody, mujoco.mjtCamLight.mjCAMLIGHT_FIXED
+    if body:
+        data = mujoco.MjData(bare)
+        mujoco.mj_kinematics(bare, data)
+        owner, mode = spec.body(bare.body(body).name), mujoco.mjtCamLight.mjCAMLIGHT_TRACK
+        body_rotation = data.xmat[body].reshape(3, 3)
+        position = body_rotation.T @ (position - data.xpos[body])
+        rotation = body_rotation.T @ rotation
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, rotation.ravel())
-    spec.worldbody.add_camera(name=name, pos=center + distance * backward, quat=quaternion, fovy=_FIELD_OF_VIEW)
+    owner.add_camera(name=name, pos=position, quat=quaternion, fovy=_FIELD_OF_VIEW, mode=mode)

@@ -179,18 +179,18 @@ def test_a_folder(tmp_path: Path) -> None:
         load_robot(tmp_path)
     assert (
         str(caught.value)
-        == f"{tmp_path}: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_neck"
+        == f"{tmp_path}: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck"
     )
 
 
 def test_an_unknown_name_lists_the_shipped_robots() -> None:
     with pytest.raises(InputError) as caught:
         load_robot("lit")
-    assert str(caught.value) == "unknown robot 'lit': neither a file nor one of: lite, lite_neck"
+    assert str(caught.value) == "unknown robot 'lit': neither a file nor one of: lite, lite_biped, lite_neck"
 
 
 def test_shipped_robots() -> None:
-    assert shipped_robots() == ("lite", "lite_neck")
+    assert shipped_robots() == ("lite", "lite_biped", "lite_neck")
 
 
 def test_a_path_is_a_robot_of_the_same_form(tmp_path: Path, document: Document) -> None:
