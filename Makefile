@@ -2,8 +2,10 @@
 PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
+# LeRobot bounds NumPy, PyAV and others lower than the rest needs, and brings PyTorch with CUDA: an environment of its own.
+LEROBOT := .venv-lerobot
 
-.PHONY: play test test-slow bench lint format types train clean
+.PHONY: play test test-slow test-lerobot bench lint format types train clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -17,6 +19,9 @@ test: $(VENV)/test.done  ## lint, types, and the tests that finish in minutes
 
 test-slow: $(VENV)/test.done  ## the tests that take longer
 	$(BIN)/python -m pytest -m slow $(ARGS)
+
+test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs about 9 GB at the first time
+	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -m lerobot $(ARGS)
 
 bench: $(VENV)/play.done  ## this machine's figures
 	$(BIN)/python -m humanoid_sim.bench $(ARGS)
@@ -37,7 +42,7 @@ train: $(VENV)/train.done  ## make the sample motions and train the sample polic
 	$(BIN)/python -m humanoid_sim.training train $(ARGS)
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(LEROBOT) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/pip:
 	$(PYTHON) -m venv $(VENV)
@@ -52,4 +57,9 @@ $(VENV)/test.done: $(VENV)/play.done
 
 $(VENV)/train.done: $(VENV)/play.done
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train]'
+	touch $@
+
+$(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
+	$(PYTHON) -m venv $(LEROBOT)
+	$(LEROBOT)/bin/pip install --quiet --disable-pip-version-check -c constraints-lerobot.txt -e '.[lerobot,wandb,test]'
 	touch $@

@@ -16,6 +16,8 @@ VERBS = {
     "mode": "send an intent to a running session",
     "replay": "repeat a recording bit for bit",
     "record": "look into a recording, or recover one that was cut off",
+    "prepare": "check a motion from elsewhere on the robot and convert it; fetch a checkpoint",
+    "record_dataset": "make a LeRobot dataset of recordings",
     "bench": "measure this machine's figures",
 }
 
@@ -47,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not words or words[0] in ("-h", "--help"):
         print("usage: humanoid-sim <verb> [options]\n")
         for verb, purpose in VERBS.items():
-            print(f"  {verb:<8} {purpose}")
+            print(f"  {verb:<14} {purpose}")
         print("\n'humanoid-sim <verb> --help' tells the rest.")
         return 0 if words else BAD_INPUT
     if words[0] == "--version":

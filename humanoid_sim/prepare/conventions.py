@@ -1,0 +1,175 @@
+"""Which column of a motion is which joint, which body, which part of a quaternion: written down, then applied."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.terms import QuaternionOrder
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.prepare.skeleton import Skeleton, match_names, named_order
+from humanoid_sim.prepare.source import SourceMotion, swap_quaternion_order
+
+__all__ = ["Conventions", "NamedMotion", "body_orders", "choose_conventions", "interpret", "joint_orders"]
+
+
+@dataclass(frozen=True, slots=True)
+class Conventions:
+    """How to read a motion's columns."""
+
+    joint_names: tuple[str, ...]
+    """Of the joint columns; empty if there are none."""
+    body_names: tuple[str, ...]
+    """Of the bodies; empty if there are none."""
+    quaternions: QuaternionOrder
+    joints_said_by: str = ""
+    """Where `joint_names` comes from, for the report."""
+    bodies_said_by: str = ""
+    quaternions_said_by: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedMotion:
+    """A motion whose columns have names. What its source does not hold is None."""
+
+    fps: float
+    joint_position: FloatArray | None
+    """Shape (F, n), rad, in the robot's order."""
+    joint_velocity: FloatArray | None
+    """Shape (F, n), rad/s, in the robot's order."""
+    body_names: tuple[str, ...]
+    """The B bodies that the source holds."""
+    body_position: FloatArray | None
+    """Shape (F, B, 3), m, world frame or base frame."""
+    body_quaternion: FloatArray | None
+    """Shape (F, B, 4), w x y z."""
+    base_position: FloatArray | None
+    """Shape (F, 3), m, world frame; None in the base frame, and where the source does not say."""
+    base_quaternion: FloatArray | None
+    """Shape (F, 4), w x y z."""
+    is_world: bool
+    """The poses are in the world frame."""
+
+
+def joint_orders(contract: PolicyContract, skeleton: Skeleton) -> dict[str, tuple[str, ...]]:
+    """The orders in which exporters write joints, by the name that --joint-order knows them by."""
+    return {
+        "contract": contract.joint_names,
+        "robot": skeleton.joint_order("robot"),
+        "mjcf": skeleton.joint_order("mjcf"),
+        "breadth_first": skeleton.joint_order("breadth_first"),
+    }
+
+
+def body_orders(contract: PolicyContract, skeleton: Skeleton) -> dict[str, tuple[str, ...]]:
+    """The orders in which exporters write bodies, by the name that --body-order knows them by."""
+    return {
+        "contract": contract.body_names,
+        "mjcf": skeleton.body_order("mjcf"),
+        "breadth_first": skeleton.body_order("breadth_first"),
+    }
+
+
+def choose_conventions(
+    source: SourceMotion,
+    contract: PolicyContract,
+    skeleton: Skeleton,
+    *,
+    joint_order: str | None,
+    body_order: str | None,
+    quaternions: QuaternionOrder | None,
+) -> Conventions:
+    """What the source says, else what the options say, else what the format is known to do.
+
+    Raises:
+        InputError: if an option contradicts the names in the source, or a number of columns fits no order.
+    """
+    joints, joints_by = _joints(source, contract, skeleton, joint_order)
+    bodies, bodies_by = _bodies(source, contract, skeleton, body_order)
+    order, order_by = source.quaternion_order, source.quaternion_order_source
+    if quaternions is not None and order_by != "column names":
+        order, order_by = quaternions, "--quaternions"
+    elif quaternions not in (None, order):
+        raise InputError(f"--quaternions: is {quaternions}, but the column names of {source.source} say which is which")
+    return Conventions(joints, bodies, order, joints_by, bodies_by, order_by)
+
+
+def _joints(
+    source: SourceMotion, contract: PolicyContract, skeleton: Skeleton, option: str | None
+) -> tuple[tuple[str, ...], str]:
+    if source.joint_position is None:
+        return (), ""
+    if source.joint_names is not None:
+        if option is not None:
+            raise InputError(f"--joint-order: is given, but {source.source} names its joints itself")
+        return source.joint_names, "names in the file"
+    chosen = option or ("robot" if source.kind.startswith("csv") else "contract")
+    names = named_order("--joint-order", chosen, joint_orders(contract, skeleton))
+    count = source.joint_position.shape[1]
+    if len(names) != count:
+        raise InputError(
+            f"{source.source}: has {count} joints per frame, and the order '{chosen}' has {len(names)} "
+            f"({', '.join(names)}); say which they are with --joint-order"
+        )
+    return names, f"--joint-order {chosen}" if option else f"assumed: {chosen}"
+
+
+def _bodies(
+    source: SourceMotion, contract: PolicyContract, skeleton: Skeleton, option: str | None
+) -> tuple[tuple[str, ...], str]:
+    if source.body_position is None:
+        return (), ""
+    if source.body_names is not None:
+        if option is not None:
+            raise InputError(f"--body-order: is given, but {source.source} names its bodies itself")
+        return source.body_names, "names in the file"
+    count = source.body_position.shape[1]
+    orders = body_orders(contract, skeleton)
+    chosen = option or ("contract" if count == len(contract.body_names) else "mjcf")
+    names = named_order("--body-order", chosen, orders)
+    if len(names) != count:
+        raise InputError(
+            f"{source.source}: has {count} bodies per frame; the contract has {len(contract.body_names)}, the "
+            f"robot {len(skeleton.bodies)}; say which they are with --body-order"
+        )
+    return names, f"--body-order {chosen}" if option else f"assumed: {chosen}"
+
+
+def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> NamedMotion:
+    """Apply conventions.
+
+    Raises:
+        InputError: if the robot has a joint that the motion does not, or the other way round; likewise for bodies.
+    """
+    position, velocity = source.joint_position, source.joint_velocity
+    if position is not None:
+        match_names(source.source, "joint of the motion", skeleton.joints, conventions.joint_names, "the motion")
+        columns = match_names(source.source, "joint", conventions.joint_names, skeleton.joints, "the robot")
+        position = position[:, columns]
+        velocity = None if velocity is None else velocity[:, columns]
+    bodies = conventions.body_names
+    match_names(source.source, "body", skeleton.bodies, bodies, "the motion")
+    body_quaternion = _wxyz(source.body_quaternion, conventions.quaternions)
+    base_position, base_quaternion = source.base_position, _wxyz(source.base_quaternion, conventions.quaternions)
+    is_world = source.frame == "world"
+    if is_world and skeleton.base in bodies and source.body_position is not None and body_quaternion is not None:
+        base = bodies.index(skeleton.base)
+        base_position, base_quaternion = source.body_position[:, base], body_quaternion[:, base]
+    return NamedMotion(
+        fps=source.fps,
+        joint_position=position,
+        joint_velocity=velocity,
+        body_names=bodies,
+        body_position=source.body_position,
+        body_quaternion=body_quaternion,
+        base_position=base_position,
+        base_quaternion=base_quaternion,
+        is_world=is_world,
+    )
+
+
+def _wxyz(quaternion: FloatArray | None, order: QuaternionOrder) -> FloatArray | None:
+    return None if quaternion is None else np.ascontiguousarray(swap_quaternion_order(quaternion, order))

@@ -1,0 +1,142 @@
+"""From a motion whose columns have names to the frames of a motion file, in the layout that the policy needs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rotation import matrix, multiply, rotate
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.motion import Motion, MotionLayout
+from humanoid_sim.prepare.conventions import NamedMotion
+from humanoid_sim.prepare.rotations import quaternion_from_matrix
+from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.verify import Verifier
+from humanoid_sim.simulation.kinematics import rotation_6d
+
+__all__ = ["FROM_KINEMATICS", "FROM_SOURCE", "convert", "layout_of"]
+
+FROM_SOURCE = "the source"
+FROM_KINEMATICS = "forward kinematics"
+
+_BASE_FRAME_TERMS = {"motion_body_pos_b", "motion_body_ori_b"}
+
+
+def layout_of(contract: PolicyContract) -> MotionLayout:
+    """`bodies_b` for policies that see bodies in the base frame, `joints_bodies_w` for those with anchor terms."""
+    return "bodies_b" if _BASE_FRAME_TERMS & {term.kind for term in contract.terms} else "joints_bodies_w"
+
+
+def convert(
+    source: str, motion: NamedMotion, contract: PolicyContract, skeleton: Skeleton, verifier: Verifier, robot: str
+) -> tuple[Motion, str]:
+    """The motion file's content, and where its body poses come from: the source, or forward kinematics of its joints.
+
+    Args:
+        source: what to call the motion in messages.
+        motion: at the policy's rate.
+        contract: of the policy.
+        skeleton: of the robot.
+        verifier: for the robot.
+        robot: its name.
+
+    Raises:
+        InputError: if the motion does not hold what the layout needs.
+    """
+    layout = layout_of(contract)
+    bodies = contract.body_names or ((contract.anchor_body,) if contract.anchor_body else ())
+    if layout == "bodies_b":
+        position, rotation, origin = _base_frame(source, motion, bodies, verifier)
+        count = len(position)
+        frames = np.concatenate([position.reshape(count, -1), rotation_6d(rotation).reshape(count, -1)], axis=1)
+        joints: tuple[str, ...] = ()
+    else:
+        if motion.joint_position is None:
+            raise InputError(f"{source}: holds no joint positions, which the policy's reference needs")
+        position, quaternion, origin = _world_frame(source, motion, bodies, skeleton, verifier)
+        order = [skeleton.joints.index(joint) for joint in contract.joint_names]
+        count = len(position)
+        parts = (
+            motion.joint_position[:, order],
+            _velocity(motion)[:, order],
+            position.reshape(count, -1),
+            quaternion.reshape(count, -1),
+        )
+        frames, joints = np.concatenate(parts, axis=1), contract.joint_names
+    return (
+        Motion(
+            frames=frames.astype(np.float32),
+            body_names=bodies,
+            policy_dt=contract.policy_dt,
+            task_type=contract.task_type,
+            robot=robot,
+            layout=layout,
+            joint_names=joints,
+        ),
+        origin,
+    )
+
+
+def _velocity(motion: NamedMotion) -> FloatArray:
+    """Shape (F, n), rad/s: the source's, else central differences, one-sided at the ends."""
+    if motion.joint_velocity is not None:
+        return motion.joint_velocity
+    assert motion.joint_position is not None
+    if len(motion.joint_position) < 2:
+        return np.zeros_like(motion.joint_position)
+    rate: FloatArray = np.gradient(motion.joint_position, 1.0 / motion.fps, axis=0)
+    return rate
+
+
+def _base_frame(
+    source: str, motion: NamedMotion, bodies: tuple[str, ...], verifier: Verifier
+) -> tuple[FloatArray, FloatArray, str]:
+    """Positions (F, B, 3), m, and rotation matrices (F, B, 3, 3) in the base frame."""
+    has_bodies = set(bodies) <= set(motion.body_names) and motion.body_quaternion is not None
+    has_base = not motion.is_world or motion.base_quaternion is not None
+    if has_bodies and has_base and motion.body_position is not None and motion.body_quaternion is not None:
+        columns = [motion.body_names.index(name) for name in bodies]
+        position, rotation = motion.body_position[:, columns], matrix(motion.body_quaternion[:, columns])
+        if motion.base_position is not None and motion.base_quaternion is not None and motion.is_world:
+            base = matrix(motion.base_quaternion)
+            position = np.einsum("tji,tbj->tbi", base, position - motion.base_position[:, None])
+            rotation = np.einsum("tji,tbjk->tbik", base, rotation)
+        return position, rotation, FROM_SOURCE
+    if motion.joint_position is None:
+        missing = [name for name in bodies if name not in motion.body_names]
+        raise InputError(
+            f"{source}: holds no joint positions, and its bodies lack {', '.join(missing) or 'orientations'}, "
+            "which the policy follows"
+        )
+    return *verifier.poses(motion.joint_position, bodies), FROM_KINEMATICS
+
+
+def _world_frame(
+    source: str, motion: NamedMotion, bodies: tuple[str, ...], skeleton: Skeleton, verifier: Verifier
+) -> tuple[FloatArray, FloatArray, str]:
+    """Positions (F, B, 3), m, and quaternions (F, B, 4), w x y z, in the world frame."""
+    if (
+        motion.is_world
+        and set(bodies) <= set(motion.body_names)
+        and motion.body_position is not None
+        and motion.body_quaternion is not None
+    ):
+        columns = [motion.body_names.index(name) for name in bodies]
+        return motion.body_position[:, columns], motion.body_quaternion[:, columns], FROM_SOURCE
+    position, rotation, origin = _base_frame(source, motion, bodies, verifier)
+    base_position, base_quaternion = motion.base_position, motion.base_quaternion
+    if base_position is None or base_quaternion is None:
+        if verifier.is_floating:
+            raise InputError(f"{source}: holds no pose of the floating base '{skeleton.base}', which is needed")
+        # A fixed base stands where the robot's model has it.
+        base_position, base_quaternion = (
+            np.repeat(value[None], len(position), axis=0)
+            for value in (skeleton.base_position, skeleton.base_quaternion)
+        )
+    turn = np.broadcast_to(base_quaternion[:, None], (*position.shape[:2], 4))
+    return (
+        rotate(turn, position) + base_position[:, None],
+        multiply(turn, quaternion_from_matrix(rotation)),
+        origin,
+    )

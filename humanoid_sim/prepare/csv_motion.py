@@ -1,0 +1,190 @@
+"""Motions as text: one frame per line, with or without a line of column names."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from humanoid_sim.controllers.terms import QuaternionOrder
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.prepare.source import SourceMotion
+
+__all__ = ["read_csv"]
+
+_BASE = 7
+"""Columns of the base's pose: x y z and a quaternion."""
+
+_BASE_COLUMNS = {
+    **{f"{prefix}{axis}": axis for prefix in ("", "base_", "root_", "base_pos_", "root_pos_") for axis in "xyz"},
+    **{f"{prefix}q{axis}": f"q{axis}" for prefix in ("", "base_", "root_") for axis in "wxyz"},
+    **{f"{prefix}_quat_{axis}": f"q{axis}" for prefix in ("base", "root") for axis in "wxyz"},
+}
+"""Names of columns, and which part of the base's pose they are."""
+
+_TIMES = ("time", "t", "timestamp")
+_INDICES = ("frame", "index")
+_SUFFIXES = ("", ".pos", "_dof", "_pos")
+"""What exporters append to a joint's name."""
+
+
+def read_csv(
+    path: Path, joint_names: tuple[str, ...], fps: float | None, *, floating: bool, quaternions: QuaternionOrder | None
+) -> SourceMotion:
+    """Read a motion in one of two forms.
+
+    Without a header, as LAFAN1 for the G1 and whole_body_tracking have it: base position x y z, base quaternion
+    x y z w, then the joint positions; of a robot with a fixed base the joint positions may be alone. With a header:
+    columns by name, joints as the robot names them, base as `base_x … base_qw`, optionally `time` in s or `frame`.
+
+    Args:
+        path: the file.
+        joint_names: of the robot.
+        fps: frames per second; None if a column `time` gives it.
+        floating: the robot has a floating base, so its pose is needed.
+        quaternions: order of a headless file's quaternion; None for x y z w.
+
+    Raises:
+        InputError: one line with the file, the line and what is wrong with it.
+    """
+    rows = _rows(path)
+    if not rows:
+        raise InputError(f"{path}: is empty, expected one frame per line")
+    first_line, first = rows[0]
+    if any(_number(cell) is None for cell in first):
+        return _with_header(path, first, _table(path, rows[1:]), joint_names, fps, floating)
+    table = _table(path, rows)
+    joints = len(joint_names)
+    if fps is None:
+        raise InputError(f"{path}: does not say how many frames make a second; use --fps")
+    order: QuaternionOrder = quaternions or "xyzw"
+    said_by = "--quaternions" if quaternions else "assumed: csv"
+    if table.shape[1] == _BASE + joints:
+        return SourceMotion(
+            source=str(path),
+            kind="csv",
+            fps=fps,
+            joint_position=table[:, _BASE:],
+            base_position=table[:, :3],
+            base_quaternion=table[:, 3:7],
+            quaternion_order=order,
+            quaternion_order_source=said_by,
+        )
+    if table.shape[1] == joints and not floating:
+        return SourceMotion(source=str(path), kind="csv", fps=fps, joint_position=table)
+    accepted = f"{_BASE + joints}, base pose and {joints} joints" + ("" if floating else f", or the {joints} joints")
+    raise InputError(f"{path}: line {first_line} has {table.shape[1]} numbers, expected {accepted}")
+
+
+def _with_header(
+    path: Path, names: list[str], table: FloatArray, joints: tuple[str, ...], fps: float | None, floating: bool
+) -> SourceMotion:
+    if not len(table):
+        raise InputError(f"{path}: has column names and no frames")
+    if len(names) != table.shape[1]:
+        raise InputError(f"{path}: has {len(names)} column names and {table.shape[1]} numbers per line")
+    places: dict[str, int] = {}
+    unknown = []
+    for i, name in enumerate(names):
+        role = _role(name, joints)
+        if role is None:
+            unknown.append(name)
+        elif role in places:
+            raise InputError(f"{path}: columns '{names[places[role]]}' and '{name}' are the same")
+        else:
+            places[role] = i
+    if unknown:
+        raise InputError(
+            f"{path}: unknown column '{unknown[0]}'; known: time, frame, base_x, base_y, base_z, base_qx, base_qy, "
+            f"base_qz, base_qw, {', '.join(joints)}"
+        )
+    found = tuple(joint for joint in joints if joint in places)
+    missing = [joint for joint in joints if joint not in places]
+    base = [places.get(role) for role in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    if missing:
+        raise InputError(f"{path}: has no column for {', '.join(missing)}")
+    if any(place is None for place in base) and (floating or any(place is not None for place in base)):
+        raise InputError(f"{path}: needs all of the columns base_x, base_y, base_z, base_qx, base_qy, base_qz, base_qw")
+    pose = None if base[0] is None else table[:, [place for place in base if place is not None]]
+    return SourceMotion(
+        source=str(path),
+        kind="csv with column names",
+        fps=_rate(path, table[:, places["time"]] if "time" in places else None, fps),
+        joint_position=table[:, [places[joint] for joint in found]],
+        joint_names=found,
+        base_position=None if pose is None else pose[:, :3],
+        base_quaternion=None if pose is None else pose[:, 3:],
+        quaternion_order_source="column names",
+    )
+
+
+def _role(name: str, joints: tuple[str, ...]) -> str | None:
+    """What a column is: `time`, `frame`, an axis of the base or a joint; None for unknown."""
+    word = name.strip()
+    for joint in joints:
+        if word in {joint + suffix for suffix in _SUFFIXES}:
+            return joint
+    lower = word.lower()
+    if lower in _TIMES:
+        return "time"
+    if lower in _INDICES:
+        return "frame"
+    return _BASE_COLUMNS.get(lower)
+
+
+def _rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
+    if times is None:
+        if fps is None:
+            raise InputError(f"{path}: has no column 'time' and does not say its frame rate; use --fps")
+        return fps
+    steps = np.diff(times)
+    if not len(steps) or not np.isfinite(steps).all() or steps.min() <= 0.0:
+        raise InputError(f"{path}: column 'time' does not rise from frame to frame")
+    if steps.max() - steps.min() > 0.02 * steps.mean():
+        frame = int(np.abs(steps - steps.mean()).argmax())
+        raise InputError(
+            f"{path}: frames are not evenly spaced in time: {steps[frame]:g} s after frame {frame}, "
+            f"{steps.mean():g} s on average"
+        )
+    rate = 1.0 / float(steps.mean())
+    # Times are written with few digits: 0.033 s is 30 frames per second.
+    rate = round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
+    if fps is not None and abs(fps - rate) > 0.02 * rate:
+        raise InputError(f"{path}: --fps is {fps:g}, and its column 'time' says {rate:g} frames per second")
+    return float(rate) if fps is None else fps
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Line number and cells of every line that is not empty."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file)
+            return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise InputError(f"{path}: is not a text file of numbers separated by commas") from None
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _table(path: Path, rows: list[tuple[int, list[str]]]) -> FloatArray:
+    values = []
+    for line, row in rows:
+        if len(row) != len(rows[0][1]):
+            raise InputError(f"{path}: line {line} has {len(row)} numbers, the lines before {len(rows[0][1])}")
+        numbers = []
+        for place, cell in enumerate(row):
+            number = _number(cell)
+            if number is None:
+                raise InputError(f"{path}: line {line}, column {place + 1}: '{cell.strip()}' is not a number")
+            numbers.append(number)
+        values.append(numbers)
+    return np.array(values, dtype=np.float64).reshape(len(rows), -1)

@@ -1,0 +1,203 @@
+"""Everything that must hold of a motion before it is written: it is this robot's, at this rate, in this order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rotation import matrix
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.prepare.conventions import Conventions, NamedMotion, body_orders, interpret, joint_orders
+from humanoid_sim.prepare.hypotheses import what_would_fit
+from humanoid_sim.prepare.limits import LimitExcess, is_upside_down, orders_within_limits, worst_excess
+from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.source import SourceMotion
+from humanoid_sim.prepare.verify import BodyCheck, RateCheck, Tolerance, Verifier, check_rate
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.training.inverse_kinematics import InverseKinematics
+
+__all__ = ["FORWARD", "INVERSE", "Findings", "Robot", "examine"]
+
+FORWARD = "forward kinematics"
+INVERSE = "inverse kinematics"
+"""For motions without joint positions: is there a pose of the robot that puts the bodies where they are?"""
+
+_RATE = 0.05
+"""Relative error of a frame rate that the joint velocities contradict."""
+_CORRELATION = 0.5
+"""Below it, joint velocities are not those of the joint positions; of whole_body_tracking's they are 0.99."""
+_MOST_POSES = 120
+"""Frames for which joint positions are sought."""
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """The robot in the forms in which it is needed here."""
+
+    description: RobotDescription
+    skeleton: Skeleton
+    verifier: Verifier
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What the examination found out."""
+
+    motion: NamedMotion
+    method: str
+    bodies: tuple[BodyCheck, ...]
+    rate: RateCheck | None
+    beyond_limits: LimitExcess | None
+    notes: tuple[str, ...]
+
+
+def examine(
+    source: SourceMotion, conventions: Conventions, contract: PolicyContract, robot: Robot, tolerance: Tolerance
+) -> Findings:
+    """Check a motion against the robot.
+
+    Raises:
+        InputError: naming the body, the joint or the rate that does not fit, and what would.
+    """
+    motion = interpret(source, conventions, robot.skeleton)
+    rate = _examine_rate(source, motion)
+    excess = None if motion.joint_position is None else worst_excess(motion.joint_position, robot.description)
+    notes: list[str] = []
+    method, bodies = FORWARD, robot.verifier.check(motion, tolerance)
+    if bodies:
+        _refuse_mismatch(source, conventions, contract, robot, tolerance, bodies)
+    elif motion.joint_position is None:
+        method, bodies = _examine_poses(source, motion, robot, tolerance)
+    else:
+        method = ""
+        _examine_joints(source, conventions, contract, robot, tolerance, excess)
+        notes.append(
+            "the source holds no body poses, so the order of its joints could not be verified: all that is certain is "
+            "that they stay within the robot's limits"
+        )
+    if excess is not None:
+        notes.append(
+            f"joint {excess.joint} is at {excess.position:.3f} rad in frame {excess.frame}, beyond its limits "
+            f"{excess.lower:g} to {excess.upper:g}"
+        )
+    return Findings(motion, method, bodies, rate, excess, tuple(notes))
+
+
+def _refuse_mismatch(
+    source: SourceMotion,
+    conventions: Conventions,
+    contract: PolicyContract,
+    robot: Robot,
+    tolerance: Tolerance,
+    bodies: tuple[BodyCheck, ...],
+) -> None:
+    worst = max(bodies, key=lambda check: check.excess(tolerance))
+    if worst.excess(tolerance) <= 1.0:
+        return
+    off = sum(check.excess(tolerance) > 1.0 for check in bodies)
+    fit = what_would_fit(
+        source,
+        conventions,
+        robot.skeleton,
+        robot.verifier,
+        tolerance,
+        joint_orders(contract, robot.skeleton),
+        body_orders(contract, robot.skeleton),
+    )
+    hint = fit or "no other order of joints, bodies or quaternions that was tried fits: is this another robot's motion?"
+    raise InputError(
+        f"{source.source}: body '{worst.name}' is up to {_far(worst)} from where the robot's forward kinematics puts "
+        f"it (frame {worst.worst_frame}), as are {off} of {len(bodies)} bodies; tolerance {_shown(tolerance)}; {hint}"
+    )
+
+
+def _far(check: BodyCheck) -> str:
+    return f"{100.0 * check.position_max:.1f} cm and {math.degrees(check.angle_max):.1f}°"
+
+
+def _shown(tolerance: Tolerance) -> str:
+    return f"{100.0 * tolerance.position:g} cm, {math.degrees(tolerance.angle):g}°"
+
+
+def _examine_rate(source: SourceMotion, motion: NamedMotion) -> RateCheck | None:
+    if motion.joint_position is None or motion.joint_velocity is None:
+        return None
+    rate = check_rate(motion.joint_position, motion.joint_velocity, source.fps)
+    if rate is None:
+        return None
+    if rate.correlation < _CORRELATION:
+        raise InputError(
+            f"{source.source}: its joint velocities are not those of its joint positions (correlation "
+            f"{rate.correlation:.2f}, expected about 1)"
+        )
+    # Noise in the velocities does not shift the fit; noise in the positions lowers it with the correlation.
+    if abs(rate.fps / source.fps - 1.0) > _RATE and rate.correlation > 1.0 - _RATE:
+        raise InputError(
+            f"{source.source}: fps is {source.fps:g}, but its joint velocities are those of {rate.fps:.1f} frames per "
+            "second"
+        )
+    return rate
+
+
+def _examine_poses(
+    source: SourceMotion, motion: NamedMotion, robot: Robot, tolerance: Tolerance
+) -> tuple[str, tuple[BodyCheck, ...]]:
+    """A motion of bodies alone: seek joint positions that reach them, and see what is left."""
+    if motion.is_world or motion.body_position is None or motion.body_quaternion is None:
+        raise InputError(
+            f"{source.source}: holds bodies and no joint positions, which can only be verified from positions and "
+            "orientations in the robot's base frame"
+        )
+    step = max(1, math.ceil(source.frame_count / _MOST_POSES))
+    position, quaternion = motion.body_position[::step], motion.body_quaternion[::step]
+    solver = InverseKinematics(robot.description, motion.body_names)
+    start = np.array(robot.description.initial_position)
+    path: list[FloatArray] = []
+    rotation = matrix(quaternion)
+    for i in range(len(position)):
+        start = solver.solve(position[i], rotation[i], start, iterations=40 if path else 400)
+        path.append(start)
+    reached = replace(
+        motion, joint_position=np.stack(path), joint_velocity=None, body_position=position, body_quaternion=quaternion
+    )
+    bodies = robot.verifier.check(reached, tolerance)
+    worst = max(bodies, key=lambda check: check.excess(tolerance))
+    if worst.excess(tolerance) > 1.0:
+        raise InputError(
+            f"{source.source}: no pose of the robot that was found puts body '{worst.name}' nearer than {_far(worst)} "
+            f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; it holds "
+            "no joint positions to say more: are its bodies in the order of --body-order, and its orientations in rows?"
+        )
+    return INVERSE, tuple(replace(check, worst_frame=step * check.worst_frame) for check in bodies)
+
+
+def _examine_joints(
+    source: SourceMotion,
+    conventions: Conventions,
+    contract: PolicyContract,
+    robot: Robot,
+    tolerance: Tolerance,
+    excess: LimitExcess | None,
+) -> None:
+    """A motion of joints alone: limits, and which way is up."""
+    read = replace(source, quaternion_order=conventions.quaternions)
+    if is_upside_down(read):
+        other = "wxyz" if conventions.quaternions == "xyzw" else "xyzw"
+        raise InputError(
+            f"{source.source}: with quaternions as {conventions.quaternions} the base is upside down most of the time; "
+            f"it would be upright with --quaternions {other}"
+        )
+    if excess is None or excess.excess <= tolerance.angle:
+        return
+    orders = joint_orders(contract, robot.skeleton)
+    columns = source.joint_position
+    others = [] if columns is None else orders_within_limits(columns, orders, robot.description, tolerance.angle)
+    hint = f"; it stays within all limits with --joint-order {others[0]}" if others else ""
+    raise InputError(
+        f"{source.source}: joint '{excess.joint}' is at {excess.position:.3f} rad in frame {excess.frame}, beyond its "
+        f"limits {excess.lower:g} to {excess.upper:g} rad{hint}"
+    )

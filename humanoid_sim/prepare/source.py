@@ -1,0 +1,150 @@
+"""A motion as its source has it, before anything about its conventions is believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.terms import QuaternionOrder
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["SourceMotion", "swap_quaternion_order"]
+
+_UNIT = 0.02
+"""How far a quaternion's norm may be from 1: float32 and interpolation leave much less."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceMotion:
+    """One episode of F frames. What the source does not hold is None."""
+
+    source: str
+    """What to call it in messages."""
+    kind: str
+    """Format, for the report."""
+    fps: float
+    """Frames per second."""
+    joint_position: FloatArray | None = None
+    """Shape (F, n), rad, in the source's order."""
+    joint_velocity: FloatArray | None = None
+    """Shape (F, n), rad/s."""
+    joint_names: tuple[str, ...] | None = None
+    """As the source names them."""
+    base_position: FloatArray | None = None
+    """Shape (F, 3), m, world frame, of the robot's base body."""
+    base_quaternion: FloatArray | None = None
+    """Shape (F, 4), in the order `quaternion_order`."""
+    body_position: FloatArray | None = None
+    """Shape (F, B, 3), m, in `frame`."""
+    body_quaternion: FloatArray | None = None
+    """Shape (F, B, 4), in the order `quaternion_order`."""
+    body_names: tuple[str, ...] | None = None
+    frame: Literal["world", "base"] = "world"
+    """Frame of the bodies' poses: the world's, or that of the robot's base body."""
+    quaternion_order: QuaternionOrder = "wxyz"
+    quaternion_order_source: str = "assumed by format"
+    """Who says so, for the report."""
+
+    def __post_init__(self) -> None:
+        for name, array in self.arrays().items():
+            object.__setattr__(self, name, np.asarray(array, dtype=np.float64))
+        arrays = self.arrays()
+        if not arrays:
+            raise InputError(f"{self.source}: holds neither joint positions nor body poses")
+        if not (np.isfinite(self.fps) and self.fps > 0.0):
+            raise InputError(f"{self.source}: fps is {self.fps:g}, expected a positive number of frames per second")
+        first = next(iter(arrays))
+        for name, array in arrays.items():
+            if len(array) == 0:
+                raise InputError(f"{self.source}: {name} has no frames")
+            if len(array) != len(arrays[first]):
+                raise InputError(
+                    f"{self.source}: {name} has {len(array)} frames, {first} has {len(arrays[first])}; "
+                    "expected as many in all"
+                )
+            bad = np.argwhere(~np.isfinite(array))
+            if len(bad):
+                frame, *index = (int(i) for i in bad[0])
+                raise InputError(
+                    f"{self.source}: {name} is {array[tuple(bad[0])]} at frame {frame}, index {_shown(index)}, "
+                    "expected a finite number"
+                )
+        self._check_widths()
+        for name in ("base_quaternion", "body_quaternion"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, self._unit(name, getattr(self, name)))
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """What the source holds, by field; each of F rows."""
+        fields = (
+            "joint_position",
+            "joint_velocity",
+            "base_position",
+            "base_quaternion",
+            "body_position",
+            "body_quaternion",
+        )
+        return {field: getattr(self, field) for field in fields if getattr(self, field) is not None}
+
+    def _check_widths(self) -> None:
+        if self.joint_velocity is not None and self.joint_position is not None:
+            joints, rates = self.joint_position.shape[1], self.joint_velocity.shape[1]
+            if joints != rates:
+                raise InputError(f"{self.source}: has {joints} joint positions and {rates} joint velocities per frame")
+        if self.body_position is not None and self.body_quaternion is not None:
+            bodies, turns = self.body_position.shape[1], self.body_quaternion.shape[1]
+            if bodies != turns:
+                raise InputError(f"{self.source}: has {bodies} body positions and {turns} body orientations per frame")
+        pairs = (
+            ("joint_names", self.joint_names, self.joint_position),
+            ("body_names", self.body_names, self.body_position),
+        )
+        for name, names, array in pairs:
+            if names is None or array is None:
+                continue
+            if len(names) != array.shape[1]:
+                raise InputError(f"{self.source}: {name} has {len(names)} names for {array.shape[1]} columns")
+            twice = [other for other in names if names.count(other) > 1]
+            if twice:
+                raise InputError(f"{self.source}: {name} has '{twice[0]}' twice")
+
+    def _unit(self, name: str, quaternion: FloatArray) -> FloatArray:
+        norm = np.sqrt((quaternion * quaternion).sum(axis=-1))
+        bad = np.argwhere(np.abs(norm - 1.0) > _UNIT)
+        if len(bad):
+            frame, *index = (int(i) for i in bad[0])
+            where = f", body {index[0]}" if index else ""
+            raise InputError(
+                f"{self.source}: {name} at frame {frame}{where} has norm {norm[tuple(bad[0])]:.3g}, "
+                "expected a unit quaternion"
+            )
+        unit: FloatArray = quaternion / norm[..., None]
+        return unit
+
+    def select(self, frames: npt.NDArray[np.intp]) -> SourceMotion:
+        """The motion with these frames only; its rate means nothing then."""
+        chosen: dict[str, Any] = {name: array[frames] for name, array in self.arrays().items()}
+        return replace(self, **chosen)
+
+    @property
+    def frame_count(self) -> int:
+        """F."""
+        return len(next(iter(self.arrays().values())))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first frame to the last, s."""
+        return (self.frame_count - 1) / self.fps
+
+
+def swap_quaternion_order(quaternion: FloatArray, order: QuaternionOrder) -> FloatArray:
+    """Quaternions (..., 4) in the given order, as w x y z."""
+    return quaternion if order == "wxyz" else np.roll(quaternion, 1, axis=-1)
+
+
+def _shown(index: list[int]) -> str:
+    return str(index[0]) if len(index) == 1 else str(tuple(index))
