@@ -11,14 +11,15 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.options import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.metadata import parse_metadata
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.onnx_policy import has_onnxruntime, load_checkpoint, read_metadata
+from humanoid_sim.policy.onnx_policy import has_onnxruntime, load_checkpoint, read_contract
 from humanoid_sim.policy.placeholder import PLACEHOLDER, placeholder_checkpoint, zero_policy
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.stack import LoadedPolicy, load_policy
 
 __all__ = ["PolicyChoice", "choose_policy"]
+
+_VELOCITY_KINDS = ("velocity_command", "command_lin_vel", "command_ang_vel")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,11 @@ class PolicyChoice:
     motion: Motion | None
     motion_file: Path | None
     warning: str = ""
+
+    @property
+    def walks(self) -> bool:
+        """Whether it takes a velocity command."""
+        return any(term.kind in _VELOCITY_KINDS for term in self.loaded.contract.terms)
 
 
 def choose_policy(
@@ -46,21 +52,22 @@ def choose_policy(
         InputError: naming the file and what is wrong with it.
     """
     path = SAMPLE_POLICY if config.policy is None else Path(config.policy)
+    contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
     if config.policy == PLACEHOLDER:
         checkpoint = placeholder_checkpoint(description, config.pose)
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
     elif has_onnxruntime():
-        checkpoint = load_checkpoint(path)
+        checkpoint = load_checkpoint(path, contract_file, description.joint_names)
     else:
-        contract = parse_metadata(read_metadata(path), str(path))
+        contract = read_contract(path, contract_file, description.joint_names)
         checkpoint = Checkpoint(contract, zero_policy(contract.action_count), str(path))
         warning = (
             f"PLACEHOLDER POLICY: onnxruntime cannot be imported, so {path.name} does NOT run; "
             "the action is zero. To run it: pip install onnxruntime"
         )
     file = _motion_file(config, checkpoint)
-    motion = None if file is None else read_motion(file)
+    motion = checkpoint.motion if file is None else read_motion(file)
     loaded = load_policy(
         checkpoint.contract,
         wrap(checkpoint.policy),
@@ -80,6 +87,8 @@ def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
         return None
     if config.motion is not None:
         return motion_path(config.motion)
+    if checkpoint.motion is not None:
+        return None
     if config.policy is None:
         return motion_path(SAMPLE_MOTION)
     dataset = checkpoint.contract.dataset_repo_id

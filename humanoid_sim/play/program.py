@@ -28,8 +28,8 @@ _FAULT = 1
 def play(config: PlayConfig) -> int:
     """Run, report, and return the exit status.
 
-    0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK or a file could not be
-    written; 128 plus the signal's number if a signal ended it.
+    0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK, the robot fell or a file could
+    not be written; 128 plus the signal's number if a signal ended it.
 
     Raises:
         InputError: before anything moves.
@@ -54,7 +54,8 @@ def play(config: PlayConfig) -> int:
         console.print(f"[bold red]failed:[/] {escape(problem)}")
     if received:
         return 128 + received[0]
-    went_wrong = (run.monitor.faults or run.monitor.safety) and not config.inject
+    fell = summary["base"] is not None and summary["base"]["fall"] is not None
+    went_wrong = fell or ((run.monitor.faults or run.monitor.safety) and not config.inject)
     return _FAULT if problems or went_wrong else 0
 
 

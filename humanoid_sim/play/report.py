@@ -15,6 +15,8 @@ from rich.table import Table
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.recording.whole_file import whole_file
+from humanoid_sim.session.anchor_errors import AnchorErrors
+from humanoid_sim.session.base_motion import BaseMotion
 from humanoid_sim.session.session import SessionResult
 from humanoid_sim.tracking import TrackingSummary
 
@@ -63,6 +65,8 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         },
         "effort": {"largest": monitor.largest_effort, "saturated_ticks": monitor.saturated},
         "tracking": None if run.tracking is None else _tracking_figures(run.tracking.summary()),
+        "anchor": _figures(run.anchor),
+        "base": _figures(run.monitor.base),
         "recording": None if run.outputs.record is None else str(run.outputs.record),
     }
     return summary
@@ -79,6 +83,10 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
     console.print(_modes(summary))
     if summary["tracking"]:
         console.print(_tracking(summary["tracking"]))
+    if summary["anchor"]:
+        console.print(_anchor(summary["anchor"]))
+    if summary["base"]:
+        console.print(_base(summary["base"]))
     console.print(_loop(summary))
     for kind in ("fault", "safety"):
         for event in summary["faults" if kind == "fault" else kind][:_SHOWN]:
@@ -94,6 +102,11 @@ def _modes(summary: dict[str, Any]) -> Table:
         name = f"[{styles[span['mode']]}]{span['mode']}[/]"
         table.add_row(name, f"{span['start']:.3f} s", f"{span['end']:.3f} s", escape(span["reason"]))
     return table
+
+
+def _figures(part: AnchorErrors | BaseMotion | None) -> dict[str, Any] | None:
+    summary = None if part is None else part.summary()
+    return None if summary is None else asdict(summary)
 
 
 def _tracking_figures(tracking: TrackingSummary) -> dict[str, Any] | None:
@@ -120,6 +133,33 @@ def _error_cells(errors: dict[str, Any]) -> tuple[str, ...]:
         f"{np.degrees(errors['orientation_rms']):.1f}°",
         f"{np.degrees(errors['orientation_max']):.1f}°",
     )
+
+
+def _anchor(anchor: dict[str, Any]) -> Table:
+    table = Table(title=f"Reference, {anchor['samples']} policy steps", title_justify="left", title_style="bold")
+    for heading in ("error", "mean", "max"):
+        table.add_column(heading, justify="left" if heading == "error" else "right")
+    for name, key, unit in (
+        ("joints, mean of all", "joint_error", "rad"),
+        ("anchor position", "anchor_position", "m"),
+        ("anchor angle", "anchor_angle", "rad"),
+    ):
+        table.add_row(name, *(f"{value:.3f} {unit}" for value in anchor[key]))
+    return table
+
+
+def _base(base: dict[str, Any]) -> Table:
+    table = Table(title="Base, from its release on", title_justify="left", title_style="bold", show_header=False)
+    table.add_column("figure")
+    table.add_column("value")
+    forward, left = base["velocity"]
+    table.add_row("mean velocity after 2 s", f"{forward:.3f} m/s forward, {left:.3f} m/s to the left")
+    table.add_row("mean yaw rate after 2 s", f"{base['yaw_rate']:.3f} rad/s")
+    table.add_row("height", "{:.3f} / {:.3f} / {:.3f} m, least, mean, greatest".format(*base["height"]))
+    table.add_row("largest tilt", f"{np.degrees(base['tilt_max']):.1f}°")
+    stood, fell = f"none in {base['duration']:.2f} s", base["fall"]
+    table.add_row("fall", stood if fell is None else f"[red]after {fell:.2f} s[/red]")
+    return table
 
 
 def _loop(summary: dict[str, Any]) -> Table:
