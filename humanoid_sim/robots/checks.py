@@ -19,6 +19,8 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
     yield from _text("name", robot.name)
     yield from _text("mjcf", robot.mjcf)
     yield from _text("imu", robot.imu)
+    if robot.is_floating:
+        yield from _text("base.body", robot.base.body)
     if robot.base.height is not None and not math.isfinite(robot.base.height):
         yield f"base.height: is {robot.base.height}, expected a finite number"
     if not robot.joints:

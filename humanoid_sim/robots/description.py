@@ -36,7 +36,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     if path.suffix == ".xml":
         from humanoid_sim.simulation.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
-        return describe_mjcf(path, label)
+        return describe_mjcf(path)
     document = _read(path, label)
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")

@@ -72,7 +72,7 @@ class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     type: Literal["fixed", "floating"] = "fixed"
     """`fixed`: welded to the world, as the Lite's chest is; `floating`: the base moves freely, and may fall."""
     body: str = ""
-    """The MJCF body with the free joint; empty: the one that carries the joints."""
+    """The MJCF body with the free joint of a floating base."""
     height: float | None = None
     """m, of the origin of a floating base above the world's origin where a simulation starts; none: such that the robot
     touches the floor in its initial position."""

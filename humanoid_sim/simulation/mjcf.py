@@ -37,29 +37,26 @@ _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
 _STANDBY_SECONDS = 2.0
 
 
-def describe_mjcf(path: Path, label: str = "") -> RobotDescription:
+def describe_mjcf(path: Path) -> RobotDescription:
     """Describe the robot in an MJCF file.
 
     The IMU is the site of the base's gyro sensor, else a site of the base named like an IMU, else the base itself.
 
-    Args:
-        path: the MJCF.
-        label: what to call it in messages; empty: the path.
-
     Raises:
-        InputError: not an MJCF, or one without a named hinge joint.
+        InputError: not an MJCF, one without hinge joints, or without the names by which joints and base are found.
     """
-    label = label or str(path)
     spec = read_spec(path)
     model = compile_spec(spec, path)
     joints = _joints(model)
     if not joints:
-        raise InputError(f"{label}: has no hinge joint, expected a robot")
+        raise InputError(f"{path}: has no hinge joint, expected a robot")
     for joint in joints:
         if not model.joint(joint).name:
             body = model.body(model.jnt_bodyid[joint]).name
-            raise InputError(f"{label}: the joint of body '{body}' has no name; policies find joints by name")
+            raise InputError(f"{path}: the joint of body '{body}' has no name; policies find joints by name")
     base = _root(model, joints[0])
+    if not model.body(base).name:
+        raise InputError(f"{path}: the body that carries '{model.joint(joints[0]).name}' has no name; it is the base")
     is_floating = _has_free_joint(model, base)
     n = len(joints)
     lower, upper = _limits(model, joints)

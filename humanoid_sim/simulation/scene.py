@@ -23,8 +23,6 @@ CAMERAS = {"front": (30.0, 12.0), "side": (90.0, 8.0), "back": (205.0, 15.0), "t
 
 _FLOOR_MATERIAL = "scene_floor"
 
-_FLOORS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
-
 _VISIBLE_GROUPS = (0, 1, 2)
 """Of geoms, as MuJoCo's viewers show them by default."""
 
@@ -45,25 +43,28 @@ def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescr
     _add_sky_and_quality(spec)
     _show_colliders(spec)
     _add_floor_material(spec)
-    floors = [geom for geom in spec.geoms if geom.type in _FLOORS]
-    if not floors:
+    for geom in spec.geoms:
+        if geom.type == mujoco.mjtGeom.mjGEOM_PLANE and not geom.material:
+            geom.material = _FLOOR_MATERIAL  # on a plain floor nobody sees how far a robot has walked
+    if not any(_is_floor(bare, i) for i in range(bare.ngeom)):
         _add_floor(spec, bare, description.simulation.floor_height)
-    for floor in floors:
-        if floor.type == mujoco.mjtGeom.mjGEOM_PLANE and not floor.material:
-            floor.material = _FLOOR_MATERIAL  # on a plain floor nobody sees how far a robot has walked
-    if not spec.lights:
+    if not spec.worldbody.lights:  # a lamp that a body carries lights no room
         _add_lights(spec, center, extent)
     taken = {camera.name for camera in spec.cameras}
     base = bare.body(description.base.body).id if description.is_floating else 0
+    distance = _viewing_distance(extent, stands=description.is_floating)
     for name, (azimuth, elevation) in CAMERAS.items():
         if name not in taken:
             rotation = _looking_back(math.radians(azimuth), math.radians(elevation))
-            _add_camera(spec, name, bare, base, center + _viewing_distance(extent) * rotation[:, 2], rotation)
+            _add_camera(spec, name, bare, base, center + distance * rotation[:, 2], rotation)
 
 
-def _viewing_distance(extent: float) -> float:
-    """m, at which a sphere as large as the robot fills a 4:3 picture almost from side to side."""
-    return 0.42 * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
+def _viewing_distance(extent: float, *, stands: bool) -> float:
+    """m, at which a sphere as large as the robot fills a 4:3 picture almost from side to side.
+
+    One that stands on its legs is as high as that sphere, and needs room to sway.
+    """
+    return (0.60 if stands else 0.42) * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
 
 
 def _add_sky_and_quality(spec: mujoco.MjSpec) -> None:
@@ -90,7 +91,7 @@ def _add_sky_and_quality(spec: mujoco.MjSpec) -> None:
 
 def _show_colliders(spec: mujoco.MjSpec) -> None:
     """Paint the colliders of a robot that has nothing else to look at, such as one whose meshes were left out."""
-    shapes = [geom for geom in spec.geoms if geom.type not in _FLOORS]
+    shapes = [geom for body in spec.bodies for geom in body.geoms if body.name != "world"]
     if any(geom.group in _VISIBLE_GROUPS for geom in shapes):
         return
     for geom in shapes:
@@ -115,10 +116,20 @@ def _add_floor_material(spec: mujoco.MjSpec) -> None:
     spec.add_material(name=_FLOOR_MATERIAL, textures=textures, texrepeat=[2.0, 2.0], texuniform=True)
 
 
+def _is_floor(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether a robot could stand on it: a plane, terrain, or anything else fixed that extends a metre all around."""
+    if model.geom_type[geom] in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD):
+        return True
+    is_fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
+    can_collide = model.geom_contype[geom] or model.geom_conaffinity[geom]
+    half_size = model.geom_aabb[geom, 3:]
+    return bool(is_fixed and can_collide and (half_size[:2] >= 1.0).all())
+
+
 def _add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, height: float) -> None:
     """A floor that whatever can collide at all collides with, whichever bits its contact masks use."""
     spec.worldbody.add_geom(
-        name="floor",
+        name="floor" if spec.geom("floor") is None else "",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[0.0, 0.0, 0.05],
         pos=[0.0, 0.0, height],

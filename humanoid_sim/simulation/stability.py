@@ -7,6 +7,7 @@ saturates: the joint chatters at its limit without ever going non-finite. `M` ho
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
@@ -69,7 +70,7 @@ class DampingStability:
         """A warning about a K_d, or '' if it is stable without oscillation; `what` says whose it is.
 
         Raises:
-            InputError: it is unstable at this physics step; the message names the joint.
+            InputError: it is unstable at this physics step; the message names the joint, and a step that works.
         """
         measure = self.measure(damping)
         if measure.eigenvalue <= WARNED_ABOVE:
@@ -80,7 +81,10 @@ class DampingStability:
         )
         if measure.eigenvalue > REFUSED_ABOVE:
             longest = self._timestep * REFUSED_ABOVE / measure.eigenvalue
-            raise InputError(f"{message}: unstable above {REFUSED_ABOVE:g}, use less than {longest:.2g} s")
+            raise InputError(
+                f"{message}: unstable above {REFUSED_ABOVE:g}, use less than {longest:.2g} s, such as "
+                f"{_round_step_below(longest):g} s"
+            )
         return f"{message}: stable, but the velocity changes sign from step to step above {WARNED_ABOVE:g}"
 
     def check_description(self) -> tuple[str, ...]:
@@ -103,6 +107,12 @@ class DampingStability:
             owners.setdefault(gains, []).append(name)
         found = [self.check(gains, f"{robot.name}: {', '.join(names)}") for gains, names in owners.items()]
         return tuple(warning for warning in found if warning)
+
+
+def _round_step_below(limit: float) -> float:
+    """s: the longest step below `limit` out of 1, 2.5 and 5 times a power of ten, which divide the usual periods."""
+    decade = 10.0 ** math.floor(math.log10(limit))
+    return max(factor * decade for factor in (0.5, 1.0, 2.5, 5.0) if factor * decade < limit)
 
 
 def _inverse_mass(model: mujoco.MjModel, joints: tuple[str, ...], poses: FloatArray) -> FloatArray:

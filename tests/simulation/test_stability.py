@@ -64,7 +64,7 @@ def test_the_lite_at_one_millisecond_is_refused_for_a_wrist() -> None:
         MujocoRobot(load_robot("lite"), physics_timestep=0.001)
     assert str(caught.value) == (
         "lite: damping_controller, remote_policy_controller: dt·M⁻¹·K_d reaches 2.35 at left_wrist_yaw with a "
-        "physics step of 0.001 s: unstable above 2, use less than 0.00085 s"
+        "physics step of 0.001 s: unstable above 2, use less than 0.00085 s, such as 0.0005 s"
     )
 
 
