@@ -25,8 +25,10 @@ class PhaseRule:
     """The first observation shows the phase one step on, not the offsets themselves."""
     standing_threshold: float = 0.0
     """Magnitude of the velocity command below which the robot stands; 0: it never does."""
-    standing_value: float = np.pi
-    """rad, shown for every foot while standing. Walking on starts from the offsets again."""
+    standing_value: float | None = np.pi
+    """rad, shown for every foot while standing; None: sine and cosine are both 0."""
+    standing_restarts: bool = True
+    """Walking on starts from the offsets again; false: the clock runs on while the robot stands."""
 
     def __post_init__(self) -> None:
         owner = "PhaseRule"
@@ -37,7 +39,8 @@ class PhaseRule:
             raise FieldError(f"{owner}.offsets: is {self.offsets}, expected one finite angle per foot")
         set_field(self, "offsets", offsets)
         set_field(self, "standing_threshold", number(owner, "standing_threshold", self.standing_threshold))
-        set_field(self, "standing_value", number(owner, "standing_value", self.standing_value, minimum=-np.inf))
+        if self.standing_value is not None:
+            set_field(self, "standing_value", number(owner, "standing_value", self.standing_value, minimum=-np.inf))
 
 
 def advance_phase(
@@ -52,7 +55,8 @@ def advance_phase(
         policy_dt: s.
 
     Returns:
-        `walked` of the next step, shape (...), and the phase to show now, shape (..., k), rad in [-π, π).
+        `walked` of the next step, shape (...), and the phase to show now, shape (..., k), rad in [-π, π), or the
+        standing value; NaN where that is None.
     """
     step = 2.0 * np.pi * policy_dt / rule.period
     magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
@@ -60,5 +64,5 @@ def advance_phase(
     moved = np.asarray(walked) + step
     shown = moved if rule.advance_first else np.asarray(walked)
     phase = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
-    phase = np.where(standing[..., None], rule.standing_value, phase)
-    return np.where(standing, 0.0, moved), phase
+    phase = np.where(standing[..., None], np.nan if rule.standing_value is None else rule.standing_value, phase)
+    return np.where(standing & rule.standing_restarts, 0.0, moved), phase

@@ -106,10 +106,16 @@ def _phase(request: Request) -> tuple[int, Source]:
         raise request.missing("the contract's phase rule")
     feet = len(request.contract.phase.offsets)
     if request.kind == "sin_phase":
-        return feet, lambda context: np.sin(context.phase)
+        return feet, lambda context: _of_phase(np.sin, context)
     if request.kind == "cos_phase":
-        return feet, lambda context: np.cos(context.phase)
-    return 2 * feet, lambda context: np.concatenate([np.sin(context.phase), np.cos(context.phase)], axis=-1)
+        return feet, lambda context: _of_phase(np.cos, context)
+    return 2 * feet, lambda context: np.concatenate([_of_phase(np.sin, context), _of_phase(np.cos, context)], axis=-1)
+
+
+def _of_phase(function: Callable[[FloatArray], FloatArray], context: ObservationContext) -> FloatArray:
+    """Sine or cosine; 0 where there is no phase."""
+    value = function(context.phase)
+    return np.where(np.isnan(value), 0.0, value)
 
 
 def _angular_velocity(request: Request) -> tuple[int, Source]:

@@ -19,7 +19,7 @@ from humanoid_sim.controllers.base import (
     ZERO_TORQUE,
     Controller,
 )
-from humanoid_sim.controllers.context import EXTERN_WIDTHS
+from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController
 from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
@@ -36,6 +36,7 @@ from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.contract_json import decode, encode
+from humanoid_sim.policy.metadata import parse_metadata
 from humanoid_sim.policy.motion import Motion, parse_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import StandbySettings
@@ -63,12 +64,15 @@ class LoadedPolicy:
     contract: PolicyContract
     reference: MotionReference
     policy: Policy
+    estimates: bool = True
+    """Whether the robot knows its base's velocity and its anchor body's pose, as a simulation does."""
 
     @property
     def extern(self) -> Mapping[str, int]:
         """Name and width of the live inputs: commands and estimates, and pressed keys, as wide as the goal keys."""
         keys = self.reference.terms.get("target_keys")
-        return {**EXTERN_WIDTHS, **({"key_pressed": keys.shape[1]} if keys is not None else {})}
+        widths = {name: width for name, width in EXTERN_WIDTHS.items() if self.estimates or name == VELOCITY_COMMAND}
+        return widths if keys is None else {**widths, "key_pressed": keys.shape[1]}
 
     @property
     def layout(self) -> ObservationLayout:
@@ -84,6 +88,7 @@ def load_policy(
     *,
     source: str = "policy",
     motion_source: str = "motion",
+    estimates: bool = True,
 ) -> LoadedPolicy:
     """Bring a policy and its motion together.
 
@@ -94,12 +99,13 @@ def load_policy(
         observation_width: N as the model declares it; None if any will do.
         source: what to call the policy in messages.
         motion_source: what to call the motion.
+        estimates: as in `LoadedPolicy`.
 
     Raises:
         InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
     try:
-        loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
+        loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy, estimates)
         layout = loaded.layout
     except FieldError as error:
         raise InputError(f"{source}: {error}") from None
@@ -212,6 +218,17 @@ def header_documents(
     return documents
 
 
+def _recorded_contract(text: str) -> PolicyContract:
+    """The contract in a header; before contracts were complete, it held the thirteen keys."""
+    try:
+        document = json.loads(text)
+    except ValueError:
+        document = None
+    if isinstance(document, dict) and "version" not in document:
+        return parse_metadata(document, "recording")
+    return decode(text, "recording")
+
+
 def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     """The supervisor of a recorded run with `policy` in the place of the one that ran.
 
@@ -225,7 +242,7 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     loaded = None
     if "contract" in header.documents:
-        contract = decode(header.documents["contract"], "recording")
+        contract = _recorded_contract(header.documents["contract"])
         attached = header.attachments.get(MOTION_ATTACHMENT)
         motion = parse_motion(attached, MOTION_ATTACHMENT) if attached is not None else None
         loaded = load_policy(contract, policy, motion)

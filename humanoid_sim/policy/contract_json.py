@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
@@ -26,7 +27,7 @@ _VERSION = 1
 def encode(contract: PolicyContract) -> str:
     """One line of JSON from which `decode` makes the same contract again, provenance included."""
     document = {"version": _VERSION, **_plain(contract)}
-    return json.dumps(document)
+    return json.dumps(document, allow_nan=False)
 
 
 def decode(text: str, where: str) -> PolicyContract:
@@ -84,7 +85,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, PolicyContract | Term | PhaseRule | TensorNames):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, np.ndarray):
-        return value.tolist()
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)  # JSON has no infinity
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
@@ -98,6 +101,10 @@ def _contract(document: dict[str, Any]) -> PolicyContract:
         if name not in known:
             raise FieldError(known_names("field", name, known))
     values = dict(document)
+    values["action_clip"] = float(document.get("action_clip", math.inf))
+    for name in ("command_ranges", "position_clip"):
+        if document.get(name) is not None:
+            values[name] = [[float(bound) for bound in row] for row in document[name]]
     values["observation"] = [_term(term) for term in document.get("observation", [])]
     if document.get("phase") is not None:
         values["phase"] = PhaseRule(**document["phase"])
@@ -110,7 +117,6 @@ def _contract(document: dict[str, Any]) -> PolicyContract:
 
 def _term(document: Any) -> Term:
     values = dict(document)
-    for name in ("clip", "joints"):
-        if values.get(name) is not None:
-            values[name] = tuple(values[name])
+    if values.get("clip") is not None:
+        values["clip"] = tuple(float(bound) for bound in values["clip"])
     return Term(**values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Protocol
 
 import numpy as np
@@ -12,8 +12,9 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_model import OnnxModel
+from humanoid_sim.policy.readers.partial import Given, PartialContract
 
-__all__ = ["GraphPolicy", "Progress", "has_graph_motion", "sweep_motion"]
+__all__ = ["GraphPolicy", "Progress", "graph_conventions", "has_graph_motion", "sweep_motion"]
 
 Progress = Callable[[int], None]
 """Told the number of frames that have been read so far."""
@@ -21,11 +22,13 @@ Progress = Callable[[int], None]
 _JOINTS = ("joint_pos", "joint_vel")
 _BODIES = ("body_pos_w", "body_quat_w")
 _ANCHOR = ("ref_pos_xyz", "ref_quat_xyzw")
-"""holosoma gives the anchor body alone, and its quaternion as x y z w."""
+"""holosoma gives the anchor body alone; trackers that do not observe its position, without that."""
 _HELD = 50
-"""Equal frames in a row that count as the end: graphs hold their last frame from there on."""
-_LONGEST = 360_000
-"""Frames, two hours at 50 Hz: whatever goes on beyond is no motion that ends."""
+"""Equal frames in a row after which the end is looked for: graphs hold their last frame from there on."""
+_PROBE = 25
+"""Stride, frames, with which a pause is told from the end."""
+_LONGEST = 90_000
+"""Frames, half an hour at 50 Hz: whatever goes on beyond is no motion that ends."""
 
 
 class GraphPolicy(Protocol):
@@ -42,6 +45,13 @@ class GraphPolicy(Protocol):
         ...
 
 
+def graph_conventions(outputs: Collection[str]) -> PartialContract:
+    """What the names of a model's outputs imply for its contract."""
+    source = f"output {_ANCHOR[1]}"
+    assumed = {"reference_quaternion": Given("xyzw", f"assumed ({source})")} if _ANCHOR[1] in outputs else {}
+    return PartialContract(source, assumed=assumed)
+
+
 def has_graph_motion(policy: GraphPolicy, contract: PolicyContract) -> bool:
     """Whether the model answers with a reference, and the contract follows one."""
     names = {tensor.name for tensor in policy.model.outputs}
@@ -54,7 +64,7 @@ def sweep_motion(policy: GraphPolicy, contract: PolicyContract, progress: Progre
     Args:
         policy: its outputs `joint_pos` and `joint_vel` are in the policy's joint order, `body_pos_w` and `body_quat_w`
             in the order of the contract's `body_names`; `ref_pos_xyz` and `ref_quat_xyzw` are of its anchor body.
-        contract: of the policy; `reference_quaternion` says in which order `body_quat_w` is.
+        contract: of the policy; `reference_quaternion` says in which order the quaternions are.
         progress: told after each frame.
 
     Returns:
@@ -70,25 +80,22 @@ def sweep_motion(policy: GraphPolicy, contract: PolicyContract, progress: Progre
     if not bodies and contract.anchor_body and _ANCHOR[1] in available:
         bodies = (contract.anchor_body,)
         outputs += [name for name in _ANCHOR if name in available]
+        if _ANCHOR[0] not in available and any(term.kind == "motion_anchor_pos" for term in contract.terms):
+            raise InputError(f"{path}: observes the anchor's position, but its model has no output '{_ANCHOR[0]}'")
     if contract.anchor_body and bodies and contract.anchor_body not in bodies:
         raise InputError(
             f"{path}: anchor_body is '{contract.anchor_body}', expected one of body_names: {', '.join(bodies)}"
         )
     observation = np.zeros(policy.observation_width, dtype=np.float32)
-    rows: list[npt.NDArray[np.float32]] = []
-    held = 0
-    while held < _HELD:
-        if len(rows) >= _LONGEST:
-            raise InputError(f"{path}: the motion in its graph still changes after {_LONGEST} frames")
-        values = dict(zip(outputs, policy.run(outputs, observation, len(rows)), strict=True))
-        row = _row(values, contract, len(bodies), str(path))
-        held = held + 1 if rows and np.array_equal(row, rows[-1]) else 0
-        rows.append(row)
-        if progress is not None:
-            progress(len(rows))
+
+    def frame(index: int) -> npt.NDArray[np.float32]:
+        values = dict(zip(outputs, policy.run(outputs, observation, index), strict=True))
+        return _row(values, contract, len(bodies), str(path))
+
+    rows = _rows(frame, str(path), progress)
     try:
         return Motion(
-            frames=np.stack(rows[: len(rows) - _HELD]),
+            frames=np.stack(rows),
             body_names=bodies,
             policy_dt=contract.policy_dt,
             layout="joints_bodies_w",
@@ -96,6 +103,31 @@ def sweep_motion(policy: GraphPolicy, contract: PolicyContract, progress: Progre
         )
     except FieldError as error:
         raise InputError(f"{path}: motion in its graph: {error}") from None
+
+
+def _rows(
+    frame: Callable[[int], npt.NDArray[np.float32]], path: str, progress: Progress | None
+) -> list[npt.NDArray[np.float32]]:
+    """All frames up to the first of those that stay the same for good."""
+    rows = [frame(0)]
+    end = 0
+    while True:
+        if not np.array_equal(row := frame(len(rows)), rows[-1]):
+            end = len(rows)
+        rows.append(row)
+        if progress is not None:
+            progress(len(rows))
+        if len(rows) - end > _HELD and _is_end(frame, rows):
+            return rows[: end + 1]
+        if len(rows) >= _LONGEST:
+            raise InputError(f"{path}: the motion in its graph still changes after {_LONGEST} frames")
+
+
+def _is_end(frame: Callable[[int], npt.NDArray[np.float32]], rows: list[npt.NDArray[np.float32]]) -> bool:
+    """Whether the last frame is held from here on, as far as a look at every so many frames tells."""
+    if (len(rows) - 1) % _HELD:  # a long pause is looked beyond now and then, not at each of its frames
+        return False
+    return all(np.array_equal(frame(index), rows[-1]) for index in range(len(rows), _LONGEST, _PROBE))
 
 
 def _row(
@@ -109,7 +141,7 @@ def _row(
     elif bodies:
         has_position = _ANCHOR[0] in values
         parts.append(_flat(values, _ANCHOR[0], 3, path) if has_position else np.zeros(3, dtype=np.float32))
-        parts.append(_wxyz(_flat(values, _ANCHOR[1], 4, path).reshape(-1, 4), "xyzw"))
+        parts.append(_wxyz(_flat(values, _ANCHOR[1], 4, path).reshape(-1, 4), contract.reference_quaternion))
     return np.concatenate(parts)
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["OnnxModel", "Tensor", "check_file", "first_line", "has_onnxruntime", "read_metadata"]
+__all__ = ["OnnxModel", "Tensor", "check_file", "first_line", "has_onnxruntime", "read_header", "read_metadata"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,16 @@ def has_onnxruntime() -> bool:
 
 
 def read_metadata(path: Path) -> dict[str, str]:
-    """The metadata of a checkpoint without ONNX Runtime.
+    """The metadata of a checkpoint, without ONNX Runtime.
+
+    Raises:
+        InputError: if the file is no ONNX model.
+    """
+    return read_header(path)[0]
+
+
+def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The metadata of a checkpoint and the names of its outputs, without ONNX Runtime.
 
     Raises:
         InputError: if the file is no ONNX model.
@@ -104,7 +113,8 @@ def read_metadata(path: Path) -> dict[str, str]:
         model = onnx.load(str(path), load_external_data=False)
     except Exception as error:  # protobuf's exception type is not part of onnx's interface
         raise InputError(f"{path}: is not an ONNX model: {first_line(error)}") from None
-    return {entry.key: entry.value for entry in model.metadata_props}
+    metadata = {entry.key: entry.value for entry in model.metadata_props}
+    return metadata, tuple(output.name for output in model.graph.output)
 
 
 def check_file(path: Path) -> None:

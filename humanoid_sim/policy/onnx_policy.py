@@ -11,7 +11,7 @@ from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.policy.graph_motion import Progress, has_graph_motion, sweep_motion
-from humanoid_sim.policy.onnx_model import OnnxModel, Tensor, first_line, has_onnxruntime, read_metadata
+from humanoid_sim.policy.onnx_model import OnnxModel, Tensor, first_line, has_onnxruntime, read_header, read_metadata
 from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy.readers.sources import assemble_contract
 
@@ -99,7 +99,8 @@ def load_checkpoint(
         InputError: one line that names the file and what is wrong with it.
     """
     model = OnnxModel(path)
-    contract = assemble_contract(path, model.metadata, contract_file, robot_joints)
+    outputs = [tensor.name for tensor in model.outputs]
+    contract = assemble_contract(path, model.metadata, contract_file, robot_joints, outputs)
     policy = OnnxPolicy(model, contract.tensors)
     if policy.action_width != contract.action_count:
         raise InputError(
@@ -120,12 +121,13 @@ def load_checkpoint(
 def read_contract(
     path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> PolicyContract:
-    """The contract alone, without ONNX Runtime.
+    """The contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it.
 
     Raises:
         InputError: as `load_checkpoint`.
     """
-    return assemble_contract(path, read_metadata(path), contract_file, robot_joints)
+    metadata, outputs = read_header(path)
+    return assemble_contract(path, metadata, contract_file, robot_joints, outputs)
 
 
 def _time_step(path: Path, inputs: tuple[Tensor, ...], name: str) -> Tensor | None:

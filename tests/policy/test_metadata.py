@@ -165,7 +165,7 @@ def test_future_keys_need_their_lookahead() -> None:
 @pytest.mark.parametrize("name", ["left,elbow", " left", "left\n"])
 @pytest.mark.parametrize("key", ["joint_names", "observation_names", "command_names", "body_names"])
 def test_names_that_csv_cannot_keep_are_not_written(key: str, name: str) -> None:
-    changes: dict[str, Any] = {key: (name,)}
+    changes: dict[str, Any] = {"observation" if key == "observation_names" else key: (name,)}
     if key == "joint_names":
         changes |= {
             "action_joint_names": (name,),

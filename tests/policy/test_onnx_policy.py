@@ -74,11 +74,11 @@ def refusal(path: Path, load: Callable[[Path], object] = load_checkpoint) -> str
     return text.removeprefix(f"{path}: ")
 
 
-def two_inputs() -> onnx.ModelProto:
+def two_inputs(second: str = "time_step") -> onnx.ModelProto:
     graph = helper.make_graph(
-        [helper.make_node("Add", ["obs", "time_step"], ["action"])],
+        [helper.make_node("Add", ["obs", second], ["action"])],
         "policy",
-        [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 2]) for name in ("obs", "time_step")],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 2]) for name in ("obs", second)],
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 2])],
     )
     return models.finished(graph, None)
@@ -137,13 +137,27 @@ MODELS: dict[str, tuple[Callable[[], onnx.ModelProto], str]] = {
         lambda: models.linear_model(input_shape=[1, "n"]),
         "input 'observation' has shape [1, 'n'], expected (1, width)",
     ),
-    "two inputs": (two_inputs, "has the inputs obs, time_step and 1 outputs, expected one input and an output"),
-    "no output": (no_output, "has the inputs observation and 0 outputs, expected one input and an output"),
+    "wide time step": (
+        two_inputs,
+        "input 'time_step' is tensor(float) of shape [1, 2], expected a number of shape (1, 1)",
+    ),
+    "two inputs": (
+        lambda: two_inputs("memory"),
+        "has the inputs obs, memory and 1 outputs, expected one input, or one and 'time_step', and an output",
+    ),
+    "no output": (
+        no_output,
+        "has the inputs observation and 0 outputs, expected one input, or one and 'time_step', and an output",
+    ),
     "output of another width": (
         lambda: models.linear_model(outputs=3),
         "the model's output is 3 wide, expected 2, one for each of action_joint_names",
     ),
-    "no metadata": (lambda: models.linear_model({}), "metadata lacks task_type, joint_names, "),
+    "no metadata": (
+        lambda: models.linear_model({}),
+        "the contract lacks joint_names, joint_stiffness, joint_damping, default_joint_pos, observation, action_scale, "
+        "policy_dt; read: no source; give what is missing in a contract.yaml",
+    ),
     "fails when it runs": (fails_when_it_runs, "the model fails on an observation of zeros: "),
 }
 

@@ -63,13 +63,15 @@ def complete(
                 given = options.pop("joint_places")
                 options.setdefault("joints", Given(_at_places(joints, given, f"observation.{name}"), given.source))
     if "observation" in known:
-        _complete_task(known)
+        _complete_task(known, _kinds(known, terms))
+    if "default_joint_pos" in known and "action_offset" not in known:
+        known["action_offset"] = Given(None, f"{_DERIVED} default_joint_pos")
 
 
-def missing_fields(known: Mapping[str, Given]) -> list[str]:
+def missing_fields(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[str]:
     """The fields that a contract cannot do without, and that nobody gives."""
     missing = [name for name in _REQUIRED if name not in known]
-    kinds = _kinds(known)
+    kinds = _kinds(known, terms)
     missing += [name for name, terms in _ONLY_FOR.items() if name not in known and any(k in kinds for k in terms)]
     if "observation" in known and "command" in known["observation"].value and not _value(known, "command_names"):
         missing.append("command_names")
@@ -80,23 +82,36 @@ def _value(known: Mapping[str, Given], name: str) -> Any:
     return known[name].value if name in known else None
 
 
-def _kinds(known: Mapping[str, Given]) -> set[str]:
-    names: tuple[str, ...] = _value(known, "observation") or ()
-    commands = _value(known, "command_names") or ()
-    return {"motion_command" if name == "command" and "motion" in commands else kind_of(name) for name in names}
+def _kinds(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> set[str]:
+    """What the terms of the observation mean, by their option `kind` or else by their names."""
+    kinds = set()
+    for name in _value(known, "observation") or ():
+        stated = terms.get(name, {}).get("kind")
+        kind = stated.value if stated is not None else kind_of(name)
+        if name == "command" and "motion" in (_value(known, "command_names") or ()):
+            kind = "motion_command"
+        kinds.add(kind)
+    return kinds
 
 
-def _complete_task(known: dict[str, Given]) -> None:
-    kinds = _kinds(known)
+def _complete_task(known: dict[str, Given], kinds: set[str]) -> None:
     task = "locomotion"
     if any(kind in kinds for kind in _TRACKING):
         task = "tracking"
     elif any(kind in kinds for kind in _PIANO):
         task = "piano"
+    if task != "tracking":
+        # Of no meaning without a motion; an assumption about it would only make noise.
+        _drop_assumed(known, "reference_quaternion")
     known.setdefault("task_type", Given(task, f"{_DERIVED} the observation"))
     known.setdefault("command_names", Given((), f"{_DERIVED} the observation"))
     if not any(kind in kinds for kind in _ONLY_FOR["body_names"]):
         known.setdefault("body_names", Given((), f"{_DERIVED} the observation"))
+
+
+def _drop_assumed(known: dict[str, Given], name: str) -> None:
+    if name in known and known[name].source.startswith("assumed"):
+        del known[name]
 
 
 def _has_robot_order(known: Mapping[str, Given], sources: Sequence[str]) -> bool:

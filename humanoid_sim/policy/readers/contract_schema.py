@@ -57,7 +57,8 @@ class PhaseFields(_Fields, frozen=True, kw_only=True, forbid_unknown_fields=True
     offsets: list[float] | UnsetType = UNSET
     advance_first: bool | UnsetType = UNSET
     standing_threshold: float | UnsetType = UNSET
-    standing_value: float | UnsetType = UNSET
+    standing_value: float | UnsetType | None = UNSET
+    standing_restarts: bool | UnsetType = UNSET
 
 
 class TensorFields(_Fields, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -7,7 +7,7 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.partial import Given
 
-__all__ = ["integers", "names", "number", "numbers"]
+__all__ = ["integers", "names", "number", "number_lists", "numbers"]
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -56,6 +56,19 @@ def integers(key: str, text: str, where: str) -> tuple[int, ...]:
         return tuple(int(item) for item in _items(text))
     except ValueError:
         raise InputError(f"{where}: {key} is {text!r}, expected integers separated by commas") from None
+
+
+def number_lists(key: str, text: str, where: str) -> list[list[float]]:
+    """Numbers in groups: commas between the groups, semicolons within one.
+
+    Raises:
+        InputError: as `number`.
+    """
+    try:
+        return [[float(value) for value in item.split(";")] for item in _items(text)]
+    except ValueError:
+        accepted = "numbers separated by commas, and by semicolons within an entry"
+        raise InputError(f"{where}: {key} is {text!r}, expected {accepted}") from None
 
 
 def _items(text: str) -> list[str]:

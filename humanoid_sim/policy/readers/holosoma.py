@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers import csv_values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
 
 __all__ = ["HOLOSOMA_SOURCE", "is_holosoma", "read_holosoma"]
@@ -25,7 +26,9 @@ def is_holosoma(metadata: Mapping[str, str]) -> bool:
 
 
 def read_holosoma(metadata: Mapping[str, str], where: str) -> PartialContract:
-    """Joints, gains and command ranges; the rest is in the trainer's Python configuration and is for a contract.yaml.
+    """Joints, gains and command ranges, of trackers the action scale.
+
+    The rest is in the trainer's Python configuration, and for a contract.yaml.
 
     Raises:
         InputError: naming `where`, the key and its text, if one is malformed.
@@ -38,11 +41,21 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> PartialContract:
     for key, field in (("kp", "joint_stiffness"), ("kd", "joint_damping")):
         if key in metadata:
             fields[field] = Given(_numbers(key, metadata, where), HOLOSOMA_SOURCE)
+    if "action_scale" in metadata:
+        fields["action_scale"] = _action_scale(metadata, where)
     if "command_ranges" in metadata:
         ranges = _parse("command_ranges", metadata, where)
         if ranges is not None:
             fields["command_ranges"] = Given(_ranges(ranges, metadata, where), HOLOSOMA_SOURCE)
     return PartialContract(HOLOSOMA_SOURCE, fields, assumed=given(_ASSUMED, {"policy_dt": 0.02}))
+
+
+def _action_scale(metadata: Mapping[str, str], where: str) -> Given:
+    """Trackers of holosoma have it, as JSON like the rest, or as comma-separated numbers."""
+    text = metadata["action_scale"].strip().strip('"')
+    if text.startswith("["):
+        return Given(_numbers("action_scale", metadata, where), HOLOSOMA_SOURCE)
+    return csv_values.numbers("action_scale", text, where, HOLOSOMA_SOURCE)
 
 
 def _parse(key: str, metadata: Mapping[str, str], where: str) -> Any:

@@ -39,9 +39,9 @@ def merge(
         complete(known, terms, robot_joints, [partial.source for partial in partials])
     except FieldError as error:
         raise InputError(f"{where}: {error}") from None
-    missing = missing_fields(known)
+    missing = missing_fields(known, terms)
     if missing:
-        read = "; ".join(f"{partial.source} ({', '.join(partial.fields) or 'nothing'})" for partial in partials)
+        read = "; ".join(f"{partial.source} ({', '.join(partial.fields)})" for partial in partials if partial.fields)
         raise InputError(
             f"{where}: the contract lacks {', '.join(missing)}; read: {read or 'no source'}; "
             "give what is missing in a contract.yaml"
@@ -95,6 +95,10 @@ def _join_terms(partials: Sequence[PartialContract], known: Mapping[str, Given])
                 own = joined[name]
                 field = f"observation.{name}.{option}"
                 own[option] = given if partial.overrides or option not in own else _join(field, own[option], given)
+    for options in joined.values():
+        for partial in partials:
+            for option, given in partial.assumed_terms.items():
+                options.setdefault(option, given)
     return joined
 
 
@@ -116,6 +120,9 @@ def _build(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]],
             tensors[name.removeprefix("tensors.")] = given.value
         else:
             values[name] = given.value
+    for field in fields(PolicyContract):
+        if field.name not in ("provenance", "tensors"):
+            provenance.setdefault(field.name, "default")
     for name, options in terms.items():
         provenance |= {f"observation.{name}.{option}": given.source for option, given in options.items()}
     try:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
+import numpy as np
+
+from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers import csv_values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
 
@@ -19,6 +23,8 @@ _FIELDS = {
     "body_names": "body_names",
 }
 _NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale")
+_SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
+_HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flatten_history_dim"
 
 
 def is_mjlab(metadata: Mapping[str, str]) -> bool:
@@ -27,7 +33,9 @@ def is_mjlab(metadata: Mapping[str, str]) -> bool:
 
 
 def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
-    """The keys that are there. The rate, and how the terms are scaled and stacked, are not: mjlab's usual is assumed.
+    """The keys that are there.
+
+    The rate is not, and before mjlab 1.6 neither is how terms are scaled, clipped and stacked: the usual is assumed.
 
     Raises:
         InputError: naming `where`, the key and its text, if one is malformed.
@@ -41,9 +49,50 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
             fields[key] = csv_values.numbers(key, metadata[key], where, MJLAB_SOURCE)
     if "anchor_body_name" in metadata:
         fields["anchor_body"] = Given(metadata["anchor_body_name"].strip(), MJLAB_SOURCE)
+    names = fields["observation"].value if "observation" in fields else ()
     return PartialContract(
         MJLAB_SOURCE,
         fields,
+        _terms(metadata, names, where),
         assumed=given(_ASSUMED, {"policy_dt": 0.02, "reference_quaternion": "wxyz"}),
         assumed_terms=given(_ASSUMED, {"scale": 1.0, "history": 1}),
     )
+
+
+def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dict[str, dict[str, Given]]:
+    """The options of each term that mjlab 1.6 writes, one entry per term."""
+    terms: dict[str, dict[str, Given]] = {name: {} for name in names}
+    readers: dict[str, Callable[[str], list[dict[str, Any]]]] = {
+        _SCALE: lambda text: [{"scale": _scalar(row)} for row in csv_values.number_lists(_SCALE, text, where)],
+        _CLIP: lambda text: [_clip(row, text, where) for row in csv_values.number_lists(_CLIP, text, where)],
+        # 0 stands for a term without a history: it shows the present step alone.
+        _HISTORY: lambda text: [{"history": max(n, 1)} for n in csv_values.integers(_HISTORY, text, where)],
+    }
+    for key, read in readers.items():
+        if key not in metadata:
+            continue
+        rows = read(metadata[key])
+        if len(rows) != len(names):
+            raise InputError(f"{where}: {key} has {len(rows)} entries, expected {len(names)}, one for each term")
+        for name, options in zip(names, rows, strict=True):
+            terms[name] |= given(MJLAB_SOURCE, options)
+    _refuse_stacks(metadata, terms, where)
+    return terms
+
+
+def _scalar(row: list[float]) -> Any:
+    return row[0] if len(row) == 1 else np.array(row)
+
+
+def _clip(row: list[float], text: str, where: str) -> dict[str, Any]:
+    if len(row) != 2:
+        raise InputError(f"{where}: {_CLIP} is {text!r}, expected two numbers for each term, least;greatest")
+    return {} if row == [-np.inf, np.inf] else {"clip": (row[0], row[1])}
+
+
+def _refuse_stacks(metadata: Mapping[str, str], terms: Mapping[str, Mapping[str, Given]], where: str) -> None:
+    """A history that is not flattened makes an observation of rank 3."""
+    flat = csv_values.names(metadata.get(_FLATTEN, ""))
+    for (name, options), is_flat in zip(terms.items(), flat, strict=False):
+        if is_flat == "False" and "history" in options and options["history"].value > 1:
+            raise InputError(f"{where}: {_FLATTEN} is False for {name}, expected True: the observation has to be flat")

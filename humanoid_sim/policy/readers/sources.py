@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.policy.contract_json import STAMP_KEY, read_stamp
+from humanoid_sim.policy.graph_motion import graph_conventions
+from humanoid_sim.policy.readers.agree import shown
 from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contract_file
 from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
 from humanoid_sim.policy.readers.merge import merge
@@ -23,6 +25,7 @@ def assemble_contract(
     metadata: Mapping[str, str],
     contract_file: Path | None = None,
     robot_joints: tuple[str, ...] | None = None,
+    outputs: Collection[str] = (),
 ) -> PolicyContract:
     """The contract of a checkpoint, from everything that speaks about it.
 
@@ -33,6 +36,7 @@ def assemble_contract(
         metadata: its `custom_metadata_map`.
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         robot_joints: the joints in the robot's own order, for sources that give places instead of names.
+        outputs: names of the model's outputs.
 
     Raises:
         InputError: if a source is malformed, if two contradict each other, or if something is missing.
@@ -44,7 +48,7 @@ def assemble_contract(
     chosen = find_contract(path) if contract_file is None else contract_file
     if chosen is not None:
         partials += read_contract_file(chosen)
-    return merge(partials, str(path), robot_joints)
+    return merge([*partials, graph_conventions(outputs)], str(path), robot_joints)
 
 
 def metadata_contract(metadata: Mapping[str, str], where: str) -> list[PartialContract]:
@@ -69,9 +73,14 @@ def source_files(path: Path, contract_file: Path | None = None) -> tuple[Path, .
 
 def assumptions(contract: PolicyContract) -> tuple[str, ...]:
     """What no source states and a dialect implies, one line each: `policy_dt 0.02: assumed (mjlab)`."""
-    lines = []
+    lines: dict[str, None] = {}
+    terms = {term.name: term for term in contract.terms}
     for name, source in contract.provenance.items():
-        if source.startswith("assumed"):
-            value = getattr(contract, name, None)
-            lines.append(f"{name}{'' if value is None else f' {value}'}: {source}")
+        if not source.startswith("assumed"):
+            continue
+        if name.startswith("observation."):  # the same for every term, and told once
+            term, _, option = name.removeprefix("observation.").rpartition(".")
+            lines[f"{option} of observation terms {shown(getattr(terms[term], option))}: {source}"] = None
+        else:
+            lines[f"{name} {shown(getattr(contract, name))}: {source}"] = None
     return tuple(lines)

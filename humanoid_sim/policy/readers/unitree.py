@@ -24,8 +24,10 @@ _RANGES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
 
 def find_deploy(checkpoint: Path) -> Path | None:
     """The file beside the model, or in `params/` beside the folder `exported/` that holds it; None without one."""
-    places = [checkpoint.parent / DEPLOY_FILE, checkpoint.parent / "params" / DEPLOY_FILE]
-    places.append(checkpoint.parent.parent / "params" / DEPLOY_FILE)
+    folder = checkpoint.absolute().parent
+    places = [folder / DEPLOY_FILE, folder / "params" / DEPLOY_FILE]
+    if folder.name == "exported":
+        places.append(folder.parent / "params" / DEPLOY_FILE)
     return next((place for place in places if place.is_file()), None)
 
 
@@ -49,6 +51,7 @@ class _Reader:
         self.path = path
         self.document = self._mapping(document, "")
         self.terms: dict[str, dict[str, Any]] = {}
+        self.commands: list[str] = []
 
     def fields(self) -> dict[str, Any]:
         fields: dict[str, Any] = {}
@@ -64,6 +67,8 @@ class _Reader:
         if self.document.get("default_joint_pos") is not None:
             fields["default_joint_pos"] = self._numbers(self.document["default_joint_pos"], "default_joint_pos")
         fields |= self._commands() | self._action() | self._observations()
+        if "command_names" not in fields and self.commands:
+            fields["command_names"] = tuple(dict.fromkeys(self.commands))
         return fields
 
     def _places(self, value: Any) -> tuple[int, ...] | None:
@@ -155,6 +160,8 @@ class _Reader:
             raise self._wrong(f"{where}.history_length", length, "a whole number >= 0")
         options["history"] = max(length, 1)
         params = self._mapping(term.get("params") or {}, f"{where}.params")
+        if isinstance(params.get("command_name"), str):
+            self.commands.append(params["command_name"])
         asset = self._mapping(params.get("asset_cfg") or {}, f"{where}.params.asset_cfg")
         ids = asset.get("joint_ids")
         if ids is not None and ids != slice(None):

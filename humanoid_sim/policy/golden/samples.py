@@ -1,0 +1,230 @@
+"""Samples of a run, and their form inside a checkpoint's metadata: JSON with arrays in base64."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import prod
+from types import MappingProxyType
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["GOLDEN_KEY", "GoldenSamples", "Origin", "decode_samples", "encode_samples"]
+
+GOLDEN_KEY = "humanoid_sim_golden"
+"""Metadata key of the samples."""
+
+Origin = Literal["trainer", "own"]
+Float32Array = npt.NDArray[np.float32]
+
+_VERSION = 1
+_LARGEST = 10_000_000
+"""Values of one array: far above any policy, and small enough not to fill the memory."""
+_EXTERN, _REFERENCE = "extern/", "reference/"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GoldenSamples:
+    """S instants of a run: what the robot reported, what the policy remembered, what it saw and answered."""
+
+    origin: Origin
+    """`trainer`: the observations are those of the trainer's run; `own`: this program's."""
+    source: str
+    """Name of the file that the samples came from; empty for own ones."""
+    joint_names: tuple[str, ...]
+    """The J joints of the states, in the robot's order."""
+    joint_position: FloatArray
+    """Shape (S, J), rad."""
+    joint_velocity: FloatArray
+    """Shape (S, J), rad/s."""
+    imu_quaternion: FloatArray
+    """Shape (S, 4), w x y z."""
+    imu_angular_velocity: FloatArray
+    """Shape (S, 3), rad/s, body frame."""
+    imu_linear_acceleration: FloatArray
+    """Shape (S, 3), m/s², body frame, gravity included."""
+    last_action: Float32Array
+    """Shape (S, m), raw."""
+    frame: npt.NDArray[np.int64]
+    """Shape (S,), reference frame."""
+    walked: FloatArray
+    """Shape (S,), rad of gait phase since activation, or since standing, before the sample's own step."""
+    alignment: FloatArray
+    """Shape (S, 7), x y z in m and w x y z: the motion's world in the robot's; NaN where none was laid out."""
+    observation: Float32Array
+    """Shape (S, N), as the policy saw it."""
+    action: Float32Array
+    """Shape (S, m), raw, as the policy answered."""
+    target: FloatArray
+    """Shape (S, J), rad, commanded joint positions."""
+    target_origin: Origin = "own"
+    """Likewise of the targets, which traces need not hold."""
+    extern: Mapping[str, FloatArray] = field(default_factory=lambda: MappingProxyType({}))
+    """Live inputs by name, each of shape (S, width)."""
+    history: Float32Array | None = None
+    """Shape (S, h, w): the steps before each sample's own as the policy saw them, oldest first; None without."""
+    reference: Mapping[str, Float32Array] = field(default_factory=lambda: MappingProxyType({}))
+    """Rows of the motion at `frame`, by term; empty where the model carries its motion, or follows none."""
+    frame_count: int = 1
+    """Frames of that motion."""
+
+    def __post_init__(self) -> None:
+        if self.origin not in get_args(Origin) or self.target_origin not in get_args(Origin):
+            raise FieldError(f"origin is {self.origin!r}, {self.target_origin!r}, expected trainer or own")
+        if not self.joint_names or not all(isinstance(name, str) for name in self.joint_names):
+            raise FieldError("joint_names: expected names")
+        count, joints = len(self.frame), len(self.joint_names)
+        if not count or self.frame_count < 1 or self.action.ndim != 2:
+            raise FieldError(f"holds {count} samples of {self.frame_count} frames, expected at least one of each")
+        actions = self.action.shape[1]
+        widths: dict[str, tuple[int, ...]] = {
+            "joint_position": (joints,),
+            "joint_velocity": (joints,),
+            "imu_quaternion": (4,),
+            "imu_angular_velocity": (3,),
+            "imu_linear_acceleration": (3,),
+            "last_action": (actions,),
+            "frame": (),
+            "walked": (),
+            "alignment": (7,),
+            "action": (actions,),
+            "target": (joints,),
+        }
+        for name, width in widths.items():
+            _expect(name, getattr(self, name), (count, *width))
+        tables = {"observation": self.observation, **self.extern, **self.reference}
+        for name, table in tables.items():
+            if table.ndim != 2 or len(table) != count:
+                raise FieldError(f"{name}: has shape {table.shape}, expected ({count}, width)")
+        if self.history is not None and (self.history.ndim != 3 or len(self.history) != count):
+            raise FieldError(f"history: has shape {self.history.shape}, expected ({count}, steps, width)")
+        if self.reference and not ((self.frame >= 0) & (self.frame < self.frame_count)).all():
+            raise FieldError(f"frame: goes beyond the {self.frame_count} frames of the motion")
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def label(self) -> str:
+        """What the samples are worth, in words."""
+        if self.origin == "own":
+            return f"{len(self)} samples, drift only: made by this program, they show change, not wrong wiring"
+        targets = "" if self.target_origin == "trainer" else "; its joint targets: drift only"
+        return f"{len(self)} samples of the trainer's run ({self.source}){targets}"
+
+
+def encode_samples(samples: GoldenSamples) -> str:
+    """One line of JSON from which `decode_samples` makes the same samples, bit for bit."""
+    document = {
+        "version": _VERSION,
+        "origin": samples.origin,
+        "source": samples.source,
+        "target_origin": samples.target_origin,
+        "joint_names": list(samples.joint_names),
+        "frame_count": samples.frame_count,
+        "arrays": {name: _encode(array) for name, array in _arrays(samples).items()},
+    }
+    return json.dumps(document)
+
+
+def decode_samples(text: str, where: str) -> GoldenSamples:
+    """The samples in a text of `encode_samples`.
+
+    Raises:
+        InputError: naming `where`, if it is none.
+    """
+    try:
+        document = json.loads(text)
+        if document["version"] != _VERSION:
+            raise FieldError(f"have version {document['version']!r}, expected {_VERSION}")
+        arrays = {str(name): _decode(name, value) for name, value in document["arrays"].items()}
+        frame_count = document["frame_count"]
+        if type(frame_count) is not int or frame_count > _LARGEST:
+            raise FieldError(f"frame_count is {frame_count!r}, expected a whole number")
+        plain = {name: array for name, array in arrays.items() if "/" not in name}
+        return GoldenSamples(
+            origin=document["origin"],
+            source=str(document["source"]),
+            target_origin=document["target_origin"],
+            joint_names=tuple(document["joint_names"]),
+            frame_count=frame_count,
+            extern=_under(_EXTERN, arrays),
+            reference=_under(_REFERENCE, arrays),
+            **plain,
+        )
+    except FieldError as error:
+        raise InputError(f"{where}: golden vectors: {error}") from None
+    except KeyError as error:
+        raise InputError(f"{where}: golden vectors lack {error}; stamp the checkpoint again") from None
+    except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
+        problem = str(error).partition("\n")[0]
+        raise InputError(f"{where}: golden vectors are malformed: {problem}; stamp the checkpoint again") from None
+
+
+def _arrays(samples: GoldenSamples) -> dict[str, npt.NDArray[Any]]:
+    names = [name for name, kind in _DTYPES.items() if getattr(samples, name) is not None]
+    arrays = {name: getattr(samples, name) for name in names}
+    arrays |= {_EXTERN + name: array for name, array in samples.extern.items()}
+    return arrays | {_REFERENCE + name: array for name, array in samples.reference.items()}
+
+
+_DTYPES = {
+    "joint_position": "<f8",
+    "joint_velocity": "<f8",
+    "imu_quaternion": "<f8",
+    "imu_angular_velocity": "<f8",
+    "imu_linear_acceleration": "<f8",
+    "last_action": "<f4",
+    "frame": "<i8",
+    "walked": "<f8",
+    "alignment": "<f8",
+    "observation": "<f4",
+    "action": "<f4",
+    "target": "<f8",
+    "history": "<f4",
+}
+
+
+def _dtype(name: str) -> str:
+    if name.startswith(_EXTERN):
+        return "<f8"
+    return "<f4" if name.startswith(_REFERENCE) else _DTYPES[name]
+
+
+def _encode(array: npt.NDArray[Any]) -> dict[str, Any]:
+    little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
+    return {"shape": list(array.shape), "data": base64.b64encode(little.tobytes()).decode()}
+
+
+def _decode(name: str, value: Any) -> npt.NDArray[Any]:
+    if not name.startswith((_EXTERN, _REFERENCE)) and name not in _DTYPES:
+        raise FieldError(f"hold the unknown array '{name}'")
+    shape, dtype = tuple(value["shape"]), np.dtype(_dtype(name))
+    if not all(type(size) is int and size >= 0 for size in shape) or prod(shape) > _LARGEST:
+        raise FieldError(f"{name}: has shape {shape}, expected sizes >= 0")
+    try:
+        data = base64.b64decode(value["data"], validate=True)
+    except binascii.Error as error:
+        raise FieldError(f"{name}: is no base64: {error}") from None
+    if len(data) != prod(shape) * dtype.itemsize:
+        raise FieldError(f"{name}: has {len(data)} bytes, expected {prod(shape) * dtype.itemsize} for shape {shape}")
+    array = np.frombuffer(data, dtype=dtype).reshape(shape)  # read-only, as the bytes are
+    return array.astype(dtype.newbyteorder("="), copy=False)
+
+
+def _under(prefix: str, arrays: Mapping[str, npt.NDArray[Any]]) -> Mapping[str, npt.NDArray[Any]]:
+    found = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+    return MappingProxyType(found)
+
+
+def _expect(name: str, array: npt.NDArray[Any], shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise FieldError(f"{name}: has shape {array.shape}, expected {shape}")
