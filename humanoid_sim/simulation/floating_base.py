@@ -175,7 +175,9 @@ def _clearance(model: mujoco.MjModel, qpos: FloatArray) -> float:
     model = copy.copy(model)
     is_static = model.body_weldid[model.geom_bodyid] == 0
     # Contacts are found within a margin: one as large as the robot finds them however far it floats or is sunk in.
-    model.geom_margin[is_static] = 10.0 + 4.0 * float(model.stat.extent)
+    far = 10.0 + 4.0 * float(model.stat.extent)
+    model.geom_margin[is_static] = far
+    model.pair_margin[:] = far  # feet often touch the floor through explicit contact pairs, with margins of their own
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
