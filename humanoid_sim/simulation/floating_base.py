@@ -177,7 +177,9 @@ def _clearance(model: mujoco.MjModel, qpos: FloatArray) -> float:
     # Contacts are found within a margin: one as large as the robot finds them however far it floats or is sunk in.
     far = 10.0 + 4.0 * float(model.stat.extent)
     model.geom_margin[is_static] = far
-    model.pair_margin[:] = far  # feet often touch the floor through explicit contact pairs, with margins of their own
+    model.pair_margin[:] = far  # feet may touch the floor through explicit contact pairs, with margins of their own
+    # Bodies of several geoms are sorted out by margins that were taken when the model was compiled.
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
