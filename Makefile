@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: play test test-slow bench lint format types train clean
+.PHONY: play test test-slow test-train bench lint format types train clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -17,6 +17,9 @@ test: $(VENV)/test.done  ## lint, types, and the tests that finish in minutes
 
 test-slow: $(VENV)/test.done  ## the tests that take longer
 	$(BIN)/python -m pytest -m slow $(ARGS)
+
+test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, which need PyTorch
+	$(BIN)/python -m pytest tests/training $(ARGS)
 
 bench: $(VENV)/play.done  ## this machine's figures
 	$(BIN)/python -m humanoid_sim.bench $(ARGS)
@@ -33,8 +36,8 @@ types: $(VENV)/test.done
 	$(BIN)/mypy
 
 train: $(VENV)/train.done  ## make the sample motions and train the sample policy again
-	$(BIN)/python -m humanoid_sim.training motions
-	$(BIN)/python -m humanoid_sim.training train $(ARGS)
+	$(BIN)/python -m humanoid_sim.training motions --output assets/motions
+	$(BIN)/python -m humanoid_sim.training train --output assets/policies/lite_tracking.onnx $(ARGS)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
