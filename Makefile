@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 # LeRobot bounds NumPy, PyAV and others lower than the rest needs, and brings PyTorch with CUDA: an environment of its own.
 LEROBOT := .venv-lerobot
 
-.PHONY: play test test-slow test-lerobot bench lint format types train clean
+.PHONY: play test test-slow test-train test-lerobot bench lint format types train clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -19,6 +19,9 @@ test: $(VENV)/test.done  ## lint, types, and the tests that finish in minutes
 
 test-slow: $(VENV)/test.done  ## the tests that take longer
 	$(BIN)/python -m pytest -m slow $(ARGS)
+
+test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, which need PyTorch
+	$(BIN)/python -m pytest tests/training $(ARGS)
 
 test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs about 9 GB at the first time
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -m lerobot $(ARGS)
@@ -38,8 +41,8 @@ types: $(VENV)/test.done
 	$(BIN)/mypy
 
 train: $(VENV)/train.done  ## make the sample motions and train the sample policy again
-	$(BIN)/python -m humanoid_sim.training motions
-	$(BIN)/python -m humanoid_sim.training train $(ARGS)
+	$(BIN)/python -m humanoid_sim.training motions --output assets/motions
+	$(BIN)/python -m humanoid_sim.training train --output assets/policies/lite_tracking.onnx $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(LEROBOT) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

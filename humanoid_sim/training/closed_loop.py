@@ -6,8 +6,9 @@ x = (q - q_ref, qd - qd_ref) stays zero, and near it
     x' = A x + B (u - u*),   A, B from  M δqdd = K_p (δu - δq) - K_d δqd   over half a policy step.
 
 This is cheap, exact to first order, and differentiable, so that a window of policy steps can be unrolled and the
-tracking error itself minimised: no labels, no value function. Gains, inertia, sensor noise, joint offsets, and a delay
-of up to half a policy step differ between the simulated arms. What the linear model leaves out (Coriolis forces between
+tracking error itself minimised: no labels, no value function. Gains, inertia, sensor noise and joint offsets differ
+between the simulated arms, commands come up to half a policy step late, and states up to a whole one, as on a bus that
+is asked once per step. What the linear model leaves out (Coriolis forces between
 small errors, saturation, stiction) is left to the evaluation, which runs the whole stack in MuJoCo.
 """
 
@@ -102,6 +103,7 @@ class ClosedLoop:
         self._delay = torch.zeros(arms, 1)
         self._offset = torch.zeros(arms, ARM_JOINTS)
         self._noise = torch.zeros(arms, 1)
+        self._age = torch.zeros(arms, 1)
         self._started = False
 
     def run(self, network: ArmNetwork, window: int) -> WindowCost:
@@ -120,13 +122,16 @@ class ClosedLoop:
         flow, drive = self._flow[where], self._drive[where]
         error, action = self._error, self._last_action
         lead, tracking, smoothness, haste = None, [], [], []
+        previous: Tensor | None = None
         for step in range(window):
             tracking.append(quadratic(error[:, :ARM_JOINTS], weight[:, step]))
             haste.append((error[:, ARM_JOINTS:].abs() - _TOLERATED_SPEED).clamp(min=0.0).square().sum(dim=1))
-            joints = reference[:, step] + error[:, :ARM_JOINTS] + self._offset
-            joints = joints + 0.002 * self._noise * self._normal(joints.shape)
-            speed = velocity[:, step] + error[:, ARM_JOINTS:]
-            speed = speed + 0.05 * self._noise * self._normal(speed.shape)
+            state = torch.cat([reference[:, step], velocity[:, step]], dim=1) + error
+            # An old state lies between this step's and the last one's.
+            seen = state if previous is None else state + self._age * (previous - state)
+            previous = state
+            joints = seen[:, :ARM_JOINTS] + self._offset + 0.002 * self._noise * self._normal(self._offset.shape)
+            speed = seen[:, ARM_JOINTS:] + 0.05 * self._noise * self._normal(self._offset.shape)
             before = action * scale - exact[:, step]
             action = network(target.at(step), joints, speed, action)
             now = action * scale - exact[:, step]
@@ -180,6 +185,7 @@ class ClosedLoop:
         self._motion[arms], self._frame[arms] = motion, frame
         self._delay[arms] = self._uniform(count, 1) * (self._uniform(count, 1) < 0.5)
         self._offset[arms] = 0.01 * self._normal((count, ARM_JOINTS)) * (self._uniform(count, 1) < 0.5)
+        self._age[arms] = self._uniform(count, 1) * (self._uniform(count, 1) < 0.4)
         self._noise[arms] = self._uniform(count, 1) * (self._uniform(count, 1) < 0.6)
 
     def _uniform(self, *shape: int) -> Tensor:

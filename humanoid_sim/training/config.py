@@ -53,5 +53,7 @@ class EvaluateConfig:
     """Of the random motions."""
     command_delay: float = 0.0
     """s from a command to the motors' obeying it; a multiple of the physics step."""
+    bus: bool = False
+    """Time it as on the real robot's bus: 50 Hz control, and states as old as the last command."""
     json: str | None = None
     """Write the figures to this file too."""

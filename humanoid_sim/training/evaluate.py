@@ -56,16 +56,18 @@ def follow(
     *,
     extra_time: float = 0.0,
     command_delay: float = 0.0,
+    as_on_bus: bool = False,
 ) -> Rollout:
     """Walk a simulated robot through standby A into the policy, and measure until the motion's last frame.
 
     Args:
-        description: the robot; control rate and physics step are its own.
+        description: the robot; control rates and physics step are its own.
         contract: of the policy.
         policy: the callable.
         motion: to follow.
         extra_time: s that the last frame is held, and measured, beyond the motion.
         command_delay: s, of the simulated motors.
+        as_on_bus: time it as on the real robot: its hardware's control rate, and states as old as the last command.
 
     Raises:
         InputError: if robot, policy and motion do not fit together.
@@ -75,7 +77,7 @@ def follow(
     errors = TrackingErrors(description, motion.frames, contract.body_names, contract.policy_dt)
     wanted = len(motion.frames) + round(extra_time / contract.policy_dt)
     positions, commands, fastest = [], [], 0.0
-    for tick_input, output in _ticks(description, loaded, command_delay):
+    for tick_input, output in _ticks(description, loaded, command_delay, as_on_bus):
         if output.control_mode.mode is not Mode.LOCOMOTION:
             continue
         fastest = max(fastest, float(np.abs(tick_input.state.joint_velocity).max()))
@@ -120,13 +122,19 @@ def inverse_kinematics_policy(description: RobotDescription, contract: PolicyCon
 
 
 def _ticks(
-    description: RobotDescription, loaded: LoadedPolicy, command_delay: float
+    description: RobotDescription, loaded: LoadedPolicy, command_delay: float, as_on_bus: bool
 ) -> Iterator[tuple[TickInput, TickOutput]]:
     """The control loop of `play`, in simulated time and without end: DAMP, LOAD_A, START_LOCOMOTION."""
-    period = 1.0 / description.simulation.control_frequency
+    period = 1.0 / (description.hardware if as_on_bus else description.simulation).control_frequency
     supervisor = build_supervisor(description, period, loaded)
     # MuJoCo's own actuators: the same law as on `qfrc_applied` to rounding, several times as fast.
-    robot = MujocoRobot(description, actuation="affine", command_delay=command_delay)
+    robot = MujocoRobot(
+        description,
+        control_period=period,
+        actuation="affine",
+        command_delay=command_delay,
+        state_sampling="on_command" if as_on_bus else "now",
+    )
     memory = supervisor.initial()
     intents = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
     was_finished = True

@@ -83,7 +83,7 @@ def evaluate(config: EvaluateConfig) -> int:
         for name, motion in motions:
             status.update(f"following {name}")
             try:
-                rows += _measure(description, checkpoint, name, motion, config.command_delay)
+                rows += _measure(description, checkpoint, name, motion, config)
             except (InputError, TrackingFailedError) as error:
                 raise InputError(f"{name}: {error}") from None
     console.print(_table(rows))
@@ -94,16 +94,19 @@ def evaluate(config: EvaluateConfig) -> int:
 
 
 def _measure(
-    description: RobotDescription, checkpoint: Checkpoint, name: str, motion: Motion, command_delay: float
+    description: RobotDescription, checkpoint: Checkpoint, name: str, motion: Motion, config: EvaluateConfig
 ) -> list[Figures]:
     """The policy and the baseline on one motion."""
     contract = checkpoint.contract
     load_policy(contract, checkpoint.policy, motion)  # a motion that does not fit is refused before it is solved
     baseline = inverse_kinematics_policy(description, contract, motion)
-    return [
-        Figures.of(name, label, follow(description, contract, policy, motion, command_delay=command_delay))
-        for label, policy in (("policy", checkpoint.policy), ("ik", baseline))
-    ]
+    figures = []
+    for label, policy in (("policy", checkpoint.policy), ("ik", baseline)):
+        rollout = follow(
+            description, contract, policy, motion, command_delay=config.command_delay, as_on_bus=config.bus
+        )
+        figures.append(Figures.of(name, label, rollout))
+    return figures
 
 
 def _table(rows: list[Figures]) -> Table:

@@ -50,7 +50,6 @@ FREE = Row("other thing", 7.0, "µs", 6.0, 8.0)
 
 def test_every_figure_can_be_taken(run: Run) -> None:
     status, out, _ = run("--repetitions", "1", "--json")
-    assert status in (0, 1)  # what the figures are is not judged here
     document = json.loads(out)
     rows: dict[str, dict[str, Any]] = {row["name"]: row for row in document["rows"]}
     assert list(rows) == [

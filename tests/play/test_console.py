@@ -64,9 +64,7 @@ def test_refusals_and_faults_without_a_transition_are_lines_too() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "message", MESSAGES
-)
+@pytest.mark.parametrize("message", MESSAGES)
 def test_messages_are_printed_as_they_are(message: str) -> None:
     text = printed(record(0, Mode.DAMPING, message), record(1, Mode.DAMPING, refusals=(message,)))
     assert text.splitlines() == [f"   0.000 s  DAMPING  {message}", f"   0.500 s  {message}"]

@@ -58,6 +58,15 @@ def test_it_copes_with_late_commands(lite, checkpoint):
     assert hands.position_rms < 0.02
 
 
+def test_it_copes_with_the_timing_of_a_bus(lite, checkpoint):
+    """At 50 Hz, with states one tick old: the policy must neither lose the motion nor ring."""
+    motion = read_motion(asset_path("motions", "reach.mcap"))
+    rollout = follow(lite, checkpoint.contract, checkpoint.policy, motion, as_on_bus=True)
+    plain = follow(lite, checkpoint.contract, checkpoint.policy, motion)
+    assert rollout.summary.hands.position_rms < 0.02
+    assert rollout.command_rate < 1.3 * plain.command_rate
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.01])
 def test_it_holds_the_last_frame_still(lite, checkpoint, delay):
     motion = _still(lite, pose_a(lite))
