@@ -106,7 +106,11 @@ def _joints(model: mujoco.MjModel) -> list[int]:
 def _drives(model: mujoco.MjModel) -> list[tuple[int, int]]:
     """Joint and actuator, for every actuator of a joint."""
     on_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    return [(int(model.actuator_trnid[i, 0]), i) for i in range(model.nu) if model.actuator_trntype[i] in on_joint]
+    return [
+        (int(model.actuator_trnid[i, 0]), i)
+        for i in range(model.nu)
+        if mujoco.mjtTrn(int(model.actuator_trntype[i])) in on_joint
+    ]
 
 
 def _root(model: mujoco.MjModel, joint: int) -> int:

@@ -118,7 +118,8 @@ def _add_floor_material(spec: mujoco.MjSpec) -> None:
 
 def _is_floor(model: mujoco.MjModel, geom: int) -> bool:
     """Whether a robot could stand on it: a plane, terrain, or anything else fixed that extends a metre all around."""
-    if model.geom_type[geom] in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD):
+    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+    if kind in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD):
         return True
     is_fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
     can_collide = model.geom_contype[geom] or model.geom_conaffinity[geom]

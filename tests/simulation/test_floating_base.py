@@ -1,0 +1,243 @@
+"""A robot whose base moves: where it starts, what holds it, how its motion is seen."""
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.imu import Imu
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.plant import Actuation
+
+LIMP = MITCommand.zeros(2)
+SOLE = 0.1 + 0.2 + 0.2 * math.cos(0.2) + 0.03
+"""m, from the hopper's trunk down to the floor that its foot touches, in the initial position."""
+
+
+def base_of(robot: MujocoRobot) -> BaseState:
+    state = robot.base_state
+    assert state is not None
+    return state
+
+
+def run(robot: MujocoRobot, seconds: float, command: MITCommand = LIMP) -> None:
+    for _ in range(round(seconds / robot.control_period)):
+        robot.write(command)
+
+
+def stiff(robot: MujocoRobot) -> MITCommand:
+    hold = np.array(robot.description.initial_position)
+    return MITCommand(hold, np.zeros(2), np.zeros(2), np.full(2, 200.0), np.full(2, 4.0))
+
+
+class TestStart:
+    def test_the_lowest_part_touches_the_floor(self, hopper: Path) -> None:
+        state = base_of(MujocoRobot(load_robot(hopper)))
+        assert state.position == pytest.approx([0.0, 0.0, SOLE], abs=1e-9)
+        assert state.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+
+    def test_it_finds_the_floor_from_below_too(self, hopper: Path) -> None:
+        hopper.write_text(hopper.read_text().replace('pos="0.2 0 1"', 'pos="0 0 -1"'))
+        assert base_of(MujocoRobot(load_robot(hopper))).height == pytest.approx(SOLE, abs=1e-9)
+
+    def test_a_floor_that_the_scene_adds_counts(self, hopper: Path) -> None:
+        hopper.write_text(hopper.read_text().replace('<geom name="ground" type="plane" size="0 0 0.05"/>', ""))
+        assert base_of(MujocoRobot(load_robot(hopper))).height == pytest.approx(SOLE, abs=1e-9)
+
+    def test_with_nothing_to_touch_it_starts_where_the_mjcf_has_it(self, hopper: Path) -> None:
+        hopper.write_text(
+            hopper.read_text().replace("<option", '<option density="0"><flag contact="disable"/></option><option')
+        )
+        assert base_of(MujocoRobot(load_robot(hopper))).height == 1.0
+
+    def test_place_heading_and_height_can_be_chosen(self, hopper: Path) -> None:
+        state = base_of(MujocoRobot(load_robot(hopper), base_position=(3.0, -1.0), base_yaw=2.0, base_height=0.9))
+        assert state.position.tolist() == [3.0, -1.0, 0.9]
+        assert state.yaw == pytest.approx(2.0, abs=1e-12)
+        assert state.tilt == 0.0
+
+    def test_yaw_turns_an_orientation_of_the_mjcf(self, hopper: Path) -> None:
+        hopper.write_text(hopper.read_text().replace('pos="0.2 0 1"', 'pos="0 0 1" euler="0 0.3 0"'))
+        state = base_of(MujocoRobot(load_robot(hopper), base_yaw=2.0))
+        assert (state.yaw, state.tilt) == (pytest.approx(2.0, abs=1e-12), pytest.approx(0.3, abs=1e-12))
+
+    @pytest.mark.parametrize("option", ["base_yaw", "base_height"])
+    def test_what_is_not_finite_is_refused(self, hopper: Path, option: str) -> None:
+        with pytest.raises(InputError, match=rf"^{option}: is nan, expected a finite number"):
+            MujocoRobot(load_robot(hopper), **{option: math.nan})
+
+    def test_activation_puts_it_back_and_holds_it_again(self, hopper: Path) -> None:
+        robot = MujocoRobot(load_robot(hopper), base_yaw=1.0)
+        robot.set_support(False)
+        run(robot, 1.0)
+        assert base_of(robot).height < 0.9 * SOLE
+        robot.activate()
+        assert robot.supported
+        assert base_of(robot).height == pytest.approx(SOLE, abs=1e-9)
+        assert not base_of(robot).linear_velocity.any()
+        assert robot.time == pytest.approx(1.0)
+
+    def test_a_base_that_the_mjcf_does_not_have_is_refused(self, hopper: Path) -> None:
+        text = load_robot(hopper).to_json().replace('"body":"trunk"', '"body":"shank"')
+        robot = RobotDescription.from_json(text, folder=str(hopper.parent))
+        with pytest.raises(
+            InputError, match=r"base\.body of 'hopper': unknown body with a free joint 'shank'; known: trunk"
+        ):
+            build_model(robot)
+
+
+class TestSupport:
+    def test_held_it_stays_and_released_it_falls(self, hopper: Path) -> None:
+        robot = MujocoRobot(load_robot(hopper), base_height=0.8)
+        assert robot.supported
+        run(robot, 2.0)
+        assert base_of(robot).height == pytest.approx(0.8, abs=1e-3)
+        assert base_of(robot).tilt < 0.01
+        robot.set_support(False)
+        assert not robot.supported
+        before = base_of(robot).height
+        run(robot, 0.1)
+        assert before - base_of(robot).height == pytest.approx(0.5 * 9.81 * 0.1**2, rel=0.05)
+
+    def test_it_can_start_free(self, hopper: Path) -> None:
+        robot = MujocoRobot(load_robot(hopper), support=False, base_height=0.8)
+        assert not robot.supported
+        run(robot, 0.1)
+        assert base_of(robot).height == pytest.approx(0.8 - 0.5 * 9.81 * 0.1**2, abs=2e-3)
+
+    @pytest.mark.parametrize("actuation", ["qfrc_applied", "affine"])
+    def test_it_is_taken_up_where_it_then_is(self, hopper: Path, actuation: Actuation) -> None:
+        robot = MujocoRobot(load_robot(hopper), support=False, base_yaw=0.5, actuation=actuation)
+        run(robot, 0.3)
+        caught = base_of(robot)
+        assert caught.height < SOLE - 0.01
+        robot.set_support(True)
+        run(robot, 1.0)
+        held = base_of(robot)
+        # It was falling, and is stopped within some hundredths of a second.
+        assert held.position == pytest.approx(caught.position, abs=0.02)
+        assert held.tilt == pytest.approx(caught.tilt, abs=0.05)
+        assert np.abs(held.linear_velocity).max() < 1e-3
+        robot.set_support(True)  # already held: it does not move the support
+        run(robot, 0.1)
+        assert base_of(robot).position == pytest.approx(held.position, abs=1e-5)
+
+    def test_released_the_support_leaves_no_trace(self, hopper: Path) -> None:
+        """The dynamics are those of the MJCF without any support."""
+        description = load_robot(hopper)
+        robot = MujocoRobot(description, support=False, base_height=0.7)
+        spec = mujoco.MjSpec.from_file(str(hopper))
+        spec.option.timestep, spec.option.integrator = 0.001, mujoco.mjtIntegrator.mjINT_EULER
+        for thing in (*spec.actuators, *spec.keys, *spec.sensors):
+            spec.delete(thing)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        data.qpos[:] = robot.qpos
+        run(robot, 1.0)
+        mujoco.mj_step(model, data, 1000)
+        assert data.qpos.tolist() == robot.qpos.tolist()
+
+    def test_a_fixed_base_needs_none(self) -> None:
+        robot = MujocoRobot(load_robot("lite"))
+        assert not robot.supported
+        assert robot.base_state is None
+        assert dict(robot.extern) == {}
+        with pytest.raises(RobotError, match=r"^lite: has a fixed base, which needs no support"):
+            robot.set_support(True)
+
+    def test_both_actuations_agree(self, hopper: Path) -> None:
+        runs = []
+        for actuation in ("qfrc_applied", "affine"):
+            robot = MujocoRobot(load_robot(hopper), actuation=actuation)
+            run(robot, 0.5, stiff(robot))
+            robot.set_support(False)
+            run(robot, 0.3, stiff(robot))
+            robot.set_support(True)
+            run(robot, 0.2, stiff(robot))
+            runs.append(robot.qpos)
+        assert runs[0] == pytest.approx(runs[1], abs=1e-9)
+
+
+class TestSenses:
+    def test_velocity_and_anchor_belong_to_the_present_position(self, hopper: Path) -> None:
+        robot = MujocoRobot(load_robot(hopper), support=False, anchor_body="shank", base_yaw=1.0)
+        assert dict(robot.extern) == {BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7}
+        run(robot, 0.25)
+        state, _ = robot.read()
+        fresh = mujoco.MjData(robot.model)
+        fresh.qpos[:] = robot.data.qpos
+        mujoco.mj_kinematics(robot.model, fresh)
+        anchor = state.extern[ANCHOR_POSE]
+        expected = [*fresh.body("shank").xpos, *fresh.body("shank").xquat]
+        assert anchor.value.tolist() == expected
+        assert anchor.value.tolist() != [*robot.data.body("shank").xpos, *robot.data.body("shank").xquat]
+        assert anchor.arrival_time == state.time
+        velocity = state.extern[BASE_LINEAR_VELOCITY].value
+        assert velocity.tolist() == robot.data.qvel[:3].tolist() == base_of(robot).linear_velocity.tolist()
+
+    def test_they_are_as_late_as_everything_else(self, hopper: Path) -> None:
+        robot = MujocoRobot(load_robot(hopper), support=False, base_height=0.9, state_delay=0.003)
+        run(robot, 0.1)
+        live = robot.read()[0].extern[BASE_LINEAR_VELOCITY]
+        assert live.arrival_time == pytest.approx(robot.time - 0.003, abs=1e-12)
+        assert live.value[2] == pytest.approx(base_of(robot).linear_velocity[2] + 0.003 * 9.81, abs=1e-6)
+
+    def test_an_anchor_without_a_floating_base(self) -> None:
+        robot = MujocoRobot(load_robot("lite"), anchor_body="chest")
+        assert dict(robot.extern) == {ANCHOR_POSE: 7}
+        assert robot.read()[0].extern[ANCHOR_POSE].value.tolist() == [0, 0, 0, 1, 0, 0, 0]
+
+    def test_an_unknown_anchor_is_refused(self, hopper: Path) -> None:
+        with pytest.raises(InputError, match=r"^anchor body: unknown body 'torso'; known: trunk, thigh, shank"):
+            MujocoRobot(load_robot(hopper), anchor_body="torso")
+
+    def test_the_imu_reads_what_mujocos_sensors_read(self, hopper: Path) -> None:
+        """Gyro, accelerometer and orientation of a tumbling, turned site, against MuJoCo's own sensors."""
+        text = hopper.read_text().replace(
+            '<gyro site="my_imu"/>',
+            '<gyro site="my_imu"/><accelerometer site="my_imu"/><framequat objtype="site" objname="my_imu"/>',
+        )
+        hopper.write_text(text.replace('<jointpos joint="hip"/>', ""))
+        model = build_model(load_robot(hopper))
+        data = mujoco.MjData(model)
+        data.qpos[2] = 5.0
+        data.qvel[:] = np.random.default_rng(3).normal(size=model.nv)
+        mujoco.mj_step(model, data, 50)
+        mujoco.mj_forward(model, data)  # so that sensors and accelerations are those of the present state
+        sample = Imu(model, "my_imu").read(data)
+        assert sample.angular_velocity == pytest.approx(data.sensordata[:3], abs=1e-9)
+        assert sample.linear_acceleration == pytest.approx(data.sensordata[3:6], abs=1e-9)
+        assert np.abs(sample.quaternion @ data.sensordata[6:]) == pytest.approx(1.0, abs=1e-12)
+        assert np.abs(sample.linear_acceleration).max() > 0.1  # it spins
+
+
+def test_base_state_in_words() -> None:
+    """Leaning forward by 0.4 rad, turned by 2 rad, moving along its heading."""
+    half_yaw, half_pitch = 1.0, 0.2
+    quaternion = np.empty(4)
+    mujoco.mju_mulQuat(
+        quaternion,
+        np.array([math.cos(half_yaw), 0, 0, math.sin(half_yaw)]),
+        np.array([math.cos(half_pitch), 0, math.sin(half_pitch), 0]),
+    )
+    velocity = np.array([math.cos(2.0) * 0.5, math.sin(2.0) * 0.5, 0.1])
+    state = BaseState(np.array([1.0, 2.0, 0.7]), quaternion, velocity, np.array([-math.sin(0.4), 0.0, math.cos(0.4)]))
+    assert state.height == 0.7
+    assert state.tilt == pytest.approx(0.4)
+    assert state.yaw == pytest.approx(2.0)
+    assert state.heading_velocity == pytest.approx([0.5, 0.0, 0.1])
+    assert state.yaw_rate == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("quaternion", "tilt"), [([1, 0, 0, 0], 0.0), ([0, 1, 0, 0], math.pi), ([0, 0, 0, 1], 0.0)])
+def test_tilt_from_upright_to_upside_down(quaternion: list[float], tilt: float) -> None:
+    state = BaseState(np.zeros(3), np.array(quaternion, dtype=float), np.zeros(3), np.zeros(3))
+    assert state.tilt == pytest.approx(tilt)

@@ -1,0 +1,154 @@
+"""Robots described by nothing but their MJCF."""
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+
+
+def test_joints_are_the_actuated_hinges_in_the_models_order(hopper: Path) -> None:
+    robot = load_robot(hopper)
+    assert robot.name == "hopper"
+    assert robot.joint_names == ("hip", "knee")  # not the spring; the actuators come the other way round
+    assert robot.lower.tolist() == [-1.0, 0.2]
+    assert robot.upper.tolist() == [1.0, 2.0]
+
+
+def test_effort_limits_are_those_of_the_actuators(hopper: Path) -> None:
+    assert load_robot(hopper).effort_limit.tolist() == [20.0, 40.0]  # gear 5 of a control of 4; the force range
+
+
+def test_a_joints_own_force_range_counts_if_it_is_smaller(hopper: Path) -> None:
+    text = hopper.read_text().replace('name="hip" axis', 'name="hip" actuatorfrcrange="-7 7" axis')
+    hopper.write_text(text)
+    assert load_robot(hopper).effort_limit.tolist() == [7.0, 40.0]
+
+
+def test_without_actuators_every_hinge_of_the_floating_robot_counts(tmp_path: Path) -> None:
+    path = tmp_path / "bare.xml"
+    path.write_text("""
+    <mujoco>
+      <worldbody>
+        <body name="door"><joint name="door_hinge"/><geom size="0.1"/></body>
+        <body name="trunk">
+          <freejoint/><geom size="0.1"/>
+          <body>
+            <joint name="hip"/><geom size="0.1"/>
+            <body><joint name="knee" range="10 90"/><geom size="0.1"/></body>
+          </body>
+        </body>
+      </worldbody>
+    </mujoco>""")
+    robot = load_robot(path)
+    assert robot.name == "bare"
+    assert robot.joint_names == ("hip", "knee")
+    assert robot.effort_limit.tolist() == [math.inf, math.inf]
+    assert (robot.joints[0].lower, robot.joints[0].upper) == (-math.inf, math.inf)
+    assert robot.initial_position == (0.0, pytest.approx(math.radians(10)))
+    assert robot.imu == "trunk"
+    model = build_model(robot, affine_actuators=True)
+    assert model.jnt_limited[model.joint("hip").id] == 0
+    assert model.actuator_forcelimited.tolist() == [0, 0]
+    assert MujocoRobot(robot).stability.measure(0.0).eigenvalue == 0.0
+
+
+def test_what_is_not_limited_survives_json(tmp_path: Path, hopper: Path) -> None:
+    hopper.write_text(hopper.read_text().replace(' range="-1 1"', "").replace('forcerange="-30 40"', ""))
+    robot = load_robot(hopper)
+    assert math.isinf(robot.joints[0].upper)
+    assert math.isinf(robot.joints[1].effort_limit)
+    assert RobotDescription.from_json(robot.to_json(), folder=str(tmp_path)) == robot
+
+
+def test_the_base_floats_where_there_is_a_free_joint(hopper: Path) -> None:
+    robot = load_robot(hopper)
+    assert (robot.is_floating, robot.base.body, robot.base.height) == (True, "trunk", None)
+    hopper.write_text(hopper.read_text().replace("<freejoint/>", "").replace("0 0 2 1 0 0 0 0.5", "0.5"))
+    robot = load_robot(hopper)
+    assert (robot.is_floating, robot.simulation.physics_timestep) == (False, 0.0005)
+
+
+def test_the_imu_is_the_site_of_the_gyro_then_one_named_so_then_the_base(hopper: Path) -> None:
+    assert load_robot(hopper).imu == "my_imu"
+    hopper.write_text(hopper.read_text().replace('<gyro site="my_imu"/>', ""))
+    assert load_robot(hopper).imu == "my_imu"
+    hopper.write_text(hopper.read_text().replace("my_imu", "gadget"))
+    assert load_robot(hopper).imu == "trunk"
+
+
+def test_poses_are_zero_within_the_limits_and_gains_are_left_to_the_policy(hopper: Path) -> None:
+    robot = load_robot(hopper)
+    assert robot.initial_position == (0.0, 0.2)
+    assert robot.standby_controller_a.pose_segments == ((0.0, 0.2),)
+    assert not robot.has_gains
+    assert not robot.stiffness.any()
+
+
+@pytest.mark.parametrize(("own", "used"), [(0.004, 0.001), (0.0005, 0.0005), (0.0003, 0.001), (0.005, 0.001)])
+def test_a_shorter_step_of_the_mjcf_is_kept_if_it_divides_the_control_period(
+    hopper: Path, own: float, used: float
+) -> None:
+    hopper.write_text(hopper.read_text().replace('timestep="0.004"', f'timestep="{own}"'))
+    assert load_robot(hopper).simulation.physics_timestep == used
+
+
+def test_contacts_and_solver_stay_those_of_the_mjcf(hopper: Path) -> None:
+    own = mujoco.MjModel.from_xml_path(str(hopper))
+    model = build_model(load_robot(hopper))
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    for option in ("cone", "impratio", "iterations", "ls_iterations", "solver", "tolerance", "enableflags"):
+        assert getattr(model.opt, option) == getattr(own.opt, option)
+    assert model.ngeom == own.ngeom  # its own floor, and no second one
+    for field in ("contype", "conaffinity", "condim", "friction", "solref", "solimp", "margin", "priority"):
+        assert np.array_equal(getattr(model, f"geom_{field}"), getattr(own, f"geom_{field}"))
+    assert np.array_equal(model.dof_armature, own.dof_armature)
+    assert (model.nu, model.nkey) == (0, 0)
+    assert model.nsensor == 2  # the one that needed an actuator is gone
+
+
+def test_includes_are_followed(tmp_path: Path, hopper: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    hopper.rename(tmp_path / "parts" / "hopper.xml")
+    scene = tmp_path / "scene.xml"
+    scene.write_text('<mujoco model="scene"><include file="parts/hopper.xml"/></mujoco>')
+    robot = load_robot(scene)
+    assert robot.joint_names == ("hip", "knee")
+    assert robot.mjcf_path == scene.resolve()
+    MujocoRobot(robot)
+
+
+REFUSED = [
+    ("<mujoco><worldbody/></mujoco>", "has no hinge joint, expected a robot"),
+    ("joints: []", "not a valid MJCF model: "),
+    ('<mujoco><include file="nowhere.xml"/></mujoco>', "not a valid MJCF model: "),
+    (
+        '<mujoco><worldbody><body name="arm"><joint/><geom size="1"/></body></worldbody></mujoco>',
+        "the joint of body 'arm' has no name; policies find joints by name",
+    ),
+    (
+        '<mujoco><worldbody><body><joint name="j"/><geom size="1"/></body></worldbody></mujoco>',
+        "the body that carries 'j' has no name; it is the base",
+    ),
+    (
+        '<mujoco><asset><mesh file="gone.stl"/></asset><worldbody><body name="b"><joint name="j"/>'
+        '<geom type="mesh" mesh="gone"/></body></worldbody></mujoco>',
+        "does not compile: ",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), REFUSED)
+def test_what_is_no_robot_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "x.xml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+    assert "\n" not in str(caught.value)
