@@ -75,10 +75,13 @@ def _gravity(context: ObservationContext) -> FloatArray:
 
 
 def _last_action(request: Request) -> tuple[int, Source]:
-    count, scale = request.contract.action_count, request.contract.action_scale
-    if request.term.form == "raw":
-        return count, lambda context: context.last_action
-    return count, lambda context: context.last_action * scale
+    contract = request.contract
+    count, scale, clip = contract.action_count, contract.action_scale, contract.action_clip
+    factor = 1.0 if request.term.form == "raw" else scale
+    if np.isinf(clip):
+        return count, lambda context: context.last_action * factor
+    # Trainers that clip actions keep, and show, the clipped ones.
+    return count, lambda context: np.clip(context.last_action, -clip, clip) * factor
 
 
 def _joints(request: Request) -> tuple[int, Source]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -22,6 +22,9 @@ STAMP_KEY = "humanoid_sim_contract"
 """Metadata key under which a stamped checkpoint carries its contract."""
 
 _VERSION = 1
+_SOURCE = "stamp"
+_UNSTATED = ("assumed", "default", "follows from")
+"""Beginnings of the sources of what no source stated."""
 
 
 def encode(contract: PolicyContract) -> str:
@@ -54,30 +57,42 @@ def decode(text: str, where: str) -> PolicyContract:
 
 
 def read_stamp(text: str, where: str) -> PartialContract:
-    """A stamped contract as one source among others; what its fields came from is kept."""
+    """A stamped contract as one source among others; what its fields came from is kept.
+
+    What nobody stated when it was stamped is not stated now either: another source may still say otherwise.
+    """
     contract = decode(text, where)
-    source = "stamp"
+    stated: dict[str, Given] = {}
+    assumed: dict[str, Given] = {}
+    for name, value in _fields(contract):
+        origin = contract.provenance.get(name, _SOURCE)
+        (assumed if origin.startswith(_UNSTATED) else stated)[name] = Given(value, origin)
+    terms: dict[str, dict[str, Given]] = {}
+    assumed_terms: dict[str, Given] = {}
+    for term in contract.terms:
+        terms[term.name] = {}
+        usual = Term(term.name)
+        for field in fields(Term):
+            value, prefix = getattr(term, field.name), f"observation.{term.name}."
+            origin = contract.provenance.get(prefix + field.name, "")
+            if origin.startswith("assumed"):
+                assumed_terms[field.name] = Given(value, origin)
+            elif origin or _plain(value) != _plain(getattr(usual, field.name)):
+                terms[term.name][field.name] = Given(value, origin or _SOURCE)
+    return PartialContract(_SOURCE, stated, terms, assumed, assumed_terms)
 
-    def given(value: Any, name: str) -> Given:
-        origin = contract.provenance.get(name)
-        return Given(value, origin if origin else source)
 
-    values = {field.name: getattr(contract, field.name) for field in fields(PolicyContract)}
-    del values["provenance"], values["observation"], values["tensors"]
-    stated = {name: given(value, name) for name, value in values.items()}
-    stated["observation"] = given(contract.observation_names, "observation")
+def _fields(contract: PolicyContract) -> Iterator[tuple[str, Any]]:
+    """The fields as sources give them: names of terms alone, tensors one by one."""
+    for field in fields(PolicyContract):
+        if field.name == "observation":
+            yield field.name, contract.observation_names
+        elif field.name not in ("provenance", "tensors"):
+            yield field.name, getattr(contract, field.name)
     for field in fields(TensorNames):
-        name = f"tensors.{field.name}"
-        stated[name] = given(getattr(contract.tensors, field.name), name)
-    terms = {
-        term.name: {
-            field.name: given(getattr(term, field.name), f"observation.{term.name}.{field.name}")
-            for field in fields(Term)
-            if field.name != "name"
-        }
-        for term in contract.terms
-    }
-    return PartialContract(source, stated, terms)
+        value, name = getattr(contract.tensors, field.name), f"tensors.{field.name}"
+        if value or name in contract.provenance:
+            yield name, value
 
 
 def _plain(value: Any) -> Any:
