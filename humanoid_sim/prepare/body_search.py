@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from humanoid_sim.controllers.rotation import matrix
@@ -31,12 +33,16 @@ def search_body_order(
     rotation = matrix(motion.body_quaternion)
     if not motion.is_world:
         return _assign(motion.body_position, rotation, place, turn, skeleton, tolerance)
-    for base in range(motion.body_position.shape[1]):
-        # Any of the bodies may be the base, to which the others are compared.
-        back = np.swapaxes(rotation[:, base], -1, -2)
-        relative = np.einsum("tij,tbj->tbi", back, motion.body_position - motion.body_position[:, base, None])
-        names = _assign(relative, back[:, None] @ rotation, place, turn, skeleton, tolerance)
-        if names is not None and names[base] == skeleton.base:
+    # A floating base is among the bodies; a fixed one need not be, so any body may be the one that is known.
+    known = (skeleton.base,) if verifier.is_floating else skeleton.bodies
+    for name, column in product(known, range(motion.body_position.shape[1])):
+        body = skeleton.bodies.index(name)
+        # The pose of the base, if this column is this body.
+        back = turn[:, body] @ np.swapaxes(rotation[:, column], -1, -2)
+        offset = motion.body_position - motion.body_position[:, column, None]
+        position = np.einsum("tij,tbj->tbi", back, offset) + place[:, body, None]
+        names = _assign(position, back[:, None] @ rotation, place, turn, skeleton, tolerance)
+        if names is not None and names[column] == name:
             return names
     return None
 

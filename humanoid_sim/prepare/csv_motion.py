@@ -24,6 +24,10 @@ _BASE_COLUMNS = {
 }
 """Names of columns, and which part of the base's pose they are."""
 
+_UNEVEN = 0.25
+"""Of the mean step: rounding to milliseconds makes steps uneven, a frame left out makes one twice as long."""
+_DIGIT = 0.001
+"""s"""
 _TIMES = ("time", "t", "timestamp")
 _INDICES = ("frame", "index")
 _SUFFIXES = ("", ".pos", "_dof", "_pos")
@@ -54,6 +58,8 @@ def read_csv(
         raise InputError(f"{path}: is empty, expected one frame per line")
     first_line, first = rows[0]
     if any(_number(cell) is None for cell in first):
+        if len(rows) == 1:
+            raise InputError(f"{path}: line {first_line} is no frame of numbers, and no frame follows it")
         return _with_header(path, first, _table(path, rows[1:]), joint_names, fps, floating)
     table = _table(path, rows)
     joints = len(joint_names)
@@ -81,8 +87,6 @@ def read_csv(
 def _with_header(
     path: Path, names: list[str], table: FloatArray, joints: tuple[str, ...], fps: float | None, floating: bool
 ) -> SourceMotion:
-    if not len(table):
-        raise InputError(f"{path}: has column names and no frames")
     if len(names) != table.shape[1]:
         raise InputError(f"{path}: has {len(names)} column names and {table.shape[1]} numbers per line")
     places: dict[str, int] = {}
@@ -142,15 +146,15 @@ def _rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
     steps = np.diff(times)
     if not len(steps) or not np.isfinite(steps).all() or steps.min() <= 0.0:
         raise InputError(f"{path}: column 'time' does not rise from frame to frame")
-    if steps.max() - steps.min() > 0.02 * steps.mean():
+    if np.abs(steps - steps.mean()).max() > _UNEVEN * steps.mean():
         frame = int(np.abs(steps - steps.mean()).argmax())
         raise InputError(
             f"{path}: frames are not evenly spaced in time: {steps[frame]:g} s after frame {frame}, "
             f"{steps.mean():g} s on average"
         )
     rate = 1.0 / float(steps.mean())
-    # Times are written with few digits: 0.033 s is 30 frames per second.
-    rate = round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
+    # Times are written with few digits, often milliseconds: 0, 0.033, 0.067 are 30 frames per second.
+    rate = round(rate) if abs(rate - round(rate)) * (times[-1] - times[0]) < _DIGIT * rate else rate
     if fps is not None and abs(fps - rate) > 0.02 * rate:
         raise InputError(f"{path}: --fps is {fps:g}, and its column 'time' says {rate:g} frames per second")
     return float(rate) if fps is None else fps
@@ -187,4 +191,4 @@ def _table(path: Path, rows: list[tuple[int, list[str]]]) -> FloatArray:
                 raise InputError(f"{path}: line {line}, column {place + 1}: '{cell.strip()}' is not a number")
             numbers.append(number)
         values.append(numbers)
-    return np.array(values, dtype=np.float64).reshape(len(rows), -1)
+    return np.array(values, dtype=np.float64)

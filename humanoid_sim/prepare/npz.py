@@ -65,10 +65,12 @@ def read_npz(path: Path) -> SourceMotion:
 
 def _load(path: Path) -> dict[str, npt.NDArray[Any]]:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if not hasattr(file, "files"):
+        # Opened here: NumPy leaves a bad archive that it opened itself open.
+        with path.open("rb") as stream:
+            archive = np.load(stream, allow_pickle=False)
+            if isinstance(archive, np.ndarray):
                 raise InputError(f"{path}: holds a single array (.npy), expected an .npz file")
-            return {key: file[key] for key in file.files}
+            return {key: archive[key] for key in archive.files}
     except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, KeyError) as error:
         # NumPy says ValueError for pickled objects, which may run code, and for what is no NumPy file at all.
         reason = " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,55 @@
+"""Small motions of the Lite in the formats of others, made from its own forward kinematics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.prepare.rotations import quaternion_from_matrix
+from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.training.motions import pose_a
+
+FPS = 50.0
+FRAMES = 40
+
+
+def lite() -> RobotDescription:
+    return load_robot("lite")
+
+
+def joint_path(frames: int = FRAMES, seed: int = 0) -> np.ndarray:
+    """Shape (F, 14), rad: every joint moves, each in its own way, and stays within its limits."""
+    description = lite()
+    home = pose_a(description)
+    rng = np.random.default_rng(seed)
+    room = 0.6 * np.minimum(np.minimum(description.upper - home, home - description.lower), 0.8)
+    t = np.arange(frames)[:, None] / FPS
+    return home + room * np.sin(2 * np.pi * rng.uniform(0.4, 1.4, 14) * t + rng.uniform(0, 2 * np.pi, 14))
+
+
+def state_of(q: np.ndarray, bodies: tuple[str, ...] | None = None, fps: float = FPS) -> dict[str, Any]:
+    """The arrays of an .npz: a robot whose base stands, turned, somewhere in the world; by default all its bodies."""
+    position, rotation = ForwardKinematics(lite(), Skeleton(lite()).bodies if bodies is None else bodies)(q)
+    cos, sin = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    position = position @ turn.T + np.array([1.0, 2.0, 0.5])
+    return {
+        "fps": np.array([fps]),
+        "joint_pos": q.astype(np.float32),
+        "joint_vel": np.gradient(q, 1.0 / fps, axis=0).astype(np.float32),
+        "body_pos_w": position.astype(np.float32),
+        "body_quat_w": quaternion_from_matrix(turn @ rotation).astype(np.float32),
+        "body_lin_vel_w": np.zeros_like(position, dtype=np.float32),
+        "body_ang_vel_w": np.zeros_like(position, dtype=np.float32),
+    }
+
+
+def write_npz(path: Path, **changes: Any) -> Path:
+    """A motion of the Lite; changes replace arrays, and None removes one."""
+    state = state_of(joint_path()) | changes
+    np.savez(path, **{key: value for key, value in state.items() if value is not None})
+    return path

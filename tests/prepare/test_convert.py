@@ -1,0 +1,137 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from motion_samples import FPS, joint_path, lite, state_of
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rotation import matrix
+from humanoid_sim.errors import InputError
+from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
+from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, layout_of
+from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.source import SourceMotion
+from humanoid_sim.prepare.verify import Verifier
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.tracking import rotation_angle
+from humanoid_sim.training.motions import BODIES, joint_frames
+
+SKELETON = Skeleton(lite())
+VERIFIER = Verifier(lite(), SKELETON)
+BASE_TERMS = ("motion_body_pos_b", "motion_body_ori_b", "joint_pos")
+ANCHOR_TERMS = ("motion_command", "motion_anchor_pos_b", "motion_anchor_ori_b", "joint_pos")
+
+
+def contract(**changes: Any) -> PolicyContract:
+    joints = tuple(reversed(SKELETON.joints))
+    fields: dict[str, Any] = {
+        "task_type": "tracking",
+        "joint_names": joints,
+        "action_joint_names": joints,
+        "joint_stiffness": 20.0,
+        "joint_damping": 1.0,
+        "default_joint_pos": 0.0,
+        "observation": BASE_TERMS,
+        "command_names": (),
+        "action_scale": 0.5,
+        "policy_dt": 0.02,
+        "body_names": BODIES,
+    }
+    return PolicyContract(**fields | changes)
+
+
+def named(bodies: tuple[str, ...] = ("chest", *BODIES), **changes: Any) -> NamedMotion:
+    state = state_of(joint_path(), bodies)
+    source = SourceMotion(
+        source="dance.npz",
+        kind="npz",
+        fps=FPS,
+        joint_position=state["joint_pos"],
+        joint_velocity=state["joint_vel"],
+        body_position=state["body_pos_w"],
+        body_quaternion=state["body_quat_w"],
+    )
+    return replace(interpret(source, Conventions(SKELETON.joints, bodies, "wxyz"), SKELETON), **changes)
+
+
+NO_BODIES: dict[str, Any] = {"body_names": (), "body_position": None, "body_quaternion": None}
+
+
+def make(motion: NamedMotion, policy: PolicyContract):
+    return convert("dance.npz", motion, policy, SKELETON, VERIFIER, "lite")
+
+
+@pytest.mark.parametrize(
+    ("motion", "origin"),
+    [
+        (named(), FROM_SOURCE),
+        (named(BODIES), FROM_KINEMATICS),  # no base to see them from
+        (named(("chest", "left_hand")), FROM_KINEMATICS),
+        (named(**NO_BODIES), FROM_KINEMATICS),
+    ],
+)
+def test_bodies_in_the_base_frame(motion: NamedMotion, origin: str) -> None:
+    made, said = make(motion, contract())
+    assert (made.layout, made.body_names, made.robot, made.policy_dt) == ("bodies_b", BODIES, "lite", 0.02)
+    assert said == origin
+    np.testing.assert_allclose(made.frames, joint_frames(lite(), joint_path()), atol=2e-6)
+
+
+def test_joints_and_bodies_in_the_world() -> None:
+    motion = named()
+    made, said = make(motion, contract(observation=ANCHOR_TERMS, anchor_body="chest", body_names=("chest", *BODIES)))
+    assert (made.layout, said, made.joint_names) == ("joints_bodies_w", FROM_SOURCE, tuple(reversed(SKELETON.joints)))
+    assert motion.joint_position is not None
+    assert motion.joint_velocity is not None
+    parts = np.split(made.frames, np.cumsum([14, 14, 15]), axis=1)
+    np.testing.assert_allclose(parts[0], motion.joint_position[:, ::-1], atol=1e-6)
+    np.testing.assert_allclose(parts[1], motion.joint_velocity[:, ::-1], atol=1e-6)
+    np.testing.assert_allclose(parts[2], motion.body_position.reshape(40, -1), atol=1e-6)
+    np.testing.assert_allclose(parts[3], motion.body_quaternion.reshape(40, -1), atol=1e-6)
+
+
+@pytest.mark.parametrize("has_base", [True, False])
+def test_world_poses_from_joints_alone(has_base: bool) -> None:
+    motion = named()
+    reduced = replace(motion, **NO_BODIES, joint_velocity=None)
+    if not has_base:
+        reduced = replace(reduced, base_position=None, base_quaternion=None)
+    policy = contract(observation=ANCHOR_TERMS, anchor_body="left_hand", body_names=())
+    made, said = make(reduced, policy)
+    assert (said, made.body_names) == (FROM_KINEMATICS, ("left_hand",))
+    assert motion.joint_velocity is not None
+    np.testing.assert_allclose(made.frames[:, 14:28], motion.joint_velocity[:, ::-1], atol=1e-4)
+    position, quaternion = made.frames[:, 28:31], made.frames[:, 31:]
+    if has_base:
+        assert motion.body_position is not None
+        assert motion.body_quaternion is not None
+        np.testing.assert_allclose(position, motion.body_position[:, 2], atol=1e-6)
+        assert rotation_angle(matrix(quaternion), matrix(motion.body_quaternion[:, 2])).max() < 1e-5
+    else:  # the base stands where the robot's model has it
+        place, _ = VERIFIER.poses(joint_path(), ("left_hand",))
+        np.testing.assert_allclose(position, place[:, 0] + SKELETON.base_position, atol=1e-5)
+
+
+def test_what_a_motion_lacks() -> None:
+    with pytest.raises(InputError, match="holds no joint positions, which the policy's reference needs"):
+        make(named(joint_position=None), contract(observation=ANCHOR_TERMS))
+    with pytest.raises(InputError, match="its bodies lack left_elbow_pitch, right_elbow_pitch"):
+        make(named(("chest", "left_hand", "right_hand"), joint_position=None), contract())
+
+
+def test_a_floating_robot_needs_its_base() -> None:
+    biped = load_robot("lite_biped")
+    skeleton = Skeleton(biped)
+    joints = biped.joint_names
+    policy = contract(
+        joint_names=joints, action_joint_names=joints, observation=ANCHOR_TERMS, body_names=(skeleton.base,)
+    )
+    motion = NamedMotion(50.0, np.zeros((3, len(joints))), None, (), None, None, None, None, True)
+    with pytest.raises(InputError, match=f"no pose of the floating base '{skeleton.base}'"):
+        convert("walk.csv", motion, policy, skeleton, Verifier(biped, skeleton), "lite_biped")
+
+
+def test_the_layout_follows_the_terms() -> None:
+    assert layout_of(contract()) == "bodies_b"
+    assert layout_of(contract(observation=ANCHOR_TERMS)) == "joints_bodies_w"

@@ -1,0 +1,95 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.prepare.csv_motion import read_csv
+
+JOINTS = ("hip", "knee")
+ROW = "0.1,0.2,0.8,0,0,0,1,0.3,0.4\n"
+
+
+def read(path: Path, text: str, fps: float | None = 30.0, *, floating: bool = True):
+    path.write_text(text, encoding="utf-8")
+    return read_csv(path, JOINTS, fps, floating=floating, quaternions=None)
+
+
+def test_numbers_alone(tmp_path: Path) -> None:
+    motion = read(tmp_path / "a.csv", ROW * 3)
+    assert (motion.fps, motion.frame_count, motion.joint_names, motion.quaternion_order) == (30.0, 3, None, "xyzw")
+    assert motion.joint_position is not None
+    assert motion.joint_position[0].tolist() == [0.3, 0.4]
+    assert motion.base_position is not None
+    assert motion.base_position[0].tolist() == [0.1, 0.2, 0.8]
+
+
+def test_joints_alone_of_a_robot_with_a_fixed_base(tmp_path: Path) -> None:
+    motion = read(tmp_path / "a.csv", "0.3,0.4\n\n0.5,0.6\n", floating=False)
+    assert motion.base_position is None
+    assert motion.joint_position is not None
+    assert motion.joint_position.tolist() == [[0.3, 0.4], [0.5, 0.6]]
+
+
+def test_column_names_in_any_order(tmp_path: Path) -> None:
+    text = "time,knee,hip_dof,root_qw,root_qx,root_qy,root_qz,base_x,y,base_pos_z\n"
+    text += "".join(f"{t:.3f},0.4,0.3,1,0,0,0,0.1,0.2,0.8\n" for t in np.arange(4) / 30)
+    motion = read(tmp_path / "a.csv", text, None)
+    assert (motion.fps, motion.joint_names, motion.quaternion_order) == (30.0, ("hip", "knee"), "wxyz")
+    assert motion.joint_position is not None
+    assert motion.joint_position[0].tolist() == [0.3, 0.4]
+    assert motion.base_quaternion is not None
+    assert motion.base_quaternion[0].tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "fps", "reason"),
+    [
+        ("", 30.0, "is empty"),
+        (ROW, None, "use --fps"),
+        ("1,2,3\n", 30.0, "line 1 has 3 numbers, expected 9, base pose and 2 joints"),
+        (ROW + "1,2\n", 30.0, "line 2 has 2 numbers, the lines before 9"),
+        (ROW + ROW.replace("0.3", "x"), 30.0, "line 2, column 8: 'x' is not a number"),
+        (ROW.replace("0.3", "nan"), 30.0, "joint_position is nan at frame 0"),
+        (ROW.replace(",1,", ",3,"), 30.0, "base_quaternion at frame 0 has norm 3"),
+        ("hip,ankle\n1,2\n", 30.0, "unknown column 'ankle'"),
+        ("hip,hip\n1,2\n", 30.0, "columns 'hip' and 'hip' are the same"),
+        ("hip\n1\n", 30.0, "has no column for knee"),
+        ("hip,knee\n1,2\n", 30.0, "needs all of the columns base_x"),
+        ("hip,knee\n", 30.0, "line 1 is no frame of numbers, and no frame follows it"),
+        ("hip,knee\n1,2,3\n", 30.0, "has 2 column names and 3 numbers per line"),
+    ],
+)
+def test_a_bad_file(tmp_path: Path, text: str, fps: float | None, reason: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read(tmp_path / "a.csv", text, fps)
+    assert reason in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("times", "fps", "reason"),
+    [
+        ("0,1,1", None, "does not rise"),
+        ("0,1,2,4", None, "not evenly spaced in time: 2 s after frame 2"),
+        ("0,0.02,0.04", 30.0, "--fps is 30, and its column 'time' says 50"),
+    ],
+)
+def test_bad_times(tmp_path: Path, times: str, fps: float | None, reason: str) -> None:
+    text = "time,hip,knee\n" + "".join(f"{time},0,0\n" for time in times.split(","))
+    with pytest.raises(InputError) as caught:
+        read(tmp_path / "a.csv", text, fps, floating=False)
+    assert reason in str(caught.value)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    path = tmp_path_factory.mktemp("csv") / "a.csv"
+    path.write_bytes(data)
+    try:
+        motion = read_csv(path, JOINTS, 30.0, floating=False, quaternions=None)
+    except InputError:
+        return
+    assert motion.frame_count >= 1

@@ -1,0 +1,122 @@
+"""A motion in the wrong order is refused, and the message says which order would fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_samples import FPS, joint_path, lite, state_of
+
+from humanoid_sim.prepare.conventions import Conventions
+from humanoid_sim.prepare.hypotheses import what_would_fit
+from humanoid_sim.prepare.joint_search import search_joint_order
+from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.source import SourceMotion
+from humanoid_sim.prepare.verify import Tolerance, Verifier
+from humanoid_sim.training.motions import BODIES
+
+SKELETON = Skeleton(lite())
+VERIFIER = Verifier(lite(), SKELETON)
+TOLERANCE = Tolerance(0.01, np.radians(2.0))
+JOINT_ORDERS = {order: SKELETON.joint_order(order) for order in ("robot", "breadth_first")}
+BODY_ORDERS = {order: SKELETON.body_order(order) for order in ("mjcf", "breadth_first")}
+
+
+def source(bodies: tuple[str, ...] = SKELETON.bodies) -> SourceMotion:
+    state = state_of(joint_path(), bodies)
+    return SourceMotion(
+        source="dance.npz",
+        kind="npz",
+        fps=FPS,
+        joint_position=state["joint_pos"],
+        joint_velocity=state["joint_vel"],
+        body_position=state["body_pos_w"],
+        body_quaternion=state["body_quat_w"],
+    )
+
+
+def with_columns(motion: SourceMotion, joints=None, bodies=None, xyzw=False) -> SourceMotion:
+    """The same motion with its columns in another order."""
+    assert motion.joint_position is not None
+    assert motion.body_position is not None
+    assert motion.body_quaternion is not None
+    position = motion.joint_position if joints is None else motion.joint_position[:, joints]
+    place = motion.body_position if bodies is None else motion.body_position[:, bodies]
+    turn = motion.body_quaternion if bodies is None else motion.body_quaternion[:, bodies]
+    turn = np.roll(turn, -1, axis=-1) if xyzw else turn
+    return replace(motion, joint_position=position, joint_velocity=None, body_position=place, body_quaternion=turn)
+
+
+def fit(motion: SourceMotion, bodies: tuple[str, ...] = SKELETON.bodies) -> str:
+    conventions = Conventions(SKELETON.joints, bodies, "wxyz")
+    return what_would_fit(motion, conventions, SKELETON, VERIFIER, TOLERANCE, JOINT_ORDERS, BODY_ORDERS)
+
+
+def places(order: tuple[str, ...], of: tuple[str, ...]) -> list[int]:
+    return [of.index(name) for name in order]
+
+
+BREADTH_JOINTS = places(SKELETON.joint_order("breadth_first"), SKELETON.joints)
+BREADTH_BODIES = places(SKELETON.body_order("breadth_first"), SKELETON.bodies)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"xyzw": True}, "--quaternions xyzw"),
+        ({"joints": BREADTH_JOINTS}, "--joint-order breadth_first"),
+        ({"bodies": BREADTH_BODIES}, "--body-order breadth_first"),
+        (
+            {"joints": BREADTH_JOINTS, "bodies": BREADTH_BODIES},
+            "--joint-order breadth_first --body-order breadth_first",
+        ),
+        (
+            {"joints": BREADTH_JOINTS, "bodies": BREADTH_BODIES, "xyzw": True},
+            "--joint-order breadth_first --body-order breadth_first --quaternions xyzw",
+        ),
+    ],
+)
+def test_orders_with_a_name(changes, words: str) -> None:
+    assert fit(with_columns(source(), **changes)) == f"it would fit with {words}"
+
+
+def test_two_joints_exchanged() -> None:
+    order = list(range(14))
+    order[3], order[10] = order[10], order[3]
+    expected = "it would fit with the joints left_elbow_pitch and right_elbow_pitch exchanged"
+    assert fit(with_columns(source(), joints=order)) == expected
+    assert fit(with_columns(source(), joints=order, xyzw=True)) == f"{expected} and --quaternions xyzw"
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("bodies", [SKELETON.bodies, ("chest", *BODIES)])
+def test_any_order_of_joints(seed: int, bodies: tuple[str, ...]) -> None:
+    order = np.random.default_rng(seed).permutation(14)
+    names = ",".join(SKELETON.joints[i] for i in order)
+    assert fit(with_columns(source(bodies), joints=order), bodies) == f"it would fit with --joint-order {names}"
+
+
+def test_the_search_alone_finds_the_joints() -> None:
+    order = np.random.default_rng(9).permutation(14)
+    motion = with_columns(source(("chest", *BODIES)), joints=order).select(np.arange(0, 40, 8))
+    conventions = Conventions(SKELETON.joints, ("chest", *BODIES), "wxyz")
+    assert search_joint_order(motion, conventions, SKELETON) == tuple(SKELETON.joints[i] for i in order)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_order_of_bodies(seed: int) -> None:
+    order = np.random.default_rng(seed).permutation(18)
+    names = ",".join(SKELETON.bodies[i] for i in order)
+    assert fit(with_columns(source(), bodies=order)) == f"it would fit with --body-order {names}"
+
+
+@pytest.mark.parametrize("order", [[1, 0, 3, 2], [3, 0, 1, 2], [0, 2, 1, 3]])
+def test_any_order_of_bodies_without_the_base(order: list[int]) -> None:
+    names = ",".join(BODIES[i] for i in order)
+    assert fit(with_columns(source(BODIES), bodies=order), BODIES) == f"it would fit with --body-order {names}"
+
+
+def test_the_motion_of_another_robot() -> None:
+    motion = source()
+    assert motion.joint_position is not None
+    noise = 0.5 * np.random.default_rng(0).normal(size=motion.joint_position.shape)
+    assert fit(replace(motion, joint_position=motion.joint_position + noise)) == ""

@@ -1,0 +1,259 @@
+"""`prepare` from its options to its files."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from motion_samples import joint_path, lite, state_of, write_npz
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.cli import run_program
+from humanoid_sim.play import main as play
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.prepare import main
+from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.training.motions import BODIES, joint_frames
+
+POLICY = asset_path("policies", "lite_tracking.onnx")
+
+
+def prepare(tmp_path: Path, motion: Path | None, *options: str) -> int:
+    given = [] if motion is None else ["--motion", str(motion)]
+    return run_program(main, ["--policy", str(POLICY), "--output", str(tmp_path / "out"), *given, *options])
+
+
+def refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path, motion: Path | None, *options: str) -> str:
+    """The one line of a refused run, which leaves nothing behind."""
+    assert prepare(tmp_path, motion, *options) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+    return error
+
+
+def test_a_motion_becomes_a_file_that_plays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert prepare(tmp_path, write_npz(tmp_path / "dance.npz")) == 0
+    out = tmp_path / "out"
+    assert sorted(path.name for path in out.iterdir()) == ["dance.json", "dance.mcap", "lite_tracking.onnx"]
+    motion = read_motion(out / "dance.mcap")
+    assert (motion.body_names, motion.policy_dt, motion.robot, motion.layout) == (BODIES, 0.02, "lite", "bodies_b")
+    np.testing.assert_allclose(motion.frames, joint_frames(lite(), joint_path()), atol=2e-6)
+    assert (out / "lite_tracking.onnx").read_bytes() == POLICY.read_bytes()
+    printed = capsys.readouterr().out
+    assert "bodies against forward kinematics, tolerance 10 mm, 2°" in printed
+    assert "right_hand" in printed
+    summary = tmp_path / "summary.json"
+    options = ["--record", "none", "--video", "none", "--viewer", "none", "--summary", str(summary)]
+    assert play(["--policy", str(out / "lite_tracking.onnx"), "--motion", str(out / "dance.mcap"), *options]) == 0
+    assert summary.is_file()
+
+
+def test_the_report(tmp_path: Path) -> None:
+    assert prepare(tmp_path, write_npz(tmp_path / "dance.npz"), "--name", "first") == 0
+    report = json.loads((tmp_path / "out" / "first.json").read_text())
+    assert report["verified"] is True
+    assert report["method"] == "forward kinematics"
+    assert report["source"] == str(tmp_path / "dance.npz")
+    assert (report["source_fps"], report["source_frames"], report["frames"], report["resampled"]) == (
+        50.0,
+        40,
+        40,
+        False,
+    )
+    assert report["tolerance"] == {"position": 0.01, "angle": pytest.approx(np.radians(2.0))}
+    assert [body["name"] for body in report["bodies"]] == list(Skeleton(lite()).bodies)
+    assert max(body["position_max"] for body in report["bodies"]) < 1e-5
+    assert report["conventions"]["joints_said_by"] == "assumed: contract"
+    assert report["rate"]["fps"] == pytest.approx(50.0, rel=1e-3)
+
+
+def arrays(**changes: Any) -> dict[str, Any]:
+    return changes
+
+
+SAMPLE = state_of(joint_path())
+LEAD = np.roll(np.arange(14), 1)
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "joints": (
+        arrays(joint_pos=SAMPLE["joint_pos"][:, LEAD], joint_vel=SAMPLE["joint_vel"][:, LEAD]),
+        "it would fit with --joint-order right_wrist_pitch,left_shoulder_pitch",
+    ),
+    "quaternions": (arrays(body_quat_w=np.roll(SAMPLE["body_quat_w"], -1, -1)), "it would fit with --quaternions xyzw"),
+    "a body": (
+        arrays(body_pos_w=SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]),
+        "body 'left_hand' is up to 2.0 cm and 0.0° from where the robot's forward kinematics puts it",
+    ),
+    "rate": (arrays(fps=np.array([30])), "fps is 30, but its joint velocities are those of 50.0 frames per second"),
+    "velocities": (
+        arrays(joint_vel=SAMPLE["joint_vel"][:, ::-1]),
+        "its joint velocities are not those of its joint positions",
+    ),
+    "not a number": (arrays(body_pos_w=np.full((40, 18, 3), np.nan)), "body_position is nan at frame 0"),
+    "frames": (arrays(body_quat_w=SAMPLE["body_quat_w"][:-1]), "body_quaternion has 39 frames, joint_position has 40"),
+    "no key": (arrays(joint_vel=None), "has no joint_vel"),
+    "joint count": (
+        arrays(joint_pos=SAMPLE["joint_pos"][:, :13], joint_vel=SAMPLE["joint_vel"][:, :13]),
+        "has 13 joints per frame, and the order 'contract' has 14",
+    ),
+    "body count": (
+        arrays(body_pos_w=SAMPLE["body_pos_w"][:, :9], body_quat_w=SAMPLE["body_quat_w"][:, :9]),
+        "has 9 bodies per frame; the contract has 4, the robot 18; say which they are with --body-order",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_motion_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    changes, reason = WRONG[name]
+    assert reason in refusal(capsys, tmp_path, write_npz(tmp_path / "dance.npz", **changes))
+
+
+def test_the_suggested_options_make_it_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_npz(
+        tmp_path / "dance.npz",
+        joint_pos=SAMPLE["joint_pos"][:, LEAD],
+        joint_vel=SAMPLE["joint_vel"][:, LEAD],
+        body_quat_w=np.roll(SAMPLE["body_quat_w"], -1, -1),
+    )
+    error = refusal(capsys, tmp_path, path)
+    order = error.split("--joint-order ")[1].split()[0]
+    assert "and --quaternions xyzw" in error
+    assert prepare(tmp_path, path, "--joint-order", order, "--quaternions", "xyzw") == 0
+    np.testing.assert_allclose(
+        read_motion(tmp_path / "out" / "dance.mcap").frames, joint_frames(lite(), joint_path()), atol=2e-6
+    )
+
+
+def test_a_wider_tolerance_lets_a_small_error_through(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_npz(tmp_path / "dance.npz", **WRONG["a body"][0])
+    assert prepare(tmp_path, path, "--tolerance", "0.025") == 0
+    assert "left_hand" in capsys.readouterr().out
+
+
+def test_another_rate_is_resampled_only_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    state = state_of(joint_path()[::2], fps=25.0)
+    path = tmp_path / "dance.npz"
+    np.savez(path, **state)
+    assert "25 frames per second, the policy takes 50 steps; add --resample" in refusal(capsys, tmp_path, path)
+    assert prepare(tmp_path, path, "--resample") == 0
+    motion = read_motion(tmp_path / "out" / "dance.mcap")
+    assert (len(motion.frames), motion.policy_dt) == (39, 0.02)
+    np.testing.assert_allclose(motion.frames[::2], joint_frames(lite(), joint_path()[::2]), atol=2e-6)
+    np.testing.assert_allclose(motion.frames, joint_frames(lite(), joint_path()[:39]), atol=0.01)
+
+
+def write_csv(path: Path, header: bool, q: np.ndarray) -> Path:
+    names = ",".join(lite().joint_names) + "\n" if header else ""
+    path.write_text(names + "".join(",".join(f"{value:.7f}" for value in row) + "\n" for row in q))
+    return path
+
+
+@pytest.mark.parametrize("header", [True, False])
+def test_a_csv_of_joints(tmp_path: Path, capsys: pytest.CaptureFixture[str], header: bool) -> None:
+    path = write_csv(tmp_path / "dance.csv", header, joint_path())
+    assert prepare(tmp_path, path, "--fps", "50") == 0
+    assert "the order of its joints could not be verified" in " ".join(capsys.readouterr().out.split())
+    assert json.loads((tmp_path / "out" / "dance.json").read_text())["verified"] is False
+    motion = read_motion(tmp_path / "out" / "dance.mcap")
+    np.testing.assert_allclose(motion.frames, joint_frames(lite(), joint_path()), atol=2e-6)
+
+
+def test_a_csv_whose_joints_are_beyond_their_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    order = [lite().joint_names.index(name) for name in Skeleton(lite()).joint_order("breadth_first")]
+    path = write_csv(tmp_path / "dance.csv", False, joint_path()[:, order])
+    error = refusal(capsys, tmp_path, path, "--fps", "50")
+    assert "beyond its limits" in error
+    assert "it stays within all limits with --joint-order breadth_first" in error
+
+
+def test_a_csv_with_its_quaternion_in_the_other_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    base = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (40, 1))
+    path = write_csv(tmp_path / "dance.csv", False, np.concatenate([base, joint_path()], axis=1))
+    error = refusal(capsys, tmp_path, path, "--fps", "50")
+    assert "the base is upside down most of the time; it would be upright with --quaternions wxyz" in error
+    assert prepare(tmp_path, path, "--fps", "50", "--quaternions", "wxyz") == 0
+
+
+def test_nothing_is_replaced_unless_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_npz(tmp_path / "dance.npz")
+    assert prepare(tmp_path, path) == 0
+    before = (tmp_path / "out" / "dance.mcap").read_bytes()
+    capsys.readouterr()
+    assert prepare(tmp_path, path) == 2
+    assert "exists; choose another --name, or add --overwrite" in capsys.readouterr().err
+    assert prepare(tmp_path, path, "--overwrite") == 0
+    assert (tmp_path / "out" / "dance.mcap").read_bytes() == before
+    assert prepare(tmp_path, path, "--name", "again") == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--wandb-run-path", "a/b/c"], "--policy and --wandb-run-path: both are given"),
+        (["--wandb-file", "x.onnx"], "--wandb-file: needs --wandb-run-path"),
+        (["--dataset", "a/b", "--motion", "x.npz"], "--motion and --dataset: both are given"),
+        (["--motion", "gone.npz"], "--motion: 'gone.npz' does not exist"),
+        (["--tolerance", "0"], "--tolerance: is 0.0, expected a finite number > 0"),
+        (["--name", "a/b"], "--name: is 'a/b'"),
+        (["--features", "joints=x"], "--features: is 'joints=x', expected ROLE=FEATURE"),
+        (["--robot", "nobody"], "unknown robot 'nobody'"),
+    ],
+)
+def test_options_that_make_no_sense(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], reason: str
+) -> None:
+    assert reason in refusal(capsys, tmp_path, None, *options)
+
+
+def test_a_file_that_is_no_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "dance.bvh"
+    path.write_text("HIERARCHY")
+    assert "is no .npz or .csv file and no folder" in refusal(capsys, tmp_path, path)
+
+
+def test_a_folder_that_is_no_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "dances"
+    (folder / "meta").mkdir(parents=True)
+    assert "is no LeRobot dataset: it has no meta/info.json" in refusal(capsys, tmp_path, folder)
+    (folder / "meta" / "info.json").write_text('{"codebase_version": "v2.1"}')
+    assert "is a LeRobot dataset of format v2.1, expected v3.0" in refusal(capsys, tmp_path, folder)
+    (folder / "meta" / "info.json").write_text("{")
+    assert "is not JSON" in refusal(capsys, tmp_path, folder)
+
+
+def test_a_policy_that_follows_no_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = walker(tmp_path / "walk.onnx")
+    arguments = ["--policy", str(path), "--output", str(tmp_path / "out")]
+    assert run_program(main, arguments) == 0
+    assert "follows no motion; nothing else to prepare" in capsys.readouterr().out
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["walk.onnx"]
+    assert run_program(main, [*arguments, "--motion", "x.npz"]) == 2
+    assert f"--motion: is given, but {path} follows no motion" in capsys.readouterr().err
+
+
+def walker(path: Path) -> Path:
+    """The sample policy, called a locomotion policy that sees no motion."""
+    import onnx  # noqa: PLC0415
+    from onnx import helper, numpy_helper  # noqa: PLC0415
+
+    joints = lite().joint_names
+    metadata = {entry.key: entry.value for entry in onnx.load(POLICY, load_external_data=False).metadata_props}
+    metadata |= {"task_type": "locomotion", "observation_names": "joint_pos", "body_names": ""}
+    weight = numpy_helper.from_array(np.zeros((len(joints), len(joints)), np.float32), "weight")
+    shape = [1, len(joints)]
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["obs", "weight"], ["actions"])],
+        "walker",
+        [helper.make_tensor_value_info("obs", onnx.TensorProto.FLOAT, shape)],
+        [helper.make_tensor_value_info("actions", onnx.TensorProto.FLOAT, shape)],
+        [weight],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    for key, value in metadata.items():
+        model.metadata_props.add(key=key, value=value)
+    onnx.save(model, path)
+    return path
