@@ -29,6 +29,8 @@ class Checkpoint:
     """The motion that the model carries in its graph; None if it carries none."""
     contract_file: Path | None = None
     """The contract.yaml that took part, beside the model or named; None without one."""
+    golden: str = ""
+    """What the golden vectors that were computed again are worth, in words; empty without any."""
 
 
 def file_digest(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
+from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.graph_motion import Progress, has_graph_motion, sweep_motion
 from humanoid_sim.policy.onnx_model import OnnxModel, Tensor, first_line, has_onnxruntime, read_header, read_metadata
 from humanoid_sim.policy.readers.contract_yaml import find_contract
@@ -86,6 +88,8 @@ def load_checkpoint(
     contract_file: Path | None = None,
     robot_joints: tuple[str, ...] | None = None,
     progress: Progress | None = None,
+    *,
+    verify: bool = True,
 ) -> Checkpoint:
     """A checkpoint with its contract complete, its widths checked and its first (slow) inference done.
 
@@ -94,6 +98,7 @@ def load_checkpoint(
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
         progress: told of each frame while a motion in the graph is read.
+        verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
 
     Raises:
         InputError: one line that names the file and what is wrong with it.
@@ -115,7 +120,12 @@ def load_checkpoint(
         raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
     motion = sweep_motion(policy, contract, progress) if has_graph_motion(policy, contract) else None
     used = find_contract(path) if contract_file is None else contract_file
-    return Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
+    checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
+    if verify and GOLDEN_KEY in model.metadata:
+        from humanoid_sim.policy.golden.verify import verify_golden  # noqa: PLC0415 - only stamped models need it
+
+        return replace(checkpoint, golden=verify_golden(checkpoint, model.metadata))
+    return checkpoint
 
 
 def read_contract(

@@ -100,7 +100,7 @@ class GoldenSamples:
         }
         for name, width in widths.items():
             _expect(name, getattr(self, name), (count, *width))
-        tables = {"observation": self.observation, **self.extern, **self.reference}
+        tables: dict[str, npt.NDArray[Any]] = {"observation": self.observation, **self.extern, **self.reference}
         for name, table in tables.items():
             if table.ndim != 2 or len(table) != count:
                 raise FieldError(f"{name}: has shape {table.shape}, expected ({count}, width)")

@@ -1,0 +1,188 @@
+"""Make golden vectors: of a trainer's trace, or, for lack of one, with the program's own wiring."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.action import action_command, resolve_action
+from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rl_policy import RLPolicyMemory
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.golden.run import Recorded, Row, make_controller, roll
+from humanoid_sim.policy.golden.samples import GoldenSamples
+from humanoid_sim.policy.golden.trace import Trace
+from humanoid_sim.policy.golden.verify import golden_problem
+from humanoid_sim.policy.motion import Motion
+from humanoid_sim.stack import LoadedPolicy, load_policy
+
+__all__ = ["SAMPLE_COUNT", "own_samples", "trainer_samples"]
+
+SAMPLE_COUNT = 8
+_OWN_STEPS = 64
+"""Steps of a made-up run, long enough to fill any usual history."""
+
+
+def trainer_samples(
+    checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None, count: int = SAMPLE_COUNT
+) -> GoldenSamples:
+    """Samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
+
+    Args:
+        checkpoint: wired as it will be stamped.
+        trace: of the run.
+        motion: what the run followed, where the model does not carry it.
+        count: how many samples at most.
+
+    Raises:
+        InputError: the checkpoint's observation, action or targets differ from the trainer's; the line names the first
+            step, term and joint, and both values.
+    """
+    loaded = _loaded(checkpoint, motion)
+    rows = _rolled(checkpoint, loaded, trace.recorded, trace.name)
+    whole = _samples(checkpoint, loaded, trace.recorded, rows)
+    whole = replace(whole, origin="trainer", source=trace.name, observation=trace.observation)
+    if trace.target is not None:
+        whole = replace(whole, target=trace.target, target_origin="trainer")
+    problem = golden_problem(checkpoint, whole)
+    if problem:
+        raise InputError(f"{checkpoint.source}: {problem}")
+    return _pick(whole, count)
+
+
+def own_samples(checkpoint: Checkpoint, motion: Motion | None = None, count: int = SAMPLE_COUNT) -> GoldenSamples:
+    """Samples of made-up states, with the observation and the action as this program makes them: drift only.
+
+    Raises:
+        InputError: the policy does not run on them.
+    """
+    loaded = _loaded(checkpoint, motion)
+    recorded = _made_up(checkpoint, loaded)
+    rows = _rolled(checkpoint, loaded, recorded, "made-up states")
+    answers = [checkpoint.policy(row.step.observation, row.step.frame) for row in rows]
+    action = np.asarray(answers, dtype=np.float32)
+    whole = _samples(checkpoint, loaded, replace(recorded, action=action), rows)
+    return _pick(whole, count)
+
+
+def _loaded(checkpoint: Checkpoint, motion: Motion | None) -> LoadedPolicy:
+    return load_policy(
+        checkpoint.contract,
+        checkpoint.policy,
+        checkpoint.motion if motion is None else motion,
+        checkpoint.observation_width,
+        source=checkpoint.source,
+    )
+
+
+def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, name: str) -> list[Row]:
+    try:
+        controller = make_controller(checkpoint.contract, recorded.joint_names, loaded.reference, loaded.extern)
+        return roll(controller, recorded)
+    except (FieldError, ValueError) as error:
+        raise InputError(f"{checkpoint.source}: on {name}: {error}") from None
+
+
+def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, rows: list[Row]) -> GoldenSamples:
+    states, reference = recorded.states, loaded.reference
+    frames = np.array([row.step.frame for row in rows], dtype=np.int64)
+    tables = {} if checkpoint.motion is not None else dict(reference.terms)
+    action_map = resolve_action(checkpoint.contract, recorded.joint_names)
+    return GoldenSamples(
+        origin="own",
+        source="",
+        joint_names=recorded.joint_names,
+        joint_position=np.stack([state.joint_position for state in states]),
+        joint_velocity=np.stack([state.joint_velocity for state in states]),
+        imu_quaternion=np.stack([state.imu_quaternion for state in states]),
+        imu_angular_velocity=np.stack([state.imu_angular_velocity for state in states]),
+        imu_linear_acceleration=np.stack([state.imu_linear_acceleration for state in states]),
+        last_action=np.stack([row.memory.last_action for row in rows]),
+        frame=frames,
+        walked=np.array([row.memory.walked for row in rows]),
+        alignment=np.stack([_alignment(row.memory) for row in rows]),
+        observation=np.stack([row.step.observation for row in rows]),
+        action=recorded.action,
+        target=action_command(action_map, recorded.action).position,
+        extern={name: np.stack([state.extern[name].value for state in states]) for name in states[0].extern},
+        history=_histories(rows),
+        reference={name: np.asarray(table[reference.clamp(frames)]) for name, table in tables.items()},
+        frame_count=reference.frame_count,
+    )
+
+
+def _histories(rows: list[Row]) -> npt.NDArray[np.float32] | None:
+    """Shape (S, h, w); NaN where there was no step before. None for a policy that shows only the present."""
+    known = next((row.memory.history for row in rows if row.memory.history is not None), None)
+    if known is None:
+        return None
+    missing = np.full_like(known, np.nan)
+    return np.stack([missing if row.memory.history is None else row.memory.history for row in rows])
+
+
+def _alignment(memory: RLPolicyMemory) -> FloatArray:
+    laid = memory.alignment
+    return np.full(7, np.nan) if laid is None else np.concatenate([laid.offset, laid.yaw])
+
+
+def _pick(whole: GoldenSamples, count: int) -> GoldenSamples:
+    """Some samples, the first and the last among them."""
+    rows = np.unique(np.linspace(0, len(whole) - 1, count).round().astype(int))
+    chosen: dict[str, Any] = {}
+    for name in GoldenSamples.__slots__:
+        value = getattr(whole, name)
+        if isinstance(value, np.ndarray):
+            chosen[name] = value[rows]
+        elif isinstance(value, Mapping):
+            chosen[name] = MappingProxyType({key: table[rows] for key, table in value.items()})
+    return replace(whole, **chosen)
+
+
+def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
+    """Steps of a robot that stumbles about its default pose, heading and all else not zero: nothing must cancel."""
+    contract, steps = checkpoint.contract, _OWN_STEPS
+    rng = np.random.default_rng(0)
+    joints = len(contract.joint_names)
+    position = contract.default_joint_pos + rng.normal(0.0, 0.2, (steps, joints))
+    velocity = rng.normal(0.0, 1.0, (steps, joints))
+    quaternion = np.array([0.5, 0.1, -0.1, 0.8]) + rng.normal(0.0, 0.05, (steps, 4))
+    quaternion /= np.sqrt((quaternion**2).sum(axis=1, keepdims=True))
+    gyro, acceleration = rng.normal(0.0, 0.5, (steps, 3)), np.array([0.0, 0.0, 9.81]) + rng.normal(0.0, 1.0, (steps, 3))
+    live = {
+        VELOCITY_COMMAND: rng.uniform(*_command_bounds(contract), (steps, 3)),
+        BASE_LINEAR_VELOCITY: rng.normal(0.0, 0.5, (steps, 3)),
+        ANCHOR_POSE: np.concatenate([rng.normal([1.0, 2.0, 0.8], 0.1, (steps, 3)), quaternion], axis=1),
+    }
+    keys = loaded.extern.get("key_pressed")
+    if keys is not None:
+        live["key_pressed"] = rng.integers(0, 2, (steps, keys)).astype(np.float64)
+    zeros = np.zeros(joints)
+    states = [
+        MITState(
+            time=0.0,
+            joint_position=position[i],
+            joint_velocity=velocity[i],
+            joint_effort=zeros,
+            joint_age=zeros,
+            imu_quaternion=quaternion[i],
+            imu_angular_velocity=gyro[i],
+            imu_linear_acceleration=acceleration[i],
+            extern={name: Extern(table[i], 0.0) for name, table in live.items()},
+        )
+        for i in range(steps)
+    ]
+    actions = rng.normal(0.0, 0.5, (steps, contract.action_count)).astype(np.float32)
+    return Recorded(contract.joint_names, tuple(states), actions)
+
+
+def _command_bounds(contract: PolicyContract) -> tuple[FloatArray, FloatArray]:
+    ranges = np.array([[-1.0, 1.0]] * 3) if contract.command_ranges is None else contract.command_ranges
+    return ranges[:, 0], ranges[:, 1]

@@ -1,0 +1,264 @@
+"""A trainer's run in an `.npz` file: what the robot did, what the policy saw, what it answered.
+
+Every array has one row per policy step, F of them, one after the other from the activation of the policy on:
+
+| array | shape | |
+|---|---|---|
+| `obs` or `observation` | (F, N) | as fed to the model, without noise |
+| `action` or `actions` | (F, m) | raw, as the model answered |
+| `joint_names` | (J,) | order of the joints; with `qpos` the free joint's name may come first |
+| `qpos`, `qvel` | (F, nq), (F, nv) | MuJoCo's state before the step: the joints, behind x y z, w x y z of a free one |
+| or `joint_position`, `joint_velocity` | (F, J) | rad, rad/s |
+| with `imu_quaternion`, `imu_angular_velocity` | (F, 4), (F, 3) | w x y z; rad/s in the body frame |
+| `velocity_command` or `cmd` | (3,) or (F, 3) | vx, vy in m/s, yaw rate in rad/s |
+| `imu_linear_acceleration` | (F, 3) | m/s², body frame; only for policies that observe it |
+| `base_linear_velocity` | (F, 3) | m/s, world frame; follows from `qvel` |
+| `anchor_pose` | (F, 7) | x y z and w x y z of the anchor body, world frame; follows from `qpos` and the robot |
+| `key_pressed` | (F, keys) | 0 or 1 |
+| `target` | (F, J) | rad, positions that the trainer commanded; joints as in `joint_names` |
+| `last_action`, `frame`, `walked`, `history`, `alignment` | | memory, for runs that do not start at activation |
+
+Without the last line the memory follows from the steps before: `last_action` is zero at first, `frame` counts from 0.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.policy.golden.run import Recorded
+
+__all__ = ["BodyReader", "Trace", "read_trace"]
+
+BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, FloatArray]]
+"""`(qpos (F, nq), qvel (F, nv), names of its joints) -> arrays` of what a robot's model knows beside its joints."""
+
+_SAME = {"observation": "obs", "action": "actions", VELOCITY_COMMAND: "cmd"}
+_MEMORY = ("last_action", "frame", "walked", "history", "alignment")
+_NEEDED_BY = {
+    "velocity_command": VELOCITY_COMMAND,
+    "command_lin_vel": VELOCITY_COMMAND,
+    "command_ang_vel": VELOCITY_COMMAND,
+    "base_lin_vel": BASE_LINEAR_VELOCITY,
+    "motion_anchor_pos": ANCHOR_POSE,
+    "motion_anchor_ori": ANCHOR_POSE,
+    "key_pressed": "key_pressed",
+    "imu_linear_acceleration": "imu_linear_acceleration",
+}
+_LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, "key_pressed")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """A trainer's run."""
+
+    name: str
+    recorded: Recorded
+    observation: npt.NDArray[np.float32]
+    """Shape (F, N)."""
+    target: FloatArray | None
+    """Shape (F, J), rad, in the order of `recorded.joint_names`; None if the file does not say."""
+
+
+def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None = None) -> Trace:
+    """Read a trace for a policy; joints that the policy does not have are left out.
+
+    Args:
+        path: the file.
+        contract: of the policy.
+        bodies: of the robot that the trace is of; None: unknown, then a free joint's body is taken for the IMU.
+
+    Raises:
+        InputError: one line with the file, the array and what is accepted.
+    """
+    return _Reader(path, contract, bodies).trace()
+
+
+class _Reader:
+    def __init__(self, path: Path, contract: PolicyContract, bodies: BodyReader | None) -> None:
+        self.path = path
+        self.contract = contract
+        self.bodies = bodies
+        self.arrays = _load(path)
+        self.steps = 0
+
+    def trace(self) -> Trace:
+        action = self.table("action", self.contract.action_count)
+        assert action is not None
+        self.steps = len(action)
+        observation = self.table("observation")
+        assert observation is not None
+        names = self.names()
+        known = {**self.live(), **self.states(names)}
+        joints = tuple(name for name in self.hinges(names) if name in self.contract.joint_names)
+        missing = [name for name in self.contract.joint_names if name not in joints]
+        if missing:
+            raise self.wrong("joint_names", f"lacks {', '.join(missing)}", "every joint of the policy")
+        columns = [self.hinges(names).index(name) for name in joints]
+        self.check_needs(known)
+        target = self.table("target", len(self.hinges(names)), required=False)
+        return Trace(
+            name=self.path.name,
+            recorded=Recorded(
+                joint_names=joints,
+                states=tuple(self.state(known, columns, i) for i in range(self.steps)),
+                action=action.astype(np.float32),
+                memory=self.memory(),
+            ),
+            observation=observation.astype(np.float32),
+            target=None if target is None else target[:, columns],
+        )
+
+    def names(self) -> tuple[str, ...]:
+        names = self.arrays.get("joint_names")
+        if names is None or names.ndim != 1 or names.dtype.kind not in "US" or not len(names):
+            shown = "is missing" if names is None else f"has shape {names.shape}, type {names.dtype}"
+            raise self.wrong("joint_names", shown, "one text per joint, in the order of the state")
+        texts = names.astype(str).tolist()
+        if len(set(texts)) < len(texts):
+            raise self.wrong("joint_names", "names a joint twice", "one text per joint")
+        return tuple(texts)
+
+    def is_floating(self, names: tuple[str, ...]) -> bool:
+        """Whether the state has a free joint, by its width: 7 values for one, and 1 for any other joint."""
+        width = 0 if "qpos" not in self.arrays else self.arrays["qpos"].shape[-1]
+        return width in (len(names) + 6, len(names) + 7)
+
+    def hinges(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The names without the free joint's."""
+        if "qpos" in self.arrays and self.arrays["qpos"].shape[-1] == len(names) + 6:
+            return names[1:]
+        return names
+
+    def states(self, names: tuple[str, ...]) -> dict[str, FloatArray]:
+        joints = len(self.hinges(names))
+        if "qpos" not in self.arrays:
+            known = {name: self.table(name, joints) for name in ("joint_position", "joint_velocity")}
+            known |= {"imu_quaternion": self.table("imu_quaternion", 4)}
+            known |= {"imu_angular_velocity": self.table("imu_angular_velocity", 3)}
+            return {name: table for name, table in known.items() if table is not None}
+        free = 7 if self.is_floating(names) else 0
+        qpos, qvel = self.table("qpos", free + joints), self.table("qvel", max(free - 1, 0) + joints)
+        assert qpos is not None
+        assert qvel is not None
+        found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
+        if self.bodies is not None:
+            found |= self.bodies(qpos, qvel, self.hinges(names))
+        elif free:
+            found |= {"imu_quaternion": qpos[:, 3:7], "imu_angular_velocity": qvel[:, 3:6]}
+            found |= {BASE_LINEAR_VELOCITY: qvel[:, :3]}
+        else:
+            found |= {"imu_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (self.steps, 1))}
+            found |= {"imu_angular_velocity": np.zeros((self.steps, 3))}
+        # What the file says itself comes before what follows from its qpos.
+        stated = {name: self.table(name, required=False) for name in (*_LIVE, "imu_quaternion", "imu_angular_velocity")}
+        return found | {name: table for name, table in stated.items() if table is not None}
+
+    def live(self) -> dict[str, FloatArray]:
+        widths = {VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7, "imu_linear_acceleration": 3}
+        tables = {name: self.table(name, width, required=False) for name, width in widths.items()}
+        tables["key_pressed"] = self.table("key_pressed", required=False)
+        return {name: table for name, table in tables.items() if table is not None}
+
+    def state(self, known: Mapping[str, FloatArray], columns: list[int], i: int) -> MITState:
+        zeros = np.zeros(len(columns))
+        acceleration = known.get("imu_linear_acceleration")
+        return MITState(
+            time=0.0,
+            joint_position=known["joint_position"][i, columns],
+            joint_velocity=known["joint_velocity"][i, columns],
+            joint_effort=zeros,
+            joint_age=zeros,
+            imu_quaternion=known["imu_quaternion"][i],
+            imu_angular_velocity=known["imu_angular_velocity"][i],
+            imu_linear_acceleration=np.zeros(3) if acceleration is None else acceleration[i],
+            extern={name: Extern(known[name][i], 0.0) for name in _LIVE if name in known},
+        )
+
+    def check_needs(self, known: Mapping[str, FloatArray]) -> None:
+        for term in self.contract.terms:
+            kind = term.kind
+            if kind == "command" and "motion" not in self.contract.command_names:
+                kind = "velocity_command"
+            array = _NEEDED_BY.get(kind)
+            if array is not None and array not in known:
+                hint = ", or the robot, whose model tells it from qpos" if array == ANCHOR_POSE else ""
+                raise self.wrong(array, "is missing", f"it, as the policy observes {term.name}{hint}")
+
+    def memory(self) -> dict[str, npt.NDArray[np.floating | np.integer]]:
+        found: dict[str, npt.NDArray[np.floating | np.integer]] = {}
+        widths = {"last_action": self.contract.action_count, "alignment": 7}
+        for name in _MEMORY:
+            table = self.numbers(name)
+            if table is None:
+                continue
+            if name == "alignment" and table.ndim == 1:
+                table = np.broadcast_to(table, (self.steps, len(table)))
+            shape = {"frame": (self.steps,), "walked": (self.steps,)}.get(name, (self.steps, widths.get(name)))
+            if name == "history":
+                if table.ndim != 3 or len(table) != self.steps:
+                    raise self.wrong(name, f"has shape {table.shape}", f"({self.steps}, steps, width of one step)")
+            elif table.shape != shape:
+                raise self.wrong(name, f"has shape {table.shape}", f"{shape}")
+            found[name] = table
+        return found
+
+    def table(self, name: str, width: int | None = None, *, required: bool = True) -> FloatArray | None:
+        """Shape (F, width), float64; one row for all steps is spread out.
+
+        Raises:
+            InputError: it is missing, or has another shape, or is not finite.
+        """
+        values = self.numbers(name)
+        expected = f"({self.steps or 'F'}, {'width' if width is None else width}), finite numbers"
+        if values is None:
+            if not required:
+                return None
+            raise self.wrong(name, "is missing", expected)
+        if values.ndim == 1 and self.steps and name in _LIVE:
+            values = np.broadcast_to(values, (self.steps, len(values)))
+        if (
+            values.ndim != 2
+            or not len(values)
+            or len(values) != (self.steps or len(values))
+            or (width is not None and values.shape[1] != width)
+        ):
+            raise self.wrong(name, f"has shape {values.shape}", expected)
+        if not np.isfinite(values).all():
+            row = int(np.argmax(~np.isfinite(values).all(axis=1)))
+            raise self.wrong(name, f"is not finite in row {row}", expected)
+        return values.astype(np.float64)
+
+    def numbers(self, name: str) -> npt.NDArray[Any] | None:
+        values = self.arrays.get(name, self.arrays.get(_SAME.get(name, "")))
+        if values is not None and values.dtype.kind not in "fiub":
+            raise self.wrong(name, f"has type {values.dtype}", "numbers")
+        return values
+
+    def wrong(self, name: str, problem: str, expected: str) -> InputError:
+        return InputError(f"{self.path}: {name} {problem}, expected {expected}")
+
+
+def _load(path: Path) -> dict[str, npt.NDArray[Any]]:
+    """Every array of the file; none of them may need code to be read."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if not isinstance(file, np.lib.npyio.NpzFile):
+                raise InputError(f"{path}: holds one array, expected an .npz file of several")
+            return {name: file[name] for name in file.files}
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or 'is no .npz file'}") from None
+    except (ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+        raise InputError(f"{path}: is no .npz file: {str(error).partition(chr(10))[0]}") from None
+    except (FieldError, MemoryError, OverflowError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None

@@ -1,0 +1,219 @@
+"""Compute a checkpoint's golden vectors again, and refuse it if something else comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.action import action_command
+from humanoid_sim.controllers.base import Fault
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.rl_policy import Policy, RLPolicyController
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.golden.run import make_controller, observe, sample_memory, sample_state
+from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
+from humanoid_sim.stack import LoadedPolicy, load_policy
+
+__all__ = [
+    "ACTION_TOLERANCE",
+    "OBSERVATION_TOLERANCE",
+    "TARGET_TOLERANCE",
+    "golden_problem",
+    "samples_controller",
+    "value_name",
+    "verify_golden",
+]
+
+OBSERVATION_TOLERANCE = 1e-4
+"""Absolute for values up to 1, relative beyond: float32 sums in another order stay below, wrong wiring does not."""
+ACTION_TOLERANCE = 1e-3
+"""Likewise of the raw action; networks amplify the rounding of other hardware."""
+TARGET_TOLERANCE = 1e-4
+"""Likewise of the commanded positions, in rad."""
+
+_SHOWN = 4
+"""Names of terms or joints in one message."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Wrong:
+    """Values that differ."""
+
+    sample: int
+    index: int
+    value: float
+    expected: float
+    names: tuple[str, ...]
+    """What they belong to, over all samples."""
+    count: int
+    """Of them in that sample."""
+
+
+def verify_golden(checkpoint: Checkpoint, metadata: Mapping[str, str]) -> str:
+    """Check a checkpoint against the golden vectors in its metadata.
+
+    Returns:
+        What its samples are worth, in words; empty if it has none.
+
+    Raises:
+        InputError: one line with the first sample, term and joint that differ, and both values; or the samples are
+            malformed.
+    """
+    if GOLDEN_KEY not in metadata:
+        return ""
+    samples = decode_samples(metadata[GOLDEN_KEY], checkpoint.source)
+    problem = golden_problem(checkpoint, samples)
+    if problem:
+        raise InputError(f"{checkpoint.source}: golden vectors: {problem}")
+    return samples.label
+
+
+def golden_problem(checkpoint: Checkpoint, samples: GoldenSamples) -> str:
+    """What differs between the samples and what the checkpoint makes of their states, '' if nothing does.
+
+    The observation and the targets are computed by the controller that runs on the robot, the action by the model from
+    the sample's observation.
+    """
+    contract = checkpoint.contract
+    try:
+        controller = samples_controller(checkpoint, samples)
+    except (FieldError, InputError) as error:
+        return f"cannot be computed: {str(error).removeprefix(f'{checkpoint.source}: ')}"
+    return (
+        _width_problem(controller, samples)
+        or _observation_problem(controller, samples)
+        or _action_problem(checkpoint.policy, contract, samples)
+        or _target_problem(controller, samples)
+    )
+
+
+def _width_problem(controller: RLPolicyController, samples: GoldenSamples) -> str:
+    width, actions = controller.layout.width, controller.contract.action_count
+    if samples.observation.shape[1] != width:
+        return f"hold observations of {samples.observation.shape[1]} values, the contract's terms make {width}"
+    if samples.action.shape[1] != actions:
+        return f"hold actions of {samples.action.shape[1]} values, the contract has {actions}"
+    return ""
+
+
+def _observation_problem(controller: RLPolicyController, samples: GoldenSamples) -> str:
+    layout, contract = controller.layout, controller.contract
+    observation = np.empty_like(samples.observation)
+    for i in range(len(samples)):
+        try:
+            result = observe(controller, sample_memory(samples, i), sample_state(samples, i), samples.action[i])
+        except (FieldError, ValueError) as error:
+            return f"sample {i} cannot be computed: {error}"
+        if isinstance(result, Fault):
+            return f"sample {i} cannot be computed: {result.message}"
+        assert result.policy_step is not None  # every tick infers
+        observation[i] = result.policy_step.observation
+    names = [layout.locate(i).partition("[")[0] for i in range(layout.width)]
+    wrong = _compare(observation, samples.observation, OBSERVATION_TOLERANCE, names)
+    if wrong is None:
+        return ""
+    what = value_name(layout, contract, wrong.index)
+    return _sentence("observation", what, wrong, samples, samples.origin, layout.width)
+
+
+def _action_problem(policy: Policy, contract: PolicyContract, samples: GoldenSamples) -> str:
+    try:
+        answers = [
+            policy(observation, int(frame))
+            for observation, frame in zip(samples.observation, samples.frame, strict=True)
+        ]
+    except Exception as error:  # the policy is foreign code
+        return f"the model fails on a sample: {str(error).partition(chr(10))[0]}"
+    joints = contract.action_joint_names
+    wrong = _compare(np.asarray(answers), samples.action, ACTION_TOLERANCE, joints)
+    if wrong is None:
+        return ""
+    return _sentence("action", f"of {joints[wrong.index]}", wrong, samples, samples.origin, len(joints))
+
+
+def _target_problem(controller: RLPolicyController, samples: GoldenSamples) -> str:
+    position = action_command(controller.action_map, samples.action).position
+    joints = samples.joint_names
+    wrong = _compare(position, samples.target, TARGET_TOLERANCE, joints)
+    if wrong is None:
+        return ""
+    return _sentence("target", f"of {joints[wrong.index]}", wrong, samples, samples.target_origin, len(joints))
+
+
+def samples_controller(checkpoint: Checkpoint, samples: GoldenSamples) -> RLPolicyController:
+    """The controller that computes the samples again, with their own rows of the motion if they hold any.
+
+    Raises:
+        FieldError, InputError: the contract does not fit the samples' joints, or a term lacks its source.
+    """
+    if samples.reference:
+        tables = {}
+        for name, rows in samples.reference.items():
+            table = np.zeros((samples.frame_count, rows.shape[1]), dtype=np.float32)
+            table[samples.frame] = rows
+            tables[name] = table
+        reference = MotionReference(samples.frame_count, tables)
+        loaded = LoadedPolicy(checkpoint.contract, reference, checkpoint.policy)
+    else:
+        loaded = load_policy(
+            checkpoint.contract,
+            checkpoint.policy,
+            checkpoint.motion,
+            checkpoint.observation_width,
+            source=checkpoint.source,
+        )
+    return make_controller(checkpoint.contract, samples.joint_names, loaded.reference, loaded.extern)
+
+
+def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) -> str:
+    """The value at `index` of the whole observation, and its joint: `joint_pos[3] (left_knee_joint)`."""
+    located = layout.locate(index)
+    name, _, rest = located.partition("[")
+    place = int(rest.partition("]")[0])
+    term = next(term for term in layout.terms if term.name == name)
+    joints: tuple[str, ...] = ()
+    if term.term.kind in ("joint_pos", "joint_vel"):
+        joints = term.term.joints or contract.joint_names
+    elif term.term.kind == "actions":
+        joints = contract.action_joint_names
+    elif term.stop - term.start == 2 * len(contract.joint_names) and "motion" in (*contract.command_names, name):
+        joints = contract.joint_names * 2
+    return f"{located} ({joints[place]})" if place < len(joints) else located
+
+
+def _compare(
+    value: npt.NDArray[np.floating],
+    expected: npt.NDArray[np.floating],
+    tolerance: float,
+    names: Sequence[str],
+) -> _Wrong | None:
+    """The first value that is too far off; shapes (S, width), one name per column."""
+    with np.errstate(invalid="ignore"):  # infinity - infinity
+        far = ~(np.abs(value - expected) <= tolerance * np.maximum(1.0, np.abs(expected)))
+    if not far.any():
+        return None
+    sample = int(np.argmax(far.any(axis=1)))
+    index = int(np.argmax(far[sample]))
+    touched = tuple(dict.fromkeys(name for name, hit in zip(names, far.any(axis=0), strict=True) if hit))
+    return _Wrong(
+        sample, index, float(value[sample, index]), float(expected[sample, index]), touched, int(far[sample].sum())
+    )
+
+
+def _sentence(kind: str, what: str, wrong: _Wrong, samples: GoldenSamples, origin: str, width: int) -> str:
+    shown = ", ".join(wrong.names[:_SHOWN]) + (", …" if len(wrong.names) > _SHOWN else "")
+    if origin == "trainer":
+        whose, verdict = "the trainer's is", "the policy is wired differently here than where it was trained"
+    else:
+        whose, verdict = "it was", "contract, model or program changed since it was stamped"
+    where = f"sample {wrong.sample}" + (f" of {samples.source}" if samples.source else "")
+    return (
+        f"{where}: {kind} {what} is {wrong.value:.6g}, "
+        f"{whose} {wrong.expected:.6g} ({wrong.count} of {width} values differ; in all samples: {shown}): {verdict}"
+    )
