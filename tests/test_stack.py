@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.base import REMOTE_POLICY, RL_POLICY
+from humanoid_sim.controllers.context import EXTERN_WIDTHS
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.motion import Motion, write_motion
@@ -42,7 +43,7 @@ def lite_contract(**changes: Any) -> PolicyContract:
         "joint_stiffness": LITE.stiffness,
         "joint_damping": LITE.damping,
         "default_joint_pos": np.zeros(14),
-        "observation_names": ("motion_body_pos_b", "motion_body_ori_b", "joint_pos"),
+        "observation": ("motion_body_pos_b", "motion_body_ori_b", "joint_pos"),
         "action_scale": 0.5,
         "body_names": ("left_hand",),
     }
@@ -65,11 +66,11 @@ def test_a_policy_and_its_motion_fit() -> None:
     loaded = load_policy(lite_contract(), zero_policy(14), motion(), 23)
     assert loaded.layout.width == 23
     assert loaded.reference.frame_count == 5
-    assert dict(loaded.extern) == {}
+    assert dict(loaded.extern) == dict(EXTERN_WIDTHS)
 
 
 def test_a_policy_without_a_motion_has_a_reference_of_nothing() -> None:
-    contract = lite_contract(task_type="locomotion", observation_names=("joint_pos",), body_names=())
+    contract = lite_contract(task_type="locomotion", observation=("joint_pos",), body_names=())
     loaded = load_policy(contract, zero_policy(14), motion())
     assert (loaded.layout.width, loaded.reference.frame_count, dict(loaded.reference.terms)) == (14, 1, {})
 
@@ -77,12 +78,12 @@ def test_a_policy_without_a_motion_has_a_reference_of_nothing() -> None:
 def test_a_piano_policy_hears_as_many_keys_as_it_has_goals() -> None:
     contract = lite_contract(
         task_type="piano",
-        observation_names=("target_keys", "target_keys_future", "key_pressed", "progress"),
+        observation=("target_keys", "target_keys_future", "key_pressed", "progress"),
         lookahead_steps=(1, 2),
         body_names=(),
     )
     loaded = load_policy(contract, zero_policy(14), motion(88, body_names=(), task_type="piano"))
-    assert dict(loaded.extern) == {"key_pressed": 88}
+    assert dict(loaded.extern) == {**EXTERN_WIDTHS, "key_pressed": 88}
     assert loaded.layout.width == 88 + 2 * 88 + 88 + 1
 
 
@@ -112,13 +113,13 @@ def test_a_piano_policy_hears_as_many_keys_as_it_has_goals() -> None:
             "input is 24",
         ),
         (
-            lite_contract(observation_names=("mood",)),
+            lite_contract(observation=("mood",)),
             motion(),
             None,
             "p.onnx: unknown observation term 'mood'; known: ",
         ),
         (
-            lite_contract(task_type="locomotion", observation_names=("motion_body_pos_b",)),
+            lite_contract(task_type="locomotion", observation=("motion_body_pos_b",)),
             None,
             None,
             "p.onnx: observation term 'motion_body_pos_b' needs a tracking motion, and there is none",

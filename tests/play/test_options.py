@@ -40,8 +40,8 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("--motion", "text.onnx"), "text.onnx: not an MCAP file"),
     (("--motion", "empty"), "empty: the file is empty"),
     (("--motion", "sub"), "sub: is a directory, expected a motion file (.mcap)"),
-    (("--robot", "atlas"), "unknown robot 'atlas': neither a file nor one of: lite, lite_neck"),
-    (("--robot", "sub"), "sub: is a folder, expected a robot's YAML file or one of: lite, lite_neck"),
+    (("--robot", "atlas"), "unknown robot 'atlas': neither a file nor one of: lite, lite_biped, lite_neck"),
+    (("--robot", "sub"), "sub: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck"),
     (("--robot", "empty"), "empty: is empty, expected a robot description"),
     (
         ("--robot", "lite_neck"),
@@ -114,9 +114,9 @@ def inputs(folder: Path) -> Path:
     (folder / "there.mcap").write_text("mine", encoding="utf-8")
     write = models.write_metadata
     follows = models.contract(
-        task_type="tracking", body_names=("hand",), observation_names=("motion_body_pos_b", "joint_pos", "actions")
+        task_type="tracking", body_names=("hand",), observation=("motion_body_pos_b", "joint_pos", "actions")
     )
-    strange = models.contract(observation_names=("joint_pos", "mood"))
+    strange = models.contract(observation=("joint_pos", "mood"))
     models.saved(folder / "other.onnx")
     models.saved(folder / "narrow.onnx", models.linear_model(inputs=7))
     models.saved(folder / "strange.onnx", models.linear_model(write(strange)))

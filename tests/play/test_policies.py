@@ -47,7 +47,7 @@ def test_a_policy_of_the_users_needs_a_motion_and_says_which_dataset_it_was_made
     contract = models.contract(
         task_type="tracking",
         body_names=("hand",),
-        observation_names=("motion_body_pos_b", "joint_pos", "actions"),
+        observation=("motion_body_pos_b", "joint_pos", "actions"),
         dataset_repo_id="somebody/moves",
     )
     path = models.saved(tmp_path / "p.onnx", models.linear_model(models.write_metadata(contract)))
