@@ -107,6 +107,7 @@ def _kind(value: object) -> str:
 
 _ACCEPTED = {
     "`float`": "a number",
+    "`float | null`": "a number",
     "`int`": "a whole number",
     "`str`": "a text",
     "`array`": "a list",

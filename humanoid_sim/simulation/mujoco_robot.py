@@ -34,9 +34,12 @@ _JointSample = tuple[FloatArray, FloatArray, FloatArray]
 class MujocoRobot:
     """A simulated robot: `write` applies a command and advances physics by one control period.
 
-    The clock counts physics steps and never goes back: `activate` puts the joints back to the initial position at the
+    The clock counts physics steps and never goes back: `activate` puts joints and base back to where they began, at the
     present time, as a relaunch on a running robot would find them. A simulation that is no longer finite becomes a
     CRITICAL safety status; physics then stands still, with the state as it is, until `activate`.
+
+    A floating base starts on its feet, held by a support until `set_support` lets it go. The state then carries the
+    base's velocity as a live input, and of any robot the pose of `anchor_body`, if one is named.
 
     With the default options a state is read at the instant at which it is asked for. The others make the timing that of
     a bus: a command written at t takes effect at t + `command_delay`; a state sampled at t is seen from

@@ -82,6 +82,11 @@ BAD_VALUES = [
     ("simulation.physics_timestep", 0.0, "is 0.0, expected a finite number > 0"),
     ("simulation.control_frequency", -200, "is -200.0, expected a finite number > 0"),
     ("simulation.floor_height", float("inf"), "is inf, expected a finite number"),
+    ("base", "floating", "is 'floating', expected a mapping"),
+    ("base", {"type": "floating", "body": " "}, "is empty, expected a text"),
+    ("base", {"type": "flying"}, "is 'flying', expected fixed or floating"),
+    ("base", {"height": float("nan")}, "is nan, expected a finite number"),
+    ("base", {"height": "high"}, "is 'high', expected a number"),
     ("hardware.control_frequency", 0, "is 0.0, expected a finite number > 0"),
     ("hardware.rx_timeout_ms", "fast", "is 'fast', expected a number"),
     ("damping_controller.damping_scalar", -5.0, "is -5.0, expected a finite number >= 0"),
@@ -104,6 +109,8 @@ def test_a_bad_value_is_named(tmp_path: Path, document: Document, place: str, va
     with pytest.raises(InputError) as caught:
         load_robot(path)
     where = "hands[1]" if place == "hands" else place
+    if place == "base" and isinstance(value, dict):
+        where = f"base.{list(value)[-1]}"
     assert str(caught.value) == f"{path}: {where}: {problem}"
 
 

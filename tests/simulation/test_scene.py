@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -90,3 +91,69 @@ def test_the_scene_does_not_change_the_dynamics() -> None:
             mujoco.mj_step(model, data)
         results.append(data.qpos.copy())
     assert (results[0] == results[1]).all()
+
+
+@pytest.mark.parametrize("camera", list(CAMERAS))
+def test_cameras_follow_a_floating_base_without_turning_with_it(hopper: Path, camera: str) -> None:
+    model = build_model(load_robot(hopper))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    position, rotation = data.cam(camera).xpos.copy(), data.cam(camera).xmat.copy()
+    data.qpos[:7] += [5.0, -2.0, 0.3, -0.5, 0.3, 0.1, 0.5]
+    mujoco.mj_forward(model, data)
+    assert data.cam(camera).xpos - position == pytest.approx([5.0, -2.0, 0.3], abs=1e-9)
+    assert data.cam(camera).xmat == pytest.approx(rotation, abs=1e-9)
+
+
+@pytest.mark.parametrize("camera", list(CAMERAS))
+def test_every_camera_sees_a_standing_robot_from_head_to_foot(camera: str) -> None:
+    model = build_model(load_robot("lite_biped"))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    seen = data.cam(camera)
+    half_height = np.tan(np.deg2rad(0.5 * model.cam(camera).fovy[0]))
+    for point in ([0.0, 0.0, 0.0], [0.0, 0.0, 0.95], data.body("left_foot").xpos, data.body("right_foot").xpos):
+        x, y, z = seen.xmat.reshape(3, 3).T @ (point - seen.xpos)
+        assert z < 0.0
+        assert abs(y / z) < half_height
+        assert abs(x / z) < half_height * 4 / 3
+
+
+def test_a_robot_that_shows_nothing_shows_its_colliders(hopper: Path) -> None:
+    text = hopper.read_text().replace('<geom name="foot" ', '<geom name="foot" group="3" ')
+    hopper.write_text(text)
+    assert build_model(load_robot(hopper)).geom("foot").group == 3  # the trunk is there to be seen
+    hopper.write_text(text.replace("<geom type", '<geom group="4" type'))
+    model = build_model(load_robot(hopper))
+    assert model.geom_group.tolist() == [0] * model.ngeom
+
+
+FLOORS = [
+    '<body pos="0 0 -0.1"><geom type="plane" size="1 1 1"/></body>',
+    '<geom type="box" size="2 2 0.1" pos="0 0 -0.1"/>',
+    '<geom type="hfield" hfield="hills"/>',
+]
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+def test_no_floor_is_put_upon_another(hopper: Path, floor: str) -> None:
+    ground = '<geom name="ground" type="plane" size="0 0 0.05"/>'
+    hills = '<asset><hfield name="hills" nrow="4" ncol="4" size="2 2 0.1 0.1"/></asset>'
+    text = hopper.read_text()
+    hopper.write_text(text.replace(ground, floor).replace("<worldbody>", f"{hills}<worldbody>"))
+    assert mujoco.mj_name2id(build_model(load_robot(hopper)), mujoco.mjtObj.mjOBJ_GEOM, "floor") == -1
+    table = '<geom name="floor" type="box" size="0.5 0.5 0.1" pos="3 0 0.5"/>'
+    hopper.write_text(text.replace(ground, table))
+    model = build_model(load_robot(hopper))  # which has a geom called floor already
+    assert (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).sum() == 1
+
+
+def test_the_floor_holds_whatever_can_collide(hopper: Path) -> None:
+    text = hopper.read_text().replace('<geom name="ground" type="plane" size="0 0 0.05"/>', "")
+    hopper.write_text(text.replace('<geom name="foot" ', '<geom name="foot" contype="4" conaffinity="0" '))
+    model = build_model(load_robot(hopper))
+    assert model.geom("floor").conaffinity[0] & 4
+    data = mujoco.MjData(model)
+    data.qpos[2] = 0.5
+    mujoco.mj_forward(model, data)
+    assert {model.geom("foot").id, model.geom("floor").id} in [set(pair) for pair in data.contact.geom.tolist()]

@@ -1,0 +1,65 @@
+"""A policy's gains and default pose in a robot's description."""
+
+import numpy as np
+import pytest
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.contract_gains import with_contract
+from humanoid_sim.robots.description import load_robot
+
+ROBOT = load_robot("lite_biped")
+N = ROBOT.joint_count
+
+
+def contract(joints: tuple[str, ...], **fields: object) -> PolicyContract:
+    n = len(joints)
+    values: dict[str, object] = {
+        "task_type": "locomotion",
+        "joint_names": joints,
+        "action_joint_names": joints,
+        "joint_stiffness": np.arange(n) + 10.0,
+        "joint_damping": np.arange(n) * 0.1,
+        "default_joint_pos": np.arange(n) * 0.01,
+        "observation": ("joint_pos",),
+        "command_names": (),
+        "action_scale": 0.25,
+        "policy_dt": 0.02,
+        "body_names": (),
+    }
+    return PolicyContract(**{**values, **fields})  # type: ignore[arg-type]
+
+
+def test_gains_and_pose_arrive_in_the_robots_order() -> None:
+    backwards = ROBOT.joint_names[::-1]
+    robot = with_contract(ROBOT, contract(backwards, default_joint_pos=np.where(np.arange(N) == 10, 0.3, 0.0)))
+    assert robot.stiffness.tolist() == (np.arange(N) + 10.0)[::-1].tolist()
+    assert robot.damping.tolist() == (np.arange(N) * 0.1)[::-1].tolist()
+    assert backwards[10] == "left_knee_pitch"
+    assert robot.initial_position == tuple(0.3 if name == "left_knee_pitch" else 0.0 for name in robot.joint_names)
+    for standby in (robot.standby_controller_a, robot.standby_controller_b):
+        assert standby.pose_segments == (robot.initial_position,)
+        assert standby.target_stiffness == tuple(robot.stiffness)
+        assert standby.target_damping == tuple(robot.damping)
+        assert standby.segment_durations == (2.0,)
+    assert robot.damping_controller.damping == tuple(robot.damping)
+    assert robot.remote_policy_controller.damping == tuple(robot.damping)
+    assert robot.joints[3].motor == ROBOT.joints[3].motor
+    assert robot.has_gains
+
+
+def test_a_default_pose_beyond_a_limit_is_moved_to_it() -> None:
+    pose = np.full(N, -0.01)  # a knee cannot go below 0
+    robot = with_contract(ROBOT, contract(ROBOT.joint_names, default_joint_pos=pose))
+    assert dict(zip(robot.joint_names, robot.initial_position, strict=True))["left_knee_pitch"] == 0.0
+    assert robot.initial_position[0] == -0.01
+
+
+def test_another_robots_contract_is_refused_by_name() -> None:
+    names = (*ROBOT.joint_names[:-1], "tail")
+    with pytest.raises(InputError) as caught:
+        with_contract(ROBOT, contract(names))
+    assert str(caught.value) == (
+        "lite_biped: joint_names of the policy do not match the robot's joints: the robot lacks tail; "
+        "the policy lacks right_ankle_roll"
+    )

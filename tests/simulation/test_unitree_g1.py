@@ -1,0 +1,127 @@
+"""The Unitree G1, a robot from outside: described by its MJCF, walking under a published policy.
+
+The files are not part of the project; `HUMANOID_SIM_POLICIES` says where they are.
+"""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.controllers.context import VELOCITY_COMMAND
+from humanoid_sim.controllers.reference import no_reference
+from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import TickInput
+from humanoid_sim.mit import Extern
+from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.onnx_policy import load_checkpoint
+from humanoid_sim.robots.contract_gains import with_contract
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.imu import Imu
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.plant import Actuation
+
+POLICIES = Path(os.environ.get("HUMANOID_SIM_POLICIES", Path(__file__).parents[3] / "shared" / "policies"))
+MODELS = POLICIES / "models" / "unitree_g1"
+VELOCITY = POLICIES / "unitree_g1_velocity_v0"
+
+pytestmark = pytest.mark.skipif(not MODELS.is_dir(), reason=f"no published policies at {POLICIES}")
+
+
+@pytest.fixture(scope="module")
+def checkpoint() -> Checkpoint:
+    pytest.importorskip("onnxruntime")
+    joints = load_robot(MODELS / "scene.xml").joint_names
+    return load_checkpoint(VELOCITY / "exported" / "policy.onnx", robot_joints=joints)
+
+
+@pytest.fixture(scope="module")
+def g1(checkpoint: Checkpoint) -> RobotDescription:
+    return with_contract(load_robot(MODELS / "scene.xml"), checkpoint.contract)
+
+
+def test_what_its_mjcf_says() -> None:
+    robot = load_robot(MODELS / "scene.xml")
+    assert robot.name == "g1_29dof_rev_1_0"
+    assert robot.joint_count == 29
+    assert robot.joint_names[:2] == ("left_hip_pitch_joint", "left_hip_roll_joint")
+    assert (robot.base.body, robot.imu) == ("pelvis", "imu_in_pelvis")
+    assert not robot.has_gains
+
+
+def test_gyro_and_gravity_are_those_of_the_published_trace(g1: RobotDescription) -> None:
+    trace = np.load(VELOCITY / "trace.npz")
+    model = build_model(g1)
+    imu, data, rotation = Imu(model, g1.imu), mujoco.MjData(model), np.empty(9)
+    for qpos, qvel, observation in zip(trace["qpos"], trace["qvel"], trace["obs"], strict=True):
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        sample = imu.read(data)
+        mujoco.mju_quat2Mat(rotation, sample.quaternion)
+        assert sample.angular_velocity == pytest.approx(observation[:3], abs=1e-6)
+        assert -rotation[6:] == pytest.approx(observation[3:6], abs=1e-6)
+
+
+def test_it_stands_on_its_soles_at_the_start(g1: RobotDescription) -> None:
+    robot = MujocoRobot(g1)
+    assert robot.base_state is not None
+    assert robot.base_state.height == pytest.approx(0.7842, abs=1e-4)
+    assert robot.warnings == ()
+
+
+def test_without_armature_the_step_is_refused_and_one_that_works_is_named(checkpoint: Checkpoint) -> None:
+    robot = with_contract(load_robot(MODELS / "robot.xml"), checkpoint.contract)
+    with pytest.raises(InputError, match=r"at right_ankle_roll_joint .* unstable above 2, .* such as 0\.00025 s$"):
+        MujocoRobot(robot)
+    assert MujocoRobot(robot, physics_timestep=0.00025).physics_steps == 20
+
+
+@pytest.mark.parametrize(
+    ("timestep", "actuation", "yaw"),
+    [(0.005, "qfrc_applied", 0.0), (0.005, "affine", 2.0), (0.001, "qfrc_applied", 0.0)],
+)
+def test_it_walks_as_published(
+    g1: RobotDescription, checkpoint: Checkpoint, timestep: float, actuation: Actuation, yaw: float
+) -> None:
+    """Told 0.5 m/s it makes 0.427 ± 0.015; published over 20 s, here over the first 6."""
+    robot = MujocoRobot(
+        g1, control_period=0.02, physics_timestep=timestep, actuation=actuation, support=False, base_yaw=yaw
+    )
+    controller = RLPolicyController(
+        joints=robot.joints,
+        contract=checkpoint.contract,
+        reference=no_reference(),
+        policy=checkpoint.policy,
+        control_period=0.02,
+        extern={**robot.extern, VELOCITY_COMMAND: 3},
+    )
+    memory: RLPolicyMemory | None = None
+    velocity, height, tilt = [], [], []
+    while robot.time < 6.0:
+        state, safety = robot.read()
+        command = Extern(np.array([0.5, 0.0, 0.0]), state.time)
+        tick = TickInput(state=replace(state, extern={**state.extern, VELOCITY_COMMAND: command}), safety=safety)
+        if memory is None:
+            activated = controller.activate(tick)
+            assert isinstance(activated, RLPolicyMemory)
+            memory = activated
+        result = controller.update(memory, tick)
+        assert isinstance(result, tuple), result
+        memory = result[0]
+        robot.write(result[1])
+        base = robot.base_state
+        assert base is not None
+        height.append(base.height)
+        tilt.append(base.tilt)
+        if robot.time >= 2.0:
+            velocity.append(base.heading_velocity)
+    assert np.mean(velocity, axis=0)[0] == pytest.approx(0.427, abs=0.015)
+    assert np.mean(velocity, axis=0)[1] == pytest.approx(0.0, abs=0.02)
+    assert min(height) > 0.775
+    assert max(height) < 0.79
+    assert np.mean(height) == pytest.approx(0.783, abs=0.001)
+    assert max(tilt) < np.deg2rad(4.0)
