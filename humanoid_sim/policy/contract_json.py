@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,9 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contract
+from humanoid_sim.policy.readers.merge import build_contract
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 
 __all__ = ["STAMP_KEY", "decode", "encode", "read_stamp"]
@@ -28,13 +30,23 @@ _UNSTATED = ("assumed", "default", "follows from")
 
 
 def encode(contract: PolicyContract) -> str:
-    """One line of JSON from which `decode` makes the same contract again, provenance included."""
-    document = {"version": _VERSION, **_plain(contract)}
-    return json.dumps(document, allow_nan=False)
+    """One line of JSON from which `decode` makes the same contract again.
+
+    It is what a contract.yaml that gives every field would say, with `version` and `provenance` beside. A bound that is
+    infinite is written as Python's `Infinity`, everything else as plain JSON.
+    """
+    document: dict[str, Any] = {"version": _VERSION}
+    for field in fields(PolicyContract):
+        value = getattr(contract, field.name)
+        if field.name == "command_ranges" and value is not None:
+            document[field.name] = dict(zip(COMMAND_AXES, value.tolist(), strict=True))
+        elif field.name != "action_clip" or math.isfinite(value):
+            document[field.name] = _plain(value)
+    return json.dumps(document)
 
 
 def decode(text: str, where: str) -> PolicyContract:
-    """The contract in a text of `encode`.
+    """The contract in a text of `encode`, provenance included.
 
     Raises:
         InputError: naming `where`, if it is none.
@@ -48,12 +60,13 @@ def decode(text: str, where: str) -> PolicyContract:
     version = document.pop("version", None)
     if version != _VERSION:
         raise InputError(f"{where}: contract has version {version!r}, expected {_VERSION}")
-    try:
-        return _contract(document)
-    except FieldError as error:
-        raise InputError(f"{where}: {str(error).removeprefix('PolicyContract.')}") from None
-    except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise InputError(f"{where}: contract is malformed: {error}") from None
+    provenance = document.pop("provenance", {})
+    if not isinstance(provenance, dict) or not all(isinstance(source, str) for source in provenance.values()):
+        raise InputError(f"{where}: provenance is {provenance!r}, expected a mapping from fields to texts")
+    stated, *surplus = parse_contract(document, where, _SOURCE)
+    if surplus:
+        raise InputError(f"{where}: contract has overrides, expected its fields alone")
+    return replace(build_contract(stated.fields, stated.terms, where), provenance=provenance)
 
 
 def read_stamp(text: str, where: str) -> PartialContract:
@@ -97,41 +110,14 @@ def _fields(contract: PolicyContract) -> Iterator[tuple[str, Any]]:
 
 def _plain(value: Any) -> Any:
     """Arrays as lists, structs and mappings as objects; JSON keeps a float64's repr, and with it every bit."""
-    if isinstance(value, PolicyContract | Term | PhaseRule | TensorNames):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Term | PhaseRule | TensorNames):
+        plain = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        # In the schema a term that shows all joints, or whose positions are as usual, leaves the option out.
+        return {name: item for name, item in plain.items() if item is not None or name == "standing_value"}
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return repr(value)  # JSON has no infinity
+        return value.tolist()
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
     return value
-
-
-def _contract(document: dict[str, Any]) -> PolicyContract:
-    known = [field.name for field in fields(PolicyContract)]
-    for name in document:
-        if name not in known:
-            raise FieldError(known_names("field", name, known))
-    values = dict(document)
-    values["action_clip"] = float(document.get("action_clip", math.inf))
-    for name in ("command_ranges", "position_clip"):
-        if document.get(name) is not None:
-            values[name] = [[float(bound) for bound in row] for row in document[name]]
-    values["observation"] = [_term(term) for term in document.get("observation", [])]
-    if document.get("phase") is not None:
-        values["phase"] = PhaseRule(**document["phase"])
-    values["tensors"] = TensorNames(**document.get("tensors", {}))
-    for name in ("joint_names", "action_joint_names", "command_names", "body_names"):
-        if not isinstance(values.get(name), list):
-            raise FieldError(f"{name}: is {values.get(name)!r}, expected a list of names")
-    return PolicyContract(**values)
-
-
-def _term(document: Any) -> Term:
-    values = dict(document)
-    if values.get("clip") is not None:
-        values["clip"] = tuple(float(bound) for bound in values["clip"])
-    return Term(**values)

@@ -142,6 +142,24 @@ def walkers(draw: st.DrawFn, robot: tuple[str, ...] = ROBOT) -> PolicyContract:
     )
 
 
+def a_walker() -> PolicyContract:
+    """One of them."""
+    return PolicyContract(
+        task_type="locomotion",
+        joint_names=("knee", "hip", "elbow", "waist", "ankle"),
+        action_joint_names=("knee", "hip", "elbow", "waist", "ankle"),
+        joint_stiffness=[1.0, 2.0, 3.0, 4.0, 5.0],
+        joint_damping=[0.1, 0.2, 0.3, 0.4, 0.5],
+        default_joint_pos=[0.3, -0.1, 0.5, 0.0, -0.2],
+        observation=("base_ang_vel", "projected_gravity", "velocity_commands", "joint_pos_rel", "last_action"),
+        command_names=("base_velocity",),
+        action_scale=0.25,
+        policy_dt=0.02,
+        body_names=(),
+        command_ranges=[[-1.0, 1.0], [-0.5, 0.5], [-1.0, 1.0]],
+    )
+
+
 def said(contract: PolicyContract, *left_out: str) -> dict[str, Any]:
     """All that a contract says, as plain values, without where it says it from."""
     document = json.loads(encode(contract))

@@ -145,7 +145,7 @@ def permute(contract: PolicyContract, order: list[int]) -> PolicyContract:
 
 def test_a_whole_checkpoint_folder(tmp_path: Path) -> None:
     """Unitree's folders: exported/policy.onnx, params/deploy.yaml; a contract.yaml overrides one field."""
-    contract = _walker()
+    contract = dialects.a_walker()
     (tmp_path / "exported").mkdir()
     (tmp_path / "params").mkdir()
     (tmp_path / "params" / "deploy.yaml").write_text(dialects.through_yaml(dialects.as_deploy(contract)))
@@ -156,20 +156,3 @@ def test_a_whole_checkpoint_folder(tmp_path: Path) -> None:
     assert made.provenance["joint_stiffness"] == "deploy.yaml"
     assert made.provenance["joint_names"] == "deploy.yaml and the robot"
     assert dialects.said(made, "action_scale") == dialects.said(contract, "action_scale")
-
-
-def _walker() -> PolicyContract:
-    return PolicyContract(
-        task_type="locomotion",
-        joint_names=("knee", "hip", "elbow", "waist", "ankle"),
-        action_joint_names=("knee", "hip", "elbow", "waist", "ankle"),
-        joint_stiffness=[1.0, 2.0, 3.0, 4.0, 5.0],
-        joint_damping=[0.1, 0.2, 0.3, 0.4, 0.5],
-        default_joint_pos=[0.3, -0.1, 0.5, 0.0, -0.2],
-        observation=("base_ang_vel", "projected_gravity", "velocity_commands", "joint_pos_rel", "last_action"),
-        command_names=("base_velocity",),
-        action_scale=0.25,
-        policy_dt=0.02,
-        body_names=(),
-        command_ranges=[[-1.0, 1.0], [-0.5, 0.5], [-1.0, 1.0]],
-    )

@@ -41,10 +41,10 @@ def _agreed_numbers(first: Given, second: Given) -> Given | None:
     longer = first if a.size >= b.size else second
     if np.allclose(a, b, rtol=_EQUAL, atol=0.0):
         return longer
-    for coarse, fine in ((first, second), (second, first)):
-        if _is_rounded(coarse, fine):
-            value = np.broadcast_to(fine.value, np.broadcast_shapes(a.shape, b.shape))
-            return Given(value if value.ndim else float(value), f"{fine.source} ({coarse.source} has it rounded)")
+    coarse, fine = sorted((first, second), key=_decimals)
+    if _is_rounded(coarse, fine):
+        value = np.broadcast_to(fine.value, np.broadcast_shapes(a.shape, b.shape))
+        return Given(value if value.ndim else float(value), f"{fine.source} ({coarse.source} has it rounded)")
     return None
 
 
@@ -84,7 +84,7 @@ def _same(a: Any, b: Any) -> bool:
 
 def _is_rounded(coarse: Given, fine: Given) -> bool:
     values = np.atleast_1d(np.asarray(coarse.value, dtype=np.float64))
-    decimals = _decimals(values) if coarse.decimals is None else coarse.decimals
+    decimals = _decimals(coarse)
     if decimals < 1 or not np.isfinite(values).all():
         return False
     if decimals < _EXPORTERS_DECIMALS and np.abs(values).max() * 10**decimals < 10:
@@ -93,8 +93,11 @@ def _is_rounded(coarse: Given, fine: Given) -> bool:
     return bool((np.abs(values - fine.value) <= 0.5 * 10.0**-decimals + 1e-12).all())
 
 
-def _decimals(values: np.ndarray[Any, np.dtype[np.float64]]) -> int:
-    texts = (np.format_float_positional(value, trim="-") for value in values)
+def _decimals(given: Given) -> int:
+    if given.decimals is not None:
+        return given.decimals
+    values = np.asarray(given.value, dtype=np.float64).ravel()
+    texts = [np.format_float_positional(value, trim="-") for value in values if np.isfinite(value)] or [""]
     return max(len(text.partition(".")[2]) for text in texts)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 from msgspec import UNSET, UnsetType
 
@@ -79,7 +81,8 @@ class ContractFields(_Fields, frozen=True, kw_only=True, forbid_unknown_fields=T
     joint_damping: Numbers | UnsetType = UNSET
     default_joint_pos: Numbers | UnsetType = UNSET
     observation: list[str | TermFields] | UnsetType = UNSET
-    terms: dict[str, TermOptions] | UnsetType = UNSET
+    terms: dict[str, dict[str, Any]] | UnsetType = UNSET
+    """Each one `TermOptions`, converted by itself: msgspec does not name the key at which something is wrong."""
     command_names: list[str] | UnsetType = UNSET
     command_ranges: CommandRangeFields | UnsetType | None = UNSET
     action_scale: Numbers | UnsetType = UNSET

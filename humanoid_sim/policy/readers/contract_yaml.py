@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_args
 
 import msgspec
 import numpy as np
 
+from humanoid_sim.controllers.contract import HistoryLayout, TaskType
 from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.terms import ActionForm, Frame, HistoryOrder, OrientationLayout, QuaternionOrder
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.policy.readers.contract_schema import (
     CommandRangeFields,
@@ -23,9 +25,11 @@ from humanoid_sim.policy.readers.contract_schema import (
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 from humanoid_sim.policy.readers.yaml_file import read_yaml
 
-__all__ = ["CONTRACT_FILE", "find_contract", "parse_contract", "read_contract_file"]
+__all__ = ["COMMAND_AXES", "CONTRACT_FILE", "find_contract", "parse_contract", "read_contract_file"]
 
 CONTRACT_FILE = "contract.yaml"
+COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
+"""Of the velocity command, in the order of a contract's `command_ranges`."""
 
 
 def find_contract(checkpoint: Path) -> Path | None:
@@ -54,12 +58,7 @@ def parse_contract(document: Any, where: str, source: str) -> list[PartialContra
     Raises:
         InputError: as `read_contract_file`.
     """
-    try:
-        file = msgspec.convert({} if document is None else document, ContractFile)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {_problem(str(error), document)}") from None
-    except (OverflowError, RecursionError) as error:
-        raise InputError(f"{where}: {error}") from None
+    file = _convert({} if document is None else document, ContractFile, where, "")
     partials = [_partial(file, where, source, overrides=False)]
     if isinstance(file.override, ContractFields):
         partials.append(_partial(file.override, where, f"{source} override", overrides=True))
@@ -85,12 +84,32 @@ def _partial(section: ContractFields, where: str, source: str, *, overrides: boo
                 if isinstance(term, TermFields):
                     terms.setdefault(term.name, {}).update(_options(term, source))
     if isinstance(section.terms, dict):
-        for term_name, options in section.terms.items():
+        for term_name, document in section.terms.items():
+            options = _convert(document, TermOptions, where, f"{prefix}terms.{term_name}")
             for option, value in _options(options, source).items():
                 if option in terms.setdefault(term_name, {}):
                     raise InputError(f"{where}: {prefix}terms.{term_name}.{option}: is given in observation as well")
                 terms[term_name][option] = value
     return PartialContract(source, fields, terms, overrides=overrides)
+
+
+_Struct = TypeVar("_Struct", bound=msgspec.Struct)
+
+
+def _convert(document: Any, struct: type[_Struct], where: str, place: str) -> _Struct:
+    """A document as a struct; `place` is where in the file it stands.
+
+    Raises:
+        InputError: with the path of the field, and what is wrong.
+    """
+    try:
+        return msgspec.convert(document, struct)
+    except msgspec.ValidationError as error:
+        problem = _problem(str(error), document, struct)
+        joint = "" if not place else ": " if problem.startswith("is ") or problem.startswith("unknown ") else "."
+        raise InputError(f"{where}: {place}{joint}{problem}") from None
+    except (OverflowError, RecursionError) as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def _set_fields(struct: msgspec.Struct) -> Iterator[tuple[str, Any]]:
@@ -112,7 +131,7 @@ def _value(name: str, value: Any) -> Any:
     if name == "observation":
         return tuple(term if isinstance(term, str) else term.name for term in value)
     if isinstance(value, CommandRangeFields):
-        return np.array([value.lin_vel_x, value.lin_vel_y, value.ang_vel_z])
+        return np.array([getattr(value, axis) for axis in COMMAND_AXES])
     if isinstance(value, PhaseFields):
         return PhaseRule(**dict(_set_fields(value)))
     if name == "position_clip":
@@ -138,7 +157,7 @@ _ACCEPTED = {
 """What msgspec calls a type, and what a person does."""
 
 
-def _problem(message: str, document: Any) -> str:
+def _problem(message: str, document: Any, struct: type[msgspec.Struct]) -> str:
     """Turn ``Expected `float`, got `str` - at `$.phase.period` `` into `phase.period: is 'x', expected a number`."""
     problem, _, place = message.partition(" - at `$")
     place = place.rstrip("`").lstrip(".")
@@ -148,30 +167,42 @@ def _problem(message: str, document: Any) -> str:
         accepted = " or ".join(_ACCEPTED.get(name, name) for name in expected.strip("`").split(" | "))
         problem = f"is {_shown(value)}, expected {accepted}"
     elif problem.startswith("Object contains unknown field"):
-        problem = known_names("field", problem.split("`")[1], _known(place))
+        problem = known_names("field", problem.split("`")[1], _known(place, struct))
     elif problem.startswith("Invalid enum value"):
-        problem = f"is {_shown(value)}, expected one of the words that docs/contract.md lists"
+        words = _WORDS[place.rpartition(".")[2]]
+        problem = f"is {_shown(value)}, expected one of {', '.join(words)}"
     return f"{place}: {problem}" if place else problem
 
 
-def _known(place: str) -> tuple[str, ...]:
-    """The fields that exist at a place in the file."""
+_WORDS = {
+    "task_type": get_args(TaskType),
+    "history_layout": get_args(HistoryLayout),
+    "history_order": get_args(HistoryOrder),
+    "frame": get_args(Frame),
+    "layout": get_args(OrientationLayout),
+    "quaternion": get_args(QuaternionOrder),
+    "reference_quaternion": get_args(QuaternionOrder),
+    "form": get_args(ActionForm),
+}
+_INNER: dict[str, type[msgspec.Struct]] = {
+    "observation": TermFields,
+    "phase": PhaseFields,
+    "tensors": TensorFields,
+    "command_ranges": CommandRangeFields,
+}
+
+
+def _known(place: str, struct: type[msgspec.Struct]) -> tuple[str, ...]:
+    """The fields that exist at a place in the document."""
     parts = place.removeprefix("override").lstrip(".")
-    structs: dict[str, type[msgspec.Struct]] = {
-        "observation": TermFields,
-        "terms": TermOptions,
-        "phase": PhaseFields,
-        "tensors": TensorFields,
-        "command_ranges": CommandRangeFields,
-    }
-    for name, struct in structs.items():
+    for name, inner in _INNER.items():
         if parts.startswith(name):
-            return struct.__struct_fields__
-    return ContractFields.__struct_fields__ if place.startswith("override") else ContractFile.__struct_fields__
+            return inner.__struct_fields__
+    return (ContractFields if place.startswith("override") else struct).__struct_fields__
 
 
 def _at(document: Any, place: str) -> Any:
-    """The value at a path such as `observation[3].scale`; `[...]` stands for a key that is not known."""
+    """The value at a path such as `observation[3].scale`."""
     for part in place.replace("[", ".[").split("."):
         if not part:
             continue

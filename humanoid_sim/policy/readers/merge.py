@@ -15,9 +15,9 @@ from humanoid_sim.policy.readers.agree import agreed, kind_of, shown
 from humanoid_sim.policy.readers.complete import complete, missing_fields
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 
-__all__ = ["merge"]
+__all__ = ["build_contract", "merge"]
 
-_TERM_OPTIONS = frozenset(field.name for field in fields(Term)) - {"name"}
+_OPTIONS = frozenset(field.name for field in fields(Term)) - {"name"}
 
 
 def merge(
@@ -46,7 +46,7 @@ def merge(
             f"{where}: the contract lacks {', '.join(missing)}; read: {read or 'no source'}; "
             "give what is missing in a contract.yaml"
         )
-    return _build(known, terms, where)
+    return build_contract(known, terms, where)
 
 
 def _join_fields(partials: Sequence[PartialContract]) -> dict[str, Given]:
@@ -110,7 +110,17 @@ def _term_name(stated: str, names: Iterable[str]) -> str | None:
     return same[0] if len(same) == 1 else None
 
 
-def _build(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]], where: str) -> PolicyContract:
+def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]], where: str) -> PolicyContract:
+    """The contract that has these fields, and knows where they came from.
+
+    Args:
+        known: as in `PartialContract.fields`.
+        terms: options of the observation terms, by the names in the observation.
+        where: what to call it in messages.
+
+    Raises:
+        InputError: if a field is missing, or they do not fit together.
+    """
     values: dict[str, Any] = {}
     provenance: dict[str, str] = {}
     tensors: dict[str, str] = {}
@@ -127,8 +137,8 @@ def _build(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]],
         provenance |= {f"observation.{name}.{option}": given.source for option, given in options.items()}
     try:
         values["observation"] = [
-            Term(name, **{option: given.value for option, given in terms[name].items() if option in _TERM_OPTIONS})
-            for name in values["observation"]
+            Term(name, **{option: given.value for option, given in terms.get(name, {}).items() if option in _OPTIONS})
+            for name in values.get("observation", ())
         ]
         return PolicyContract(**values, tensors=TensorNames(**tensors), provenance=provenance)
     except (FieldError, TypeError) as error:

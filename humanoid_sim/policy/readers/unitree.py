@@ -11,6 +11,7 @@ import numpy as np
 
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
 from humanoid_sim.policy.readers.yaml_file import read_yaml
 
@@ -19,7 +20,6 @@ __all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]
 DEPLOY_FILE = "deploy.yaml"
 _ASSUMED = "assumed (Unitree)"
 _SWITCHES = ("use_gym_history", "scale_first")
-_RANGES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
 
 
 def find_deploy(checkpoint: Path) -> Path | None:
@@ -97,7 +97,7 @@ class _Reader:
         velocity = self._mapping(commands.get("base_velocity") or {}, "commands.base_velocity")
         ranges = self._mapping(velocity.get("ranges") or {}, "commands.base_velocity.ranges")
         if ranges:
-            rows = [self._pair(ranges.get(name), f"commands.base_velocity.ranges.{name}") for name in _RANGES]
+            rows = [self._pair(ranges.get(name), f"commands.base_velocity.ranges.{name}") for name in COMMAND_AXES]
             fields["command_ranges"] = np.array(rows)
         return fields
 

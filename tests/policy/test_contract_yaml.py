@@ -1,0 +1,111 @@
+"""`contract.yaml`: what is wrong with it is said with its path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contract_file
+
+
+def read(path: Path, text: str) -> str:
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_contract_file(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"{path}: ")
+    return message.removeprefix(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("policy_dt: fast", "policy_dt: is 'fast', expected a number"),
+        ("joint_stiffness: [1, x]", "joint_stiffness[1]: is 'x', expected a number"),
+        ("observation: [a, {name: b, scale: big}]", "observation[1].scale: is 'big', expected a number or a list"),
+        ("observation: [{scale: 1}]", "observation[0]: Object missing required field `name`"),
+        ("override: {phase: {period: '1'}}", "override.phase.period: is '1', expected a number"),
+        ("terms: {joint_pos: {frame: sideways}}", "terms.joint_pos.frame: is 'sideways', expected one of body, world"),
+        ("override: {terms: {joint_pos: {history: 1.5}}}", "override.terms.joint_pos.history: is 1.5, expected a w"),
+        ("task_type: dance", "task_type: is 'dance', expected one of tracking, piano, locomotion"),
+        ("- policy_dt", "is ['policy_dt'], expected a mapping"),
+        ("policy_dt: 0.02\npolicy_dt: 0.04", "is no YAML that can be read (line 1): 'policy_dt' is given twice"),
+        ("policy_dt: [", "is no YAML that can be read (line 1): "),
+        ("phase: {period: -1}", "phase.period: is -1.0, expected a finite number > 0"),
+        ("tensors: {action: 1}", "tensors.action: is 1, expected a text"),
+        ("observation: [{name: a, scale: 1}]\nterms: {a: {scale: 1}}", "terms.a.scale: is given in observation as"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+    assert read(tmp_path / "contract.yaml", text).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "some"),
+    [
+        ("stiffness: 1", "", "joint_stiffness"),
+        ("override: {override: {}}", "override: ", "joint_stiffness"),
+        ("observation: [{name: a, scalse: 1}]", "observation[0]: ", "history_order"),
+        ("terms: {a: {name: b}}", "terms.a: ", "quaternion"),
+        ("override: {terms: {a: {name: b}}}", "override.terms.a: ", "quaternion"),
+        ("phase: {periode: 1}", "phase: ", "standing_threshold"),
+        ("tensors: {obs: x}", "tensors: ", "time_step"),
+        ("override: {tensors: {obs: x}}", "override.tensors: ", "time_step"),
+        ("command_ranges: {lin_vel_z: [0, 1]}", "command_ranges: ", "ang_vel_z"),
+    ],
+)
+def test_an_unknown_field_is_answered_with_the_known_ones(tmp_path: Path, text: str, place: str, some: str) -> None:
+    message = read(tmp_path / "contract.yaml", text)
+    assert message.startswith(f"{place}unknown field '")
+    assert some in message.partition("; known: ")[2].split(", ")
+
+
+def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "contract.yaml"
+    path.write_text("# nothing yet\n")
+    (partial,) = read_contract_file(path)
+    assert partial.fields == {}
+
+
+def test_numbers_in_scientific_notation_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "contract.yaml"
+    path.write_text("policy_dt: 2e-2\naction_clip: 1E2\ndefault_joint_pos: [1e-3, -2.5e+1, .5]\n")
+    (partial,) = read_contract_file(path)
+    assert partial.fields["policy_dt"].value == 0.02
+    assert partial.fields["action_clip"].value == 100.0
+    assert partial.fields["default_joint_pos"].value.tolist() == [0.001, -25.0, 0.5]
+
+
+def test_python_tags_are_refused(tmp_path: Path) -> None:
+    message = read(tmp_path / "contract.yaml", "body_names: !!python/object/apply:os.system [ls]")
+    assert message == (
+        "is no YAML that can be read (line 1): the tag !!python/object/apply:os.system is not read; "
+        "the only one of Python that is: !!python/object/apply:builtins.slice"
+    )
+
+
+def test_the_file_of_a_checkpoint_is_found(tmp_path: Path) -> None:
+    model = tmp_path / "walk.onnx"
+    assert find_contract(model) is None
+    (tmp_path / "contract.yaml").touch()
+    assert find_contract(model) == tmp_path / "contract.yaml"
+    (tmp_path / "walk.contract.yaml").touch()
+    assert find_contract(model) == tmp_path / "walk.contract.yaml"
+
+
+def test_options_in_the_observation_and_in_terms_are_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "contract.yaml"
+    path.write_text("observation: [{name: a, scale: [1, 2]}, b]\nterms: {b: {clip: [-1, 1], joints: [x]}}\n")
+    (partial,) = read_contract_file(path)
+    assert partial.fields["observation"].value == ("a", "b")
+    assert np.array_equal(partial.terms["a"]["scale"].value, [1.0, 2.0])
+    assert {name: given.value for name, given in partial.terms["b"].items()} == {"clip": (-1.0, 1.0), "joints": ("x",)}
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.yaml: cannot be read: No such file or directory"):
+        read_contract_file(tmp_path / "gone.yaml")

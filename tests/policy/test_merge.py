@@ -1,0 +1,234 @@
+"""Sources that agree, round, contradict each other or leave something out; and overrides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers.agree import agreed
+from humanoid_sim.policy.readers.contract_yaml import parse_contract
+from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.partial import given as from_source
+
+MODEL = "policy.onnx"
+WHOLE: dict[str, Any] = {
+    "joint_names": ("hip", "knee"),
+    "joint_stiffness": np.array([40.179, 99.098]),
+    "joint_damping": np.array([2.558, 6.309]),
+    "default_joint_pos": np.array([-0.312, 0.669]),
+    "observation": ("base_ang_vel", "joint_pos", "actions"),
+    "action_scale": np.array([0.548, 0.351]),
+    "policy_dt": 0.02,
+}
+
+
+def source(values: Mapping[str, Any] = WHOLE, name: str = "metadata", *left_out: str, **terms: Any) -> PartialContract:
+    fields = {key: value for key, value in values.items() if key not in left_out}
+    options = {term: from_source(name, each) for term, each in terms.items()}
+    return PartialContract(name, from_source(name, fields), options)
+
+
+def yaml(**document: Any) -> list[PartialContract]:
+    return parse_contract(document, "contract.yaml", "contract.yaml")
+
+
+def refusal(*partials: PartialContract, robot: tuple[str, ...] | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        merge(partials, MODEL, robot)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert text.startswith(f"{MODEL}: ")
+    return text.removeprefix(f"{MODEL}: ")
+
+
+def test_every_field_says_where_it_comes_from() -> None:
+    contract = merge([source(WHOLE, "metadata", "policy_dt"), *yaml(policy_dt=0.04)], MODEL)
+    assert contract.policy_dt == 0.04
+    assert contract.provenance["policy_dt"] == "contract.yaml"
+    assert contract.provenance["joint_stiffness"] == "metadata"
+    assert contract.provenance["action_joint_names"] == "follows from joint_names"
+    assert contract.provenance["action_offset"] == "follows from default_joint_pos"
+    assert contract.provenance["task_type"] == "follows from the observation"
+    assert contract.provenance["action_clip"] == "default"
+
+
+def test_two_sources_that_contradict_each_other_are_both_shown() -> None:
+    assert refusal(source(), *yaml(policy_dt=0.04)) == (
+        "policy_dt: 0.02 in metadata contradicts 0.04 in contract.yaml; "
+        "if one of them is wrong, write the right one under override: in a contract.yaml"
+    )
+
+
+def test_of_two_lists_the_first_place_that_differs_is_shown() -> None:
+    assert refusal(source(), *yaml(joint_stiffness=[40.179, 100.0])).startswith(
+        "joint_stiffness[1]: 99.098 in metadata contradicts 100 in contract.yaml; "
+    )
+
+
+def test_the_order_of_terms_decides() -> None:
+    assert refusal(source(), *yaml(observation=["joint_pos", "base_ang_vel", "actions"])).startswith(
+        "observation: [base_ang_vel, joint_pos, actions] in metadata contradicts [joint_pos, base_ang_vel, actions] in"
+    )
+
+
+def test_options_of_a_term_contradict_each_other() -> None:
+    other = source({}, "deploy.yaml", base_ang_vel={"scale": np.array([0.2, 0.2, 0.2])})
+    assert refusal(source(), other, *yaml(terms={"base_ang_vel": {"scale": 0.25}})).startswith(
+        "observation.base_ang_vel.scale: [0.2, 0.2, 0.2] in deploy.yaml contradicts 0.25 in contract.yaml; "
+    )
+
+
+def test_an_override_wins_and_says_so() -> None:
+    overrides = {"policy_dt": 0.04, "terms": {"joint_pos": {"relative": False, "scale": 2.0}}}
+    contract = merge([source(joint_pos={"scale": 1.0}), *yaml(override=overrides)], MODEL)
+    assert contract.policy_dt == 0.04
+    assert contract.provenance["policy_dt"] == "contract.yaml override"
+    assert contract.terms[1].relative is False
+    assert float(contract.terms[1].scale) == 2.0
+    assert contract.provenance["observation.joint_pos.scale"] == "contract.yaml override"
+
+
+def test_an_override_does_not_hide_that_others_contradict_each_other_elsewhere() -> None:
+    assert refusal(source(), *yaml(policy_dt=0.04, override={"action_scale": 1.0})).startswith("policy_dt: ")
+
+
+def test_an_overridden_observation_keeps_the_options_of_its_terms() -> None:
+    partials = [source(base_ang_vel={"scale": 0.25}, actions={"history": 3})]
+    contract = merge([*partials, *yaml(override={"observation": ["joint_pos", "base_ang_vel"]})], MODEL)
+    assert contract.observation_names == ("joint_pos", "base_ang_vel")
+    assert float(contract.terms[1].scale) == 0.25
+
+
+def test_what_is_stated_comes_before_what_is_assumed() -> None:
+    assuming = PartialContract("mjlab metadata", assumed=from_source("assumed (mjlab)", {"policy_dt": 0.02}))
+    without = source(WHOLE, "metadata", "policy_dt")
+    assert merge([assuming, without], MODEL).provenance["policy_dt"] == "assumed (mjlab)"
+    contract = merge([assuming, without, *yaml(policy_dt=0.04)], MODEL)
+    assert (contract.policy_dt, contract.provenance["policy_dt"]) == (0.04, "contract.yaml")
+
+
+def test_everything_that_is_missing_is_named_with_what_was_read() -> None:
+    lacking = source(WHOLE, "metadata", "policy_dt", "action_scale")
+    assert refusal(lacking, *yaml(action_clip=10)) == (
+        "the contract lacks action_scale, policy_dt; read: metadata (joint_names, joint_stiffness, joint_damping, "
+        "default_joint_pos, observation); contract.yaml (action_clip); give what is missing in a contract.yaml"
+    )
+
+
+@pytest.mark.parametrize(
+    ("terms", "missing"),
+    [
+        (("gait_phase",), "phase"),
+        (("motion_anchor_ori_b",), "anchor_body"),
+        (("motion_ref_ori_b",), "anchor_body"),
+        (("motion_body_pos_b",), "body_names"),
+        (("target_keys_future",), "lookahead_steps"),
+        (("command",), "command_names"),
+    ],
+)
+def test_terms_need_their_fields(terms: tuple[str, ...], missing: str) -> None:
+    assert refusal(source({**WHOLE, "observation": terms})).startswith(f"the contract lacks {missing}; ")
+
+
+@pytest.mark.parametrize(
+    ("terms", "commands", "task"),
+    [
+        (("joint_pos",), (), "locomotion"),
+        (("command",), ("twist",), "locomotion"),
+        (("command",), ("motion",), "tracking"),
+        (("motion_command",), (), "tracking"),
+        (("target_keys",), (), "piano"),
+    ],
+)
+def test_the_task_follows_from_the_terms(terms: tuple[str, ...], commands: tuple[str, ...], task: str) -> None:
+    values = {**WHOLE, "observation": terms, "command_names": commands}
+    assert merge([source(values)], MODEL).task_type == task
+
+
+def test_the_meaning_of_a_term_can_be_given() -> None:
+    contract = merge([source({**WHOLE, "observation": ("clock",)}), *yaml(
+        terms={"clock": {"kind": "gait_phase"}}, phase={"period": 0.8}
+    )], MODEL)  # fmt: skip
+    assert contract.terms[0].kind == "gait_phase"
+    without = source({**WHOLE, "observation": ("clock",)})
+    assert refusal(without, *yaml(terms={"clock": {"kind": "gait_phase"}})).startswith("the contract lacks phase; ")
+
+
+def test_options_of_a_term_that_is_not_there_are_refused() -> None:
+    assert refusal(source(), *yaml(terms={"joint_vel": {"scale": 0.05}})) == (
+        "unknown observation term 'joint_vel'; known: base_ang_vel, joint_pos, actions (contract.yaml)"
+    )
+
+
+def test_a_value_that_does_not_fit_names_its_source() -> None:
+    assert refusal(source(), *yaml(override={"joint_damping": [1.0, 2.0, 3.0]})) == (
+        "joint_damping: has shape (3,), expected (2,), one value per joint (contract.yaml override)"
+    )
+
+
+def test_places_need_a_robot() -> None:
+    placed = source({**WHOLE, "joint_places": (1, 0)}, "deploy.yaml", "joint_names")
+    assert refusal(placed) == (
+        "joint_names: deploy.yaml gives the joints by their places on the robot, and no robot is known; "
+        "name the robot, or give joint_names in a contract.yaml"
+    )
+    assert merge([placed], MODEL, ("knee", "hip")).joint_names == ("hip", "knee")
+    assert merge([placed, *yaml(joint_names=["hip", "knee"])], MODEL).joint_names == ("hip", "knee")
+    assert (
+        refusal(placed, robot=("hip",)) == "joint_ids_map: leads to place 1 (deploy.yaml), but the robot has 1 joints"
+    )
+    # Three places of a robot that has only these joints: the gaps stand for joints that it lacks.
+    gaps = source({**WHOLE, "joint_places": (7, 2)}, "deploy.yaml", "joint_names")
+    assert merge([gaps], MODEL, ("knee", "hip")).joint_names == ("hip", "knee")
+
+
+def rounded(values: Any, decimals: int) -> Given:
+    return Given(np.round(values, decimals), "coarse", decimals)
+
+
+@given(st.lists(st.floats(-200.0, 200.0), min_size=1, max_size=5).map(np.array), st.integers(3, 6))
+def test_a_rounded_copy_agrees_and_the_precise_one_wins(values: np.ndarray, decimals: int) -> None:
+    fine = Given(values, "fine")
+    for pair in ((fine, rounded(values, decimals)), (rounded(values, decimals), fine)):
+        both = agreed("joint_stiffness", *pair)
+        assert both is not None
+        np.testing.assert_allclose(both.value, values, rtol=1e-9)
+        if not np.allclose(values, np.round(values, decimals), rtol=1e-9, atol=0.0):
+            assert both.source == "fine (coarse has it rounded)"
+
+
+@given(st.lists(st.floats(1.0, 200.0), min_size=1, max_size=5).map(np.array), st.sampled_from([0.6, 1.0, 3.0]))
+def test_what_is_off_by_more_than_rounding_contradicts(values: np.ndarray, steps: float) -> None:
+    values = np.round(values, 3)
+    assert agreed("joint_stiffness", Given(values, "a", 3), Given(values + 1e-3 * steps, "b")) is None
+
+
+@pytest.mark.parametrize(
+    ("coarse", "fine", "agree"),
+    [
+        (40.2, 40.179238471, True),
+        (2.6, 2.557889765, True),
+        (0.55, 0.547546, True),
+        (0.35, 0.548, False),
+        (0.2, 0.25, False),
+        (0.3, 0.25, False),
+        (1.0, 1.04, False),
+        (14.0, 14.25, False),
+        (100.0, 99.098, False),
+    ],
+)
+def test_few_digits_count_as_rounding_only_if_they_mean_something(coarse: float, fine: float, agree: bool) -> None:
+    assert (agreed("action_scale", Given(coarse, "a"), Given(fine, "b")) is not None) is agree
+    assert (agreed("action_scale", Given(fine, "b"), Given(coarse, "a")) is not None) is agree
+
+
+def test_one_number_for_all_agrees_with_a_list_of_it() -> None:
+    contract = merge([source({**WHOLE, "action_scale": np.array([0.25, 0.25])}), *yaml(action_scale=0.25)], MODEL)
+    assert contract.action_scale.tolist() == [0.25, 0.25]
