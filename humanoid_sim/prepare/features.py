@@ -109,9 +109,11 @@ def _find(source: str, columns: Mapping[str, FloatArray], roles: Mapping[str, st
         if feature not in columns:
             raise InputError(f"--features: {source} has no feature '{feature}'; it has {', '.join(sorted(columns))}")
         found[role] = feature
+    # What `record_dataset --reference` adds: the motion itself, beside what the robot made of it.
+    references = [key for key in columns if key.startswith("reference.")]
     for role, known in ROLES.items():
         for word in known:
-            keys = [key for key in columns if key.rpartition(".")[2] == word and columns[key].ndim > 1]
+            keys = [key for key in references or columns if key.rpartition(".")[2] == word and columns[key].ndim > 1]
             if len(keys) > 1:
                 keys = [key for key in keys if key.startswith("observation.")] or keys
             if role not in found and keys:

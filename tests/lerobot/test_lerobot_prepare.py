@@ -1,0 +1,183 @@
+"""Datasets that `lerobot` writes become motions that play."""
+
+import json
+import shutil
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motion_samples import joint_path, lite, state_of
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.cli import run_program
+from humanoid_sim.play import main as play
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.prepare import main
+from humanoid_sim.training.motions import BODIES, joint_frames
+
+# The deprecation warnings of lerobot and of what it imports are not ours.
+pytestmark = [pytest.mark.lerobot, pytest.mark.filterwarnings("ignore")]
+
+POLICY = asset_path("policies", "lite_tracking.onnx")
+ORDER = np.random.default_rng(2).permutation(14)
+
+
+def write_dataset(
+    root: Path, episodes: list[Mapping[str, np.ndarray]], names: Mapping[str, list[str]], fps: int = 50
+) -> Path:
+    """A dataset made by the library: per episode, features as (F, …) arrays."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: PLC0415
+
+    features = {
+        key: {"dtype": "float32", "shape": value.shape[1:], "names": names.get(key)}
+        for key, value in episodes[0].items()
+    }
+    dataset = LeRobotDataset.create("lab/dances", fps, features, root=root, robot_type="lite", use_videos=False)
+    for episode in episodes:
+        for i in range(len(next(iter(episode.values())))):
+            dataset.add_frame({key: value[i].astype(np.float32) for key, value in episode.items()} | {"task": "dance"})
+        dataset.save_episode()
+    dataset.finalize()
+    return root
+
+
+def joints_and_bodies(q: np.ndarray) -> dict[str, np.ndarray]:
+    """Joints in a permuted order, poses of the tracked bodies and the chest in the world."""
+    state = state_of(q, ("chest", *BODIES))
+    count = len(q)
+    return {
+        "observation.state": q[:, ORDER],
+        "body_pos_w": state["body_pos_w"].reshape(count, -1),
+        "body_quat_w": state["body_quat_w"].reshape(count, -1),
+    }
+
+
+NAMES = {
+    "observation.state": [f"{lite().joint_names[i]}.pos" for i in ORDER],
+    "body_pos_w": [f"{body}.{axis}" for body in ("chest", *BODIES) for axis in "xyz"],
+}
+
+
+def prepare(tmp_path: Path, *options: str) -> int:
+    return run_program(main, ["--policy", str(POLICY), "--output", str(tmp_path / "out"), *options])
+
+
+def test_an_episode_becomes_a_motion_that_plays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = [joint_path(30, seed) for seed in range(3)]
+    root = write_dataset(tmp_path / "dances", [joints_and_bodies(path) for path in paths], NAMES)
+    assert prepare(tmp_path, "--motion", str(root)) == 2
+    assert "has 3 episodes; choose one with --episode, 0 to 2" in capsys.readouterr().err
+    assert prepare(tmp_path, "--motion", str(root), "--episode", "3") == 2
+    assert "--episode: is 3" in capsys.readouterr().err
+    assert prepare(tmp_path, "--motion", str(root), "--episode", "1") == 0
+    motion = read_motion(tmp_path / "out" / "dances_1.mcap")
+    np.testing.assert_allclose(motion.frames, joint_frames(lite(), paths[1]), atol=2e-6)
+    report = json.loads((tmp_path / "out" / "dances_1.json").read_text())
+    assert report["method"] == "forward kinematics"
+    assert report["conventions"]["joints_said_by"] == "names in the file"
+    options = ["--record", "none", "--video", "none", "--viewer", "none"]
+    arguments = [
+        "--policy",
+        str(tmp_path / "out" / "lite_tracking.onnx"),
+        "--motion",
+        str(tmp_path / "out" / "dances_1.mcap"),
+    ]
+    assert play([*arguments, *options]) == 0
+
+
+def test_an_episode_with_wrong_names_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = dict(NAMES, **{"observation.state": [f"{joint}.pos" for joint in lite().joint_names]})
+    root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path())], names)
+    capsys.readouterr()
+    assert prepare(tmp_path, "--motion", str(root)) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "it would fit with --joint-order " + ",".join(lite().joint_names[i] for i in ORDER) in error
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("swap", [False, True])
+def test_bodies_alone_are_checked_by_inverse_kinematics(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], swap: bool
+) -> None:
+    frames = joint_frames(lite(), joint_path())
+    position, rotation = frames[:, :12], frames[:, 12:]
+    if swap:  # the hands in each other's place
+        position = position.reshape(-1, 4, 3)[:, [0, 3, 2, 1]].reshape(-1, 12)
+    root = write_dataset(tmp_path / "dances", [{"motion_body_pos_b": position, "motion_body_ori_b": rotation}], {})
+    assert prepare(tmp_path, "--motion", str(root)) == (2 if swap else 0)
+    if swap:
+        assert "no pose of the robot that was found puts body" in capsys.readouterr().err
+    else:
+        np.testing.assert_allclose(read_motion(tmp_path / "out" / "dances_0.mcap").frames, frames, atol=2e-6)
+        assert json.loads((tmp_path / "out" / "dances_0.json").read_text())["method"] == "inverse kinematics"
+
+
+def test_joints_alone(tmp_path: Path) -> None:
+    q = joint_path()
+    root = write_dataset(tmp_path / "dances", [{"measured": q}], {})
+    assert prepare(tmp_path, "--motion", str(root), "--features", "joint_pos=measured") == 0
+    np.testing.assert_allclose(
+        read_motion(tmp_path / "out" / "dances_0.mcap").frames, joint_frames(lite(), q), atol=2e-6
+    )
+
+
+def test_another_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path()[::2])], NAMES, fps=25)
+    assert prepare(tmp_path, "--motion", str(root)) == 2
+    assert "add --resample" in capsys.readouterr().err
+    assert prepare(tmp_path, "--motion", str(root), "--resample") == 0
+    assert len(read_motion(tmp_path / "out" / "dances_0.mcap").frames) == 39
+
+
+@pytest.mark.parametrize("damage", ["data", "meta/episodes", "cut"])
+def test_a_damaged_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str) -> None:
+    root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path())], NAMES)
+    if damage == "cut":
+        file = next((root / "data").rglob("*.parquet"))
+        file.write_bytes(file.read_bytes()[:-100])
+    else:
+        shutil.rmtree(root / damage)
+    before = time.monotonic()
+    assert prepare(tmp_path, "--motion", str(root)) == 2
+    error = capsys.readouterr().err
+    assert f"{root}" in error
+    assert "cannot be read as a LeRobot dataset" in error
+    assert time.monotonic() - before < 20.0
+
+
+def test_a_dataset_on_the_hub_while_offline(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = time.monotonic()
+    assert prepare(tmp_path, "--dataset", "lab/dances-that-nobody-has", "--timeout", "3") == 2
+    error = capsys.readouterr().err
+    assert "--dataset: the hub cannot be reached" in error
+    assert error.count("\n") == 1
+    assert time.monotonic() - before < 20.0
+
+
+def test_a_dataset_that_was_fetched_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from lerobot.datasets import lerobot_dataset  # noqa: PLC0415
+    from lerobot.utils import constants  # noqa: PLC0415
+
+    monkeypatch.setattr(constants, "HF_LEROBOT_HOME", tmp_path)
+    monkeypatch.setattr(lerobot_dataset, "HF_LEROBOT_HOME", tmp_path)
+    write_dataset(tmp_path / "lab" / "dances", [joints_and_bodies(joint_path())], NAMES)
+    assert prepare(tmp_path, "--dataset", "lab/dances") == 0
+    assert (tmp_path / "out" / "dances_0.mcap").is_file()
+
+
+def test_wandb_without_a_network(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("WANDB_BASE_URL", "http://127.0.0.1:9")
+    monkeypatch.setenv("WANDB_API_KEY", "0" * 40)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    before = time.monotonic()
+    assert (
+        run_program(main, ["--wandb-run-path", "lab/arms/7xk2", "--timeout", "4", "--output", str(tmp_path / "out")])
+        == 2
+    )
+    assert "--wandb-run-path: run lab/arms/7xk2 cannot be reached: no" in capsys.readouterr().err
+    assert time.monotonic() - before < 20.0

@@ -1,0 +1,122 @@
+"""Recordings become datasets that `lerobot` loads, value for value."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded_run import Wobble, run
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.cli import run_program
+from humanoid_sim.messages import Mode
+from humanoid_sim.play import main as play
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.prepare import main as prepare
+from humanoid_sim.record_dataset import main
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.recorder import McapRecorder
+
+pytestmark = [pytest.mark.lerobot, pytest.mark.filterwarnings("ignore")]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seconds of the sample policy and of its end."""
+    path = tmp_path_factory.mktemp("runs") / "wave.mcap"
+    script = "damp; load_a; wait; start_locomotion; hold 2; damp; hold 0.2; quit"
+    assert play(["--record", str(path), "--video", "none", "--viewer", "none", "--script", script]) == 0
+    return path
+
+
+def load(root: Path):
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: PLC0415
+
+    return LeRobotDataset("local/anything", root=root)
+
+
+def test_lerobot_loads_what_was_recorded(tmp_path: Path, recording: Path) -> None:
+    assert run_program(main, [str(recording), "--output", str(tmp_path / "waves"), "--task", "wave"]) == 0
+    dataset = load(tmp_path / "waves")
+    opened = open_recording(recording)
+    steps = [tick for tick in opened.ticks() if tick.output.policy_step is not None]
+    assert (dataset.fps, dataset.num_episodes, len(dataset), dataset.meta.robot_type) == (50, 1, len(steps), "lite")
+    names = dataset.features["observation.state"]["names"]
+    assert names == [f"{joint}.pos" for joint in opened.header.joint_names]
+    for i, tick in enumerate(steps):
+        item, state = dataset[i], tick.input.state
+        assert item["task"] == "wave"
+        assert float(item["timestamp"]) == pytest.approx(i / 50.0, abs=1e-5)
+        expected = {
+            "observation.state": state.joint_position,
+            "observation.velocity": state.joint_velocity,
+            "observation.effort": state.joint_effort,
+            "observation.imu": np.concatenate(
+                [state.imu_quaternion, state.imu_angular_velocity, state.imu_linear_acceleration]
+            ),
+            "action": tick.output.command.position,
+        }
+        for key, values in expected.items():
+            assert item[key].numpy().tobytes() == values.astype(np.float32).tobytes(), (i, key)
+
+
+def test_the_reference_comes_back_as_the_motion(tmp_path: Path, recording: Path) -> None:
+    assert run_program(main, [str(recording), "-o", str(tmp_path / "waves"), "--reference"]) == 0
+    policy = str(asset_path("policies", "lite_tracking.onnx"))
+    options = ["--policy", policy, "--motion", str(tmp_path / "waves"), "--output", str(tmp_path / "out")]
+    assert run_program(prepare, options) == 0
+    motion, original = read_motion(tmp_path / "out" / "waves_0.mcap"), read_motion(asset_path("motions", "wave.mcap"))
+    np.testing.assert_allclose(motion.frames, original.frames[: len(motion.frames)], atol=2e-6)
+    assert len(motion.frames) == len(load(tmp_path / "waves"))
+    report = json.loads((tmp_path / "out" / "waves_0.json").read_text())
+    assert (report["method"], report["verified"]) == ("inverse kinematics", True)
+
+
+def test_what_the_robot_did_becomes_a_motion(tmp_path: Path, recording: Path) -> None:
+    assert run_program(main, [str(recording), "-o", str(tmp_path / "waves")]) == 0
+    policy = str(asset_path("policies", "lite_tracking.onnx"))
+    options = ["--policy", policy, "--motion", str(tmp_path / "waves"), "--output", str(tmp_path / "out")]
+    assert run_program(prepare, options) == 0
+    assert read_motion(tmp_path / "out" / "waves_0.mcap").body_names
+
+
+def test_several_recordings_and_modes(tmp_path: Path) -> None:
+    """A run with a policy that breaks and a remote that follows: one episode for each."""
+    path = tmp_path / "modes.mcap"
+    header, ticks = run(Wobble())
+    recorder = McapRecorder(path)
+    recorder.start(header)
+    for tick in ticks:
+        recorder.tick(tick)
+    recorder.close()
+    assert run_program(main, [str(path), str(path), "-o", str(tmp_path / "set"), "--fps", "25"]) == 0
+    dataset = load(tmp_path / "set")
+    lengths = [int(dataset.meta.episodes[i]["length"]) for i in range(dataset.num_episodes)]
+    remote = sum(tick.output.control_mode.mode is Mode.REMOTE for tick in ticks)
+    assert len(lengths) == 4
+    assert lengths[:2] == lengths[2:]
+    assert lengths[1] == -(-remote // 2)
+    tasks = [dataset[index]["task"] for index in (0, lengths[0])]
+    assert tasks == ["run the policy placeholder", "follow remote commands"]
+
+
+def test_nothing_is_left_of_a_dataset_that_cannot_be_made(
+    tmp_path: Path, recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "waves"
+    for options, reason in (
+        (["--fps", "30"], "its 200 ticks per second cannot be sampled 30 times; --fps: 200, 100, 50, 40, 25"),
+        (["--modes", "remote"], "no stretch in REMOTE of at least two frames"),
+        (["--repo-id", "waves"], "--repo-id: is 'waves', expected user/name"),
+    ):
+        assert run_program(main, [str(recording), "-o", str(output), *options]) == 2
+        error = capsys.readouterr().err
+        assert reason in error
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_dataset_is_never_replaced(tmp_path: Path, recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "waves").mkdir()
+    assert run_program(main, [str(recording), "-o", str(tmp_path / "waves")]) == 2
+    assert "exists; a dataset is only written whole, to a new folder" in capsys.readouterr().err
+    assert list((tmp_path / "waves").iterdir()) == []
