@@ -41,7 +41,10 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("--motion", "empty"), "empty: the file is empty"),
     (("--motion", "sub"), "sub: is a directory, expected a motion file (.mcap)"),
     (("--robot", "atlas"), "unknown robot 'atlas': neither a file nor one of: lite, lite_biped, lite_neck"),
-    (("--robot", "sub"), "sub: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck"),
+    (
+        ("--robot", "sub"),
+        "sub: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck",
+    ),
     (("--robot", "empty"), "empty: is empty, expected a robot description"),
     (
         ("--robot", "lite_neck"),

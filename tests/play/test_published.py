@@ -1,0 +1,115 @@
+"""Published G1 policies through `play`, against the figures measured with them in plain MuJoCo (their READMEs)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from published import HOLOSOMA_REST, POLICIES, needs_policies
+
+pytestmark = needs_policies
+
+G1 = str(POLICIES / "models" / "unitree_g1" / "scene.xml")
+UNITREE = str(POLICIES / "unitree_g1_velocity_v0" / "exported" / "policy.onnx")
+WALTZ = str(POLICIES / "beyondmimic_g1" / "Waltz.onnx")
+HOLOSOMA = str(POLICIES / "holosoma_g1_loco" / "ppo_g1_29dof.onnx")
+
+
+def walk(run: Any, policy: str, *options: str, seconds: float, step: str = "0.005") -> Any:
+    script = f"damp; load_a; wait; start_locomotion; {'motion' if seconds == 0 else f'hold {seconds}'}; damp"
+    return run(
+        "--policy",
+        policy,
+        "--robot",
+        G1,
+        "--physics-timestep",
+        step,
+        "--script",
+        script,
+        "--summary",
+        "s.json",
+        *options,
+    )
+
+
+def contract_file(folder: Path) -> str:
+    path = folder / "holosoma.yaml"
+    path.write_text(HOLOSOMA_REST, encoding="utf-8")
+    return str(path)
+
+
+def test_the_unitree_policy_walks(run: Any) -> None:
+    result = walk(run, UNITREE, "--command", "0.5,0,0", "--yaw", "2", seconds=6)
+    assert result.status == 0
+    base = result.summary["base"]
+    assert base["fall"] is None
+    assert base["velocity"][0] == pytest.approx(0.427, abs=0.03)
+    assert 0.77 < base["height"][0] < base["height"][2] < 0.79
+    released = [event.text for event in result.events if "support" in event.text]
+    assert released == ["support released", "support holds the base where it is"]
+
+
+def test_the_waltz_is_danced(run: Any) -> None:
+    result = walk(run, WALTZ, "--duration", "8", "--yaw", "2", seconds=0)
+    assert result.status == 0
+    anchor = result.summary["anchor"]
+    assert anchor["joint_error"][0] <= 0.075
+    assert anchor["anchor_position"][1] <= 0.3
+    assert "assumed" in result.out
+
+
+def test_the_holosoma_policy_walks(run: Any, tmp_path: Path) -> None:
+    options = ("--contract", contract_file(tmp_path), "--command", "0.5,0,0")
+    result = walk(run, HOLOSOMA, *options, seconds=6)
+    assert result.status == 0
+    assert result.summary["base"]["fall"] is None
+    assert result.summary["base"]["velocity"][0] == pytest.approx(0.393, abs=0.04)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step", ["0.001", "0.005"])
+@pytest.mark.parametrize(
+    ("command", "speed", "height"),
+    [("0.5,0,0", 0.427, (0.775, 0.79)), ("1,0,0", 0.959, (0.77, 0.785)), ("-0.5,0,0", -0.414, (0.776, 0.787))],
+)
+def test_twenty_seconds_of_the_unitree_policy(
+    run: Any, step: str, command: str, speed: float, height: tuple[float, float]
+) -> None:
+    result = walk(run, UNITREE, f"--command={command}", seconds=20, step=step)
+    assert result.status == 0
+    base = result.summary["base"]
+    assert base["fall"] is None
+    assert base["velocity"][0] == pytest.approx(speed, abs=0.015)
+    assert height[0] <= base["height"][0] <= base["height"][2] <= height[1]
+
+
+@pytest.mark.slow
+def test_the_whole_waltz(run: Any) -> None:
+    anchor = walk(run, WALTZ, "--yaw", "2", seconds=0).summary["anchor"]
+    assert anchor["samples"] == 945
+    assert anchor["joint_error"][0] <= 0.07
+    assert anchor["anchor_position"][0] <= 0.13
+    assert anchor["anchor_position"][1] <= 0.30
+
+
+@pytest.mark.slow
+def test_twenty_seconds_of_the_holosoma_policy(run: Any, tmp_path: Path) -> None:
+    options = ("--contract", contract_file(tmp_path), "--command", "0.5,0,0")
+    base = walk(run, HOLOSOMA, *options, seconds=20).summary["base"]
+    assert base["fall"] is None
+    assert base["velocity"][0] == pytest.approx(0.393, abs=0.02)
+
+
+def test_a_robot_that_falls_is_a_failure(run: Any, tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("override:\n  terms:\n    projected_gravity: {scale: -1.0}\n", encoding="utf-8")
+    result = walk(run, UNITREE, "--contract", str(wrong), "--command", "0.5,0,0", seconds=5)
+    assert result.status == 1
+    assert result.summary["base"]["fall"] == pytest.approx(0.68, abs=0.3)
+
+
+def test_a_command_beyond_what_the_policy_knows_is_refused(run: Any) -> None:
+    result = walk(run, UNITREE, "--command", "2,0,0", seconds=5)
+    assert result.status == 2
+    assert result.err == "error: --command: vx is 2, expected -0.5 to 1, what the policy knows\n"
