@@ -13,6 +13,7 @@ __all__ = ["VERBS", "main", "run_program"]
 
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
+    "policy": "show, check, stamp or diagnose a checkpoint",
     "mode": "send an intent to a running session",
     "replay": "repeat a recording bit for bit",
     "record": "look into a recording, or recover one that was cut off",

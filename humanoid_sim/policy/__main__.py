@@ -1,0 +1,8 @@
+"""`python -m humanoid_sim.policy`."""
+
+import sys
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.policy import main
+
+sys.exit(run_program(main))

@@ -1,0 +1,227 @@
+"""A checkpoint's contract in words and plain values, for people and for other programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.contract_json import encode
+
+__all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "is_assumed", "term_lines"]
+
+NOT_STATED = "default"
+"""Source of a field that nobody states: the usual meaning stands."""
+
+_MEANINGS = {
+    "joint_pos": "joint positions, rad",
+    "joint_vel": "joint velocities, rad/s",
+    "actions": "last action",
+    "base_ang_vel": "angular velocity of the IMU, rad/s",
+    "imu_quaternion": "orientation of the IMU",
+    "imu_linear_acceleration": "acceleration of the IMU, m/s²",
+    "projected_gravity": "direction of gravity in the body frame, (0, 0, -1) upright",
+    "base_lin_vel": "velocity of the base, m/s: needs an estimator",
+    "velocity_command": "vx, vy in m/s and yaw rate in rad/s asked for",
+    "command_lin_vel": "vx, vy asked for, m/s",
+    "command_ang_vel": "yaw rate asked for, rad/s",
+    "motion_command": "reference's joint positions and velocities, rad and rad/s",
+    "motion_anchor_pos": "reference's anchor body from the robot's, m: needs an estimator",
+    "motion_anchor_ori": "reference's anchor orientation from the robot's, two columns of the matrix",
+    "sin_phase": "sine of the gait phase of each foot",
+    "cos_phase": "cosine of the gait phase of each foot",
+    "gait_phase": "sines, then cosines of the gait phase",
+    "motion_body_pos_b": "reference's body positions in the base frame, m",
+    "motion_body_ori_b": "reference's body orientations in the base frame",
+    "target_keys": "keys to press now, 0 or 1",
+    "target_keys_future": "keys to press in the steps ahead",
+    "progress": "how far into the motion, 0 to 1",
+    "key_pressed": "keys that are down, 0 or 1",
+}
+_LISTED = 4
+"""Names that are all shown; of more, the first three."""
+_UNUSUAL = ("frame", "relative", "layout", "inverse", "quaternion", "form", "clip", "joints")
+
+
+@dataclass(frozen=True, slots=True)
+class TermLine:
+    """One observation term."""
+
+    start: int
+    """Of its values in the whole observation; where a step's terms lie together, in the first step."""
+    width: int
+    """Values, all steps of its history together."""
+    name: str
+    kind: str
+    meaning: str
+    conventions: str
+    """What differs from the usual, empty if nothing does."""
+    scale: str
+    history: str
+
+
+@dataclass(frozen=True, slots=True)
+class FieldLine:
+    """One field of the contract and where it came from."""
+
+    name: str
+    value: str
+    source: str
+
+
+def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[TermLine]:
+    """The observation, term by term."""
+    lines = []
+    begin = 0
+    per_step = layout.history_layout == "per_step"
+    for resolved in layout.terms:
+        term = resolved.term
+        kind = "motion_command" if term.kind == "command" and "motion" in contract.command_names else term.kind
+        kind = "velocity_command" if kind == "command" else kind
+        lines.append(
+            TermLine(
+                start=resolved.start if per_step else begin,
+                width=resolved.width,
+                name=term.name,
+                kind=kind,
+                meaning=_meaning(kind, term),
+                conventions=", ".join(_conventions(term)),
+                scale=_numbers(term.scale),
+                history="" if term.history == 1 else f"{term.history} steps, {term.history_order.replace('_', ' ')}",
+            )
+        )
+        begin += resolved.width
+    return lines
+
+
+def _meaning(kind: str, term: Term) -> str:
+    meaning = _MEANINGS.get(kind, "live input")
+    if kind == "joint_pos":
+        return f"{meaning}, {'absolute' if term.relative is False else 'less the default pose'}"
+    if kind == "motion_command" and term.relative:
+        return f"{meaning}, less the default pose"
+    return meaning
+
+
+def _conventions(term: Term) -> Iterator[str]:
+    usual = Term(term.name, term.kind)
+    for name in _UNUSUAL:
+        value = getattr(term, name)
+        if value == getattr(usual, name) or (name == "relative" and value is not None):
+            continue  # whether positions are relative is part of the meaning
+        if name == "clip":
+            yield f"clip {value[0]:g} to {value[1]:g}"
+        elif name == "joints":
+            yield f"joints {', '.join(value)}"
+        elif name == "inverse":
+            yield "robot seen from the reference"
+        else:
+            yield f"{name} {value}"
+
+
+def field_lines(contract: PolicyContract) -> list[FieldLine]:
+    """Every field, its value and its source; options of observation terms that have one source are put together."""
+    lines = []
+    for field in fields(PolicyContract):
+        if field.name in ("provenance", "tensors", "observation"):
+            continue
+        value = _value(field.name, getattr(contract, field.name), contract)
+        lines.append(FieldLine(field.name, value, contract.provenance.get(field.name, NOT_STATED)))
+    lines.append(
+        FieldLine("observation", f"{len(contract.terms)} terms", contract.provenance.get("observation", NOT_STATED))
+    )
+    lines += _option_lines(contract)
+    for field in fields(contract.tensors):
+        name = f"tensors.{field.name}"
+        value = getattr(contract.tensors, field.name)
+        if value or name in contract.provenance:
+            lines.append(FieldLine(name, value or "by its place", contract.provenance.get(name, NOT_STATED)))
+    return lines
+
+
+def _option_lines(contract: PolicyContract) -> Iterator[FieldLine]:
+    options = {name.rpartition(".")[2] for name in contract.provenance if name.startswith("observation.")}
+    for option in sorted(options):
+        owners: dict[str, list[str]] = {}
+        for term in contract.terms:
+            source = contract.provenance.get(f"observation.{term.name}.{option}")
+            if source is not None:
+                owners.setdefault(source, []).append(term.name)
+        for source, names in owners.items():
+            who = "every term" if len(names) == len(contract.terms) else ", ".join(names)
+            yield FieldLine(f"terms' {option}", f"of {who}", source)
+
+
+def is_assumed(source: str) -> bool:
+    """Whether nobody states the field, but its dialect implies it."""
+    return source.startswith("assumed")
+
+
+def contract_document(contract: PolicyContract, layout: ObservationLayout) -> dict[str, Any]:
+    """The whole contract as plain JSON values, with the place of each term; null stands for infinity."""
+    document: dict[str, Any] = _finite(json.loads(encode(contract)))
+    lines = term_lines(contract, layout)
+    document["observation"] = [
+        {**term, "start": line.start, "width": line.width, "meaning": line.meaning}
+        for term, line in zip(document["observation"], lines, strict=True)
+    ]
+    document["observation_width"] = layout.width
+    document["assumed"] = [name for name, source in contract.provenance.items() if is_assumed(source)]
+    return document
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _finite(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _value(name: str, value: Any, contract: PolicyContract) -> str:
+    if value is None or (isinstance(value, str | tuple) and not value):
+        return "none"
+    if name in _FORMATS:
+        return _FORMATS[name](value)
+    if name == "action_joint_names" and len(value) == len(contract.joint_names):
+        return "all joints" + ("" if value == contract.joint_names else ", in another order")
+    if isinstance(value, tuple):
+        texts = [str(item) for item in value]
+        return ", ".join(texts) if len(texts) <= _LISTED else f"{len(texts)}: {', '.join(texts[:3])}, …"
+    return _numbers(value) if isinstance(value, np.ndarray | float) else str(value)
+
+
+def _phase(rule: PhaseRule) -> str:
+    offsets = ", ".join(f"{offset:.3g}" for offset in rule.offsets)
+    standing = f", standing below {rule.standing_threshold:g}" if rule.standing_threshold else ""
+    return f"period {rule.period:g} s, feet at {offsets} rad{standing}"
+
+
+def _ranges(ranges: FloatArray) -> str:
+    names = ("vx", "vy", "yaw rate")
+    return ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in zip(names, ranges, strict=True))
+
+
+_FORMATS: Mapping[str, Callable[[Any], str]] = {
+    "phase": _phase,
+    "command_ranges": _ranges,
+    "action_clip": lambda limit: "none" if limit == math.inf else f"{limit:g}",
+    "policy_dt": lambda seconds: f"{seconds:g} s ({1.0 / seconds:g} Hz)",
+}
+
+
+def _numbers(values: Any) -> str:
+    """One number where all are the same, else how many there are and their range."""
+    array = np.asarray(values)
+    if (array == array.flat[0]).all():
+        return f"{array.flat[0]:g}"
+    return f"{array.size} values, {array.min():g} to {array.max():g}"
