@@ -74,7 +74,7 @@ def test_the_list_of_verbs(capsys: pytest.CaptureFixture[str]) -> None:
         out = capsys.readouterr().out
         assert out.startswith("usage: humanoid-sim <verb> [options]\n")
         for verb, purpose in VERBS.items():
-            assert f"  {verb:<8} {purpose}\n" in out
+            assert f"  {verb:<14} {purpose}\n" in out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"{__version__}\n"
 

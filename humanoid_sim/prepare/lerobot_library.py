@@ -26,18 +26,19 @@ def import_lerobot(module: str, purpose: str, *, offline: bool) -> Any:
 
     Raises:
         MissingPackageError: with the install command.
+        InputError: if the version that is installed has no such module.
     """
     if offline:
         # Read when the hub's package is imported; a local dataset must not wait for the network.
         os.environ.setdefault("HF_HUB_OFFLINE", "1")
     try:
+        importlib.import_module("lerobot")
+    except ImportError:
+        raise MissingPackageError("lerobot", "lerobot", purpose) from None
+    try:
         return importlib.import_module(f"lerobot.{module}")
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "lerobot":
-            raise InputError(f"{purpose} needs the package 'lerobot', which lacks '{error.name}'") from None
-        if error.name != "lerobot":
-            raise InputError(f"{purpose}: this version of lerobot has no '{error.name}'; install lerobot 0.4") from None
-        raise MissingPackageError("lerobot", "lerobot", purpose) from None
+        raise InputError(f"{purpose}: lerobot is installed, but lacks '{error.name}'; install lerobot 0.4") from None
 
 
 def dataset_info(folder: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.onnx_policy import read_contract
 from humanoid_sim.prepare.report import MotionReport, as_json
 
-__all__ = ["Outputs", "checkpoint_files", "report_bytes"]
+__all__ = ["Content", "Outputs", "checkpoint_files", "report_bytes"]
 
 Content = bytes | Path
 """What a file is to hold: bytes, or a copy of another file."""
@@ -55,6 +55,8 @@ class Outputs:
         """
         wanted = {name: content for name, content in files.items() if not self._is_there(name, content)}
         self.refuse_existing(wanted)
+        if not wanted:
+            return
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(prefix=".prepare-", dir=self._folder) as staging:
@@ -67,7 +69,7 @@ class Outputs:
                     (Path(staging) / name).replace(self._folder / name)
         except OSError as error:
             raise InputError(f"{self._folder}: cannot be written: {error.strerror or error}") from None
-        for name in files:
+        for name in wanted:
             console.print(f"wrote {self._folder / name}", markup=False)
 
     def _is_there(self, name: str, content: Content) -> bool:

@@ -21,7 +21,7 @@ from humanoid_sim.prepare.conventions import choose_conventions
 from humanoid_sim.prepare.convert import convert
 from humanoid_sim.prepare.examine import Robot, examine
 from humanoid_sim.prepare.features import parse_roles
-from humanoid_sim.prepare.outputs import Outputs, checkpoint_files, report_bytes
+from humanoid_sim.prepare.outputs import Content, Outputs, checkpoint_files, report_bytes
 from humanoid_sim.prepare.report import MotionReport, print_report
 from humanoid_sim.prepare.resample import has_rate, resample
 from humanoid_sim.prepare.skeleton import Skeleton
@@ -55,7 +55,7 @@ def prepare(config: PrepareConfig) -> int:
         raise InputError(f"{option}: is given, but {path} follows no motion")
     if task == "locomotion" or (checkpoint.motion is not None and not has_source):
         why = "follows no motion" if task == "locomotion" else "carries its motion itself"
-        outputs.write(checkpoint_files(checkpoint, path), console)
+        _write(outputs, {}, checkpoint, path, console)
         console.print(f"{path.name}: {why}; nothing else to prepare", markup=False)
         return 0
     skeleton = Skeleton(description)
@@ -72,11 +72,18 @@ def prepare(config: PrepareConfig) -> int:
         motion_source=source.source,
     )
     name = config.name or _name(config, source)
-    files = {f"{name}.mcap": motion_bytes(motion), f"{name}.json": report_bytes(report)}
+    files: dict[str, Content] = {f"{name}.mcap": motion_bytes(motion), f"{name}.json": report_bytes(report)}
     outputs.refuse_existing(files)
     print_report(console, report)
-    outputs.write(files | checkpoint_files(checkpoint, path), console)
+    _write(outputs, files, checkpoint, path, console)
     return 0
+
+
+def _write(outputs: Outputs, files: dict[str, Content], checkpoint: Checkpoint, path: Path, console: Console) -> None:
+    copies = checkpoint_files(checkpoint, path)
+    if not copies:
+        console.print(f"{path} stays where it is: its contract is complete only with the files beside it", markup=False)
+    outputs.write(files | copies, console)
 
 
 def _refuse_conflicts(config: PrepareConfig) -> None:

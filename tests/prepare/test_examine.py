@@ -1,0 +1,112 @@
+"""Motions of bodies alone, and of joints alone."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from motion_samples import joint_path, lite
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.onnx_policy import read_contract
+from humanoid_sim.prepare.conventions import Conventions
+from humanoid_sim.prepare.examine import INVERSE, Findings, Robot, examine
+from humanoid_sim.prepare.limits import is_upside_down, orders_within_limits, worst_excess
+from humanoid_sim.prepare.rotations import quaternion_from_matrix
+from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.source import SourceMotion
+from humanoid_sim.prepare.verify import Tolerance, Verifier
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.training.motions import BODIES
+
+SKELETON = Skeleton(lite())
+ROBOT = Robot(lite(), SKELETON, Verifier(lite(), SKELETON))
+TOLERANCE = Tolerance(0.01, np.radians(2.0))
+
+
+@pytest.fixture(scope="module")
+def contract() -> PolicyContract:
+    return read_contract(asset_path("policies", "lite_tracking.onnx"))
+
+
+def bodies_alone(order: tuple[int, ...] = (0, 1, 2, 3), **changes: Any) -> SourceMotion:
+    position, rotation = ForwardKinematics(lite(), BODIES)(joint_path(300))
+    fields: dict[str, Any] = {
+        "source": "dances episode 0",
+        "kind": "lerobot",
+        "fps": 50.0,
+        "body_position": position[:, order],
+        "body_quaternion": quaternion_from_matrix(rotation)[:, order],
+        "frame": "base",
+    }
+    return SourceMotion(**fields | changes)
+
+
+def found(source: SourceMotion, contract: PolicyContract) -> Findings:
+    joints = () if source.joint_position is None else SKELETON.joints
+    bodies = () if source.body_position is None else BODIES
+    return examine(source, Conventions(joints, bodies, source.quaternion_order), contract, ROBOT, TOLERANCE)
+
+
+def test_bodies_that_the_robot_can_reach(contract: PolicyContract) -> None:
+    findings = found(bodies_alone(), contract)
+    assert findings.method == INVERSE
+    assert [check.name for check in findings.bodies] == list(BODIES)
+    assert max(check.position_max for check in findings.bodies) < 0.003
+    assert max(check.worst_frame for check in findings.bodies) < 300
+
+
+@pytest.mark.parametrize("order", [(2, 3, 0, 1), (1, 0, 2, 3), (0, 3, 2, 1)])
+def test_bodies_in_each_others_place_cannot_be_reached(contract: PolicyContract, order: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="no pose of the robot that was found puts body"):
+        found(bodies_alone(order), contract)
+
+
+def test_bodies_in_the_world_without_joints(contract: PolicyContract) -> None:
+    with pytest.raises(
+        InputError, match="can only be verified from positions and orientations in the robot's base frame"
+    ):
+        found(bodies_alone(frame="world"), contract)
+
+
+def joints_alone(**changes: Any) -> SourceMotion:
+    fields = {"source": "a.csv", "kind": "csv", "fps": 50.0, "joint_position": joint_path()}
+    return SourceMotion(**fields | changes)
+
+
+def test_joints_alone_are_not_called_verified(contract: PolicyContract) -> None:
+    findings = found(joints_alone(), contract)
+    assert (findings.method, findings.bodies, findings.rate, findings.beyond_limits) == ("", (), None, None)
+    assert "could not be verified" in findings.notes[0]
+
+
+def test_a_little_beyond_a_limit_is_noted(contract: PolicyContract) -> None:
+    path = joint_path()
+    path[7, 3] = lite().upper[3] + 0.01
+    findings = found(joints_alone(joint_position=path), contract)
+    assert findings.beyond_limits is not None
+    assert (findings.beyond_limits.joint, findings.beyond_limits.frame) == (SKELETON.joints[3], 7)
+    assert findings.beyond_limits.excess == pytest.approx(0.01)
+    assert "joint left_elbow_pitch is at" in findings.notes[1]
+    path[7, 3] += 0.1
+    with pytest.raises(InputError, match=r"joint 'left_elbow_pitch' is at .* in frame 7, beyond its limits"):
+        found(joints_alone(joint_position=path), contract)
+
+
+def test_limits() -> None:
+    path = joint_path()
+    assert worst_excess(path, lite()) is None
+    orders = {"robot": SKELETON.joints, "breadth_first": SKELETON.joint_order("breadth_first"), "short": ("a",)}
+    assert orders_within_limits(path, orders, lite(), 0.02) == ["robot"]
+
+
+def test_which_way_is_up() -> None:
+    turned = np.tile([1.0, 0.0, 0.0, 0.0], (40, 1))  # upright as w x y z, on its head as x y z w
+    source = joints_alone(base_position=np.zeros((40, 3)), base_quaternion=turned, quaternion_order="xyzw")
+    assert is_upside_down(source)
+    assert not is_upside_down(replace(source, quaternion_order="wxyz"))
+    assert not is_upside_down(joints_alone())
+    lying = replace(source, base_quaternion=np.tile([0.5, 0.5, 0.5, 0.5], (40, 1)))
+    assert not is_upside_down(lying)

@@ -1,0 +1,129 @@
+"""The motion inside a published tracking policy of the G1, as its trainer would have saved it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from published import POLICIES, needs_policies
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.onnx_policy import load_checkpoint
+from humanoid_sim.prepare import main
+
+pytestmark = needs_policies
+
+POLICY = POLICIES / "beyondmimic_g1" / "Waltz.onnx"
+ROBOT = POLICIES / "models" / "unitree_g1" / "scene.xml"
+
+
+@pytest.fixture(scope="module")
+def waltz() -> Motion:
+    motion = load_checkpoint(POLICY).motion
+    assert motion is not None
+    return motion
+
+
+def parts(motion: Motion) -> dict[str, Any]:
+    frames, joints, bodies = motion.frames, len(motion.joint_names), len(motion.body_names)
+    position, velocity, place, turn = np.split(frames, np.cumsum([joints, joints, 3 * bodies]), axis=1)
+    return {
+        "fps": np.array([50]),
+        "joint_pos": position,
+        "joint_vel": velocity,
+        "body_pos_w": place.reshape(-1, bodies, 3),
+        "body_quat_w": turn.reshape(-1, bodies, 4),
+    }
+
+
+def prepare(tmp_path: Path, motion: Path, *options: str) -> int:
+    arguments = ["--policy", str(POLICY), "--robot", str(ROBOT), "--motion", str(motion), *options]
+    return run_program(main, [*arguments, "--output", str(tmp_path / "out")])
+
+
+def test_the_saved_motion_is_the_graphs(tmp_path: Path, waltz: Motion) -> None:
+    np.savez(tmp_path / "waltz.npz", **parts(waltz))
+    assert prepare(tmp_path, tmp_path / "waltz.npz") == 0
+    made = read_motion(tmp_path / "out" / "waltz.mcap")
+    assert (made.layout, made.joint_names, made.body_names) == (waltz.layout, waltz.joint_names, waltz.body_names)
+    np.testing.assert_allclose(made.frames, waltz.frames, atol=1e-6)
+    report = json.loads((tmp_path / "out" / "waltz.json").read_text())
+    assert max(body["position_max"] for body in report["bodies"]) < 1e-4
+    assert max(body["angle_max"] for body in report["bodies"]) < 1e-3
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_joints_in_another_order(tmp_path: Path, waltz: Motion, capsys: pytest.CaptureFixture[str], seed: int) -> None:
+    state = parts(waltz)
+    order = np.random.default_rng(seed).permutation(29)
+    permuted = state | {key: state[key][:, order] for key in ("joint_pos", "joint_vel")}
+    np.savez(tmp_path / "waltz.npz", **permuted)
+    assert prepare(tmp_path, tmp_path / "waltz.npz") == 2
+    found = capsys.readouterr().err.strip().partition("it would fit with --joint-order ")[2]
+    # Joints that hardly move are told apart by less than the tolerance, so the order may differ in them.
+    assert sum(a != waltz.joint_names[b] for a, b in zip(found.split(","), order, strict=True)) <= 4
+    assert prepare(tmp_path, tmp_path / "waltz.npz", "--joint-order", found) == 0
+    made = parts(read_motion(tmp_path / "out" / "waltz.mcap"))
+    np.testing.assert_allclose(made["joint_pos"], state["joint_pos"], atol=np.radians(2.0))
+
+
+def test_bodies_in_another_order(tmp_path: Path, waltz: Motion, capsys: pytest.CaptureFixture[str]) -> None:
+    order = np.random.default_rng(1).permutation(14)
+    state = parts(waltz)
+    np.savez(tmp_path / "waltz.npz", **(state | {key: state[key][:, order] for key in ("body_pos_w", "body_quat_w")}))
+    assert prepare(tmp_path, tmp_path / "waltz.npz") == 2
+    assert "--body-order " + ",".join(waltz.body_names[i] for i in order) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("xyzw", [True, False])
+def test_the_same_as_a_csv(tmp_path: Path, waltz: Motion, capsys: pytest.CaptureFixture[str], xyzw: bool) -> None:
+    state = parts(waltz)
+    robot_order = [waltz.joint_names.index(joint) for joint in mjcf_joints()]
+    turn = state["body_quat_w"][:, 0]
+    turn = np.roll(turn, -1, axis=-1) if xyzw else turn
+    rows = np.concatenate([state["body_pos_w"][:, 0], turn, state["joint_pos"][:, robot_order]], axis=1)
+    np.savetxt(tmp_path / "waltz.csv", rows, delimiter=",")
+    if not xyzw:
+        assert prepare(tmp_path, tmp_path / "waltz.csv", "--fps", "50") == 2
+        assert "it would be upright with --quaternions wxyz" in capsys.readouterr().err
+    options = [] if xyzw else ["--quaternions", "wxyz"]
+    assert prepare(tmp_path, tmp_path / "waltz.csv", "--fps", "50", *options) == 0
+    made = parts(read_motion(tmp_path / "out" / "waltz.mcap"))
+    np.testing.assert_allclose(made["joint_pos"], state["joint_pos"], atol=1e-6)
+    np.testing.assert_allclose(made["body_pos_w"], state["body_pos_w"], atol=1e-4)
+    sign = np.sign((made["body_quat_w"] * state["body_quat_w"]).sum(axis=-1, keepdims=True))
+    np.testing.assert_allclose(sign * made["body_quat_w"], state["body_quat_w"], atol=1e-4)
+
+
+def test_a_csv_in_the_policys_order(tmp_path: Path, waltz: Motion, capsys: pytest.CaptureFixture[str]) -> None:
+    state = parts(waltz)
+    turn = np.roll(state["body_quat_w"][:, 0], -1, axis=-1)
+    rows = np.concatenate([state["body_pos_w"][:, 0], turn, state["joint_pos"]], axis=1)
+    np.savetxt(tmp_path / "waltz.csv", rows, delimiter=",")
+    assert prepare(tmp_path, tmp_path / "waltz.csv", "--fps", "50") == 2
+    assert "it stays within all limits with --joint-order contract" in capsys.readouterr().err
+
+
+def test_a_policy_that_carries_its_motion_needs_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--policy", str(POLICY), "--robot", str(ROBOT), "--output", str(tmp_path / "out")]
+    assert run_program(main, arguments) == 0
+    assert "carries its motion itself; nothing else to prepare" in capsys.readouterr().out
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["Waltz.onnx"]
+
+
+def test_a_policy_that_needs_files_beside_it_stays_where_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    policy = POLICIES / "unitree_g1_velocity_v0" / "exported" / "policy.onnx"
+    arguments = ["--policy", str(policy), "--robot", str(ROBOT), "--output", str(tmp_path / "out")]
+    assert run_program(main, arguments) == 0
+    assert not list((tmp_path / "out").glob("*"))
+    assert "stays where it is" in capsys.readouterr().out
+
+
+def mjcf_joints() -> list[str]:
+    from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
+
+    return list(load_robot(ROBOT).joint_names)

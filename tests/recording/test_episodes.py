@@ -1,0 +1,114 @@
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded_run import PERIOD, Wobble, run
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
+from humanoid_sim.recording.episodes import Episode, read_episodes
+from humanoid_sim.recording.reader import Recording, open_recording
+from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.session.sink import TickRecord
+
+BOTH = frozenset((Mode.LOCOMOTION, Mode.REMOTE))
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Callable[[list[TickRecord]], Recording]:
+    def record(ticks: list[TickRecord]) -> Recording:
+        recorder = McapRecorder(tmp_path / "run.mcap")
+        recorder.start(run(Wobble())[0])
+        for tick in ticks:
+            recorder.tick(tick)
+        recorder.close()
+        assert not recorder.error
+        return open_recording(tmp_path / "run.mcap")
+
+    return record
+
+
+def in_mode(ticks: list[TickRecord], mode: Mode) -> list[TickRecord]:
+    return [tick for tick in ticks if tick.output.control_mode.mode is mode]
+
+
+def shifted(tick: TickRecord, seconds: float) -> TickRecord:
+    state = replace(tick.input.state, time=float(tick.input.state.time) + seconds)
+    return replace(tick, input=replace(tick.input, state=state))
+
+
+def episodes(recording: Recording, modes: frozenset[Mode] = BOTH, fps: float | None = None) -> list[Episode]:
+    return list(read_episodes(recording, modes, fps))
+
+
+def test_one_episode_for_each_stretch(record) -> None:
+    _, ticks = run(Wobble())
+    locomotion, remote = episodes(record(ticks))
+    assert (locomotion.mode, locomotion.fps) == (Mode.LOCOMOTION, pytest.approx(25.0))  # a policy step every other tick
+    assert (remote.mode, remote.fps) == (Mode.REMOTE, 50.0)
+    steps = [tick for tick in in_mode(ticks, Mode.LOCOMOTION) if tick.output.policy_step is not None]
+    assert len(locomotion) == len(steps)
+    assert locomotion.start == float(steps[0].input.state.time)
+    assert locomotion.motion_frame == tuple(tick.output.policy_step.frame for tick in steps)
+    for name in ("joint_position", "joint_velocity", "joint_effort"):
+        expected = np.stack([getattr(tick.input.state, name) for tick in steps])
+        assert getattr(locomotion, name).tobytes() == expected.tobytes()
+    commands = np.stack([tick.output.command.position for tick in steps])
+    assert locomotion.command_position.tobytes() == commands.tobytes()
+    assert locomotion.imu.shape == (len(steps), 10)
+    assert len(remote) == len(in_mode(ticks, Mode.REMOTE))
+    assert set(remote.motion_frame) == {-1}
+
+
+def test_only_the_modes_that_are_asked_for(record) -> None:
+    recording = record(run(Wobble())[1])
+    assert [episode.mode for episode in episodes(recording, frozenset((Mode.REMOTE,)))] == [Mode.REMOTE]
+
+
+def test_another_rate(record) -> None:
+    _, ticks = run(Wobble())
+    recording = record(ticks)
+    every, fifth = episodes(recording, fps=50.0)[0], episodes(recording, fps=10.0)[0]
+    assert len(every) == len(in_mode(ticks, Mode.LOCOMOTION))
+    assert fifth.joint_position.tobytes() == every.joint_position[::5].tobytes()
+    assert fifth.start == every.start
+    with pytest.raises(InputError, match=r"its 50 ticks per second cannot be sampled 20 times; --fps: 50, 25, 10"):
+        episodes(recording, fps=20.0)
+
+
+@pytest.mark.parametrize("gap", ["time", "ticks"])
+def test_a_gap_ends_an_episode(record, gap: str) -> None:
+    _, ticks = run(Wobble())
+    first = ticks.index(in_mode(ticks, Mode.REMOTE)[0])
+    cut = first + 20
+    late = [shifted(tick, 3 * PERIOD) for tick in ticks[cut:]]
+    made = ticks[:cut] + (late if gap == "time" else ticks[cut + 3 :])
+    _, before, after = episodes(record(made))
+    assert len(before) == 20
+    assert len(before) + len(after) == len(in_mode(made, Mode.REMOTE))
+
+
+def test_an_uneven_clock_is_no_gap(record) -> None:
+    _, ticks = run(Wobble())
+    rng = np.random.default_rng(0)
+    made = [shifted(tick, float(rng.uniform(-0.2, 0.2)) * PERIOD) for tick in ticks]
+    assert len(episodes(record(made))) == 2
+
+
+def test_a_joint_that_was_never_heard(record) -> None:
+    _, ticks = run(Wobble())
+    silent = in_mode(ticks, Mode.REMOTE)[10]
+    position = silent.input.state.joint_position.copy()
+    position[3] = np.nan
+    state = replace(silent.input.state, joint_position=position)
+    ticks[silent.index] = replace(silent, input=replace(silent.input, state=state))
+    with pytest.raises(InputError, match="joint 'left_elbow_pitch' was not heard until"):
+        episodes(record(ticks))
+
+
+def test_a_stretch_of_one_frame_is_no_episode(record) -> None:
+    _, ticks = run(Wobble())
+    first = in_mode(ticks, Mode.REMOTE)[0].index
+    assert [episode.mode for episode in episodes(record(ticks[: first + 1]))] == [Mode.LOCOMOTION]

@@ -1,0 +1,48 @@
+"""What `record_dataset` refuses before it needs `lerobot`; tests/lerobot has the rest."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.record_dataset import main
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert run_program(main, arguments) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    return error
+
+
+def test_options_that_make_no_sense(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = str(tmp_path / "set")
+    assert "gone.mcap: cannot be read" in refusal(capsys, "gone.mcap", "-o", output)
+    assert "--fps: is 0, expected at least 1" in refusal(capsys, "gone.mcap", "-o", output, "--fps", "0")
+    assert "--repo-id: is 'x', expected user/name" in refusal(capsys, "gone.mcap", "-o", output, "--repo-id", "x")
+    assert "exists; a dataset is only written whole" in refusal(capsys, "gone.mcap", "-o", str(tmp_path))
+    assert "does not exist" in refusal(capsys, "gone.mcap", "-o", str(tmp_path / "a" / "b"))
+
+
+def test_without_lerobot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recording: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "lerobot", None)
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    error = refusal(capsys, str(recording), "-o", str(tmp_path / "set"))
+    assert "needs the package 'lerobot', which is not installed: pip install 'humanoid_sim[lerobot]'" in error
+    assert not (tmp_path / "set").exists()
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    from humanoid_sim.recording.recorder import McapRecorder  # noqa: PLC0415
+    from humanoid_sim.session.sink import SessionHeader  # noqa: PLC0415
+
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    recorder = McapRecorder(folder / "run.mcap")
+    recorder.start(SessionHeader("lite", ("a", "b"), 0.02, 0))
+    recorder.close()
+    return folder / "run.mcap"
