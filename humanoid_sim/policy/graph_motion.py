@@ -11,7 +11,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_model import OnnxModel
+from humanoid_sim.policy.onnx_model import OnnxModel, first_line
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 
 __all__ = ["GraphPolicy", "Progress", "graph_conventions", "has_graph_motion", "sweep_motion"]
@@ -19,6 +19,7 @@ __all__ = ["GraphPolicy", "Progress", "graph_conventions", "has_graph_motion", "
 Progress = Callable[[int], None]
 """Told the number of frames that have been read so far."""
 
+_Frame = Callable[[int], npt.NDArray[np.float32] | None]
 _JOINTS = ("joint_pos", "joint_vel")
 _BODIES = ("body_pos_w", "body_quat_w")
 _ANCHOR = ("ref_pos_xyz", "ref_quat_xyzw")
@@ -88,9 +89,14 @@ def sweep_motion(policy: GraphPolicy, contract: PolicyContract, progress: Progre
         )
     observation = np.zeros(policy.observation_width, dtype=np.float32)
 
-    def frame(index: int) -> npt.NDArray[np.float32]:
-        values = dict(zip(outputs, policy.run(outputs, observation, index), strict=True))
-        return _row(values, contract, len(bodies), str(path))
+    def frame(index: int) -> npt.NDArray[np.float32] | None:
+        try:
+            answer = policy.run(outputs, observation, index)
+        except Exception as error:  # onnxruntime's own types
+            if index == 0:
+                raise InputError(f"{path}: the motion in its graph cannot be read: {first_line(error)}") from None
+            return None  # a graph that does not hold its last frame has none beyond it
+        return _row(dict(zip(outputs, answer, strict=True)), contract, len(bodies), str(path))
 
     rows = _rows(frame, str(path), progress)
     try:
@@ -105,14 +111,15 @@ def sweep_motion(policy: GraphPolicy, contract: PolicyContract, progress: Progre
         raise InputError(f"{path}: motion in its graph: {error}") from None
 
 
-def _rows(
-    frame: Callable[[int], npt.NDArray[np.float32]], path: str, progress: Progress | None
-) -> list[npt.NDArray[np.float32]]:
+def _rows(frame: _Frame, path: str, progress: Progress | None) -> list[npt.NDArray[np.float32]]:
     """All frames up to the first of those that stay the same for good."""
-    rows = [frame(0)]
+    rows: list[npt.NDArray[np.float32]] = []
     end = 0
     while True:
-        if not np.array_equal(row := frame(len(rows)), rows[-1]):
+        row = frame(len(rows))
+        if row is None:
+            return rows
+        if rows and not _same(row, rows[-1]):
             end = len(rows)
         rows.append(row)
         if progress is not None:
@@ -123,11 +130,16 @@ def _rows(
             raise InputError(f"{path}: the motion in its graph still changes after {_LONGEST} frames")
 
 
-def _is_end(frame: Callable[[int], npt.NDArray[np.float32]], rows: list[npt.NDArray[np.float32]]) -> bool:
+def _is_end(frame: _Frame, rows: list[npt.NDArray[np.float32]]) -> bool:
     """Whether the last frame is held from here on, as far as a look at every so many frames tells."""
     if (len(rows) - 1) % _HELD:  # a long pause is looked beyond now and then, not at each of its frames
         return False
-    return all(np.array_equal(frame(index), rows[-1]) for index in range(len(rows), _LONGEST, _PROBE))
+    later = (frame(index) for index in range(len(rows), _LONGEST, _PROBE))
+    return all(row is not None and _same(row, rows[-1]) for row in later)
+
+
+def _same(row: npt.NDArray[np.float32], other: npt.NDArray[np.float32]) -> bool:
+    return np.array_equal(row, other, equal_nan=True)
 
 
 def _row(

@@ -13,6 +13,7 @@ from humanoid_sim.controllers.contract import PolicyContract, TaskType
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.readers.own_metadata import METADATA_KEYS, read_own
+from humanoid_sim.policy.readers.texts import one_line
 
 __all__ = ["METADATA_KEYS", "parse_metadata", "write_metadata"]
 
@@ -43,7 +44,7 @@ def parse_metadata(metadata: Mapping[str, str], source: str) -> PolicyContract:
         return PolicyContract(**values, provenance=provenance)
     except FieldError as error:
         problem = str(error).removeprefix("PolicyContract.").replace("observation:", "observation_names:", 1)
-        raise InputError(f"{source}: {problem}") from None
+        raise InputError(f"{source}: {one_line(problem)}") from None
 
 
 def write_metadata(contract: PolicyContract) -> dict[str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.controllers.terms import TERM_KINDS
 from humanoid_sim.policy.readers.partial import Given
 
-__all__ = ["agreed", "kind_of", "shown"]
+__all__ = ["agreed", "kind_of"]
 
 _EQUAL = 1e-9
 """Relative. What is left of a number that was written with nine digits, or went through a float32 and back, does not
@@ -99,14 +99,3 @@ def _decimals(given: Given) -> int:
     values = np.asarray(given.value, dtype=np.float64).ravel()
     texts = [np.format_float_positional(value, trim="-") for value in values if np.isfinite(value)] or [""]
     return max(len(text.partition(".")[2]) for text in texts)
-
-
-def shown(value: Any, width: int = 60) -> str:
-    """A value for a message, cut to `width` characters."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, list | tuple) and all(isinstance(item, str | float | int) for item in value):
-        text = f"[{', '.join(item if isinstance(item, str) else f'{item:g}' for item in value)}]"
-    else:
-        text = f"{value:g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= width else text[: width - 3] + "..."

@@ -23,6 +23,7 @@ from humanoid_sim.policy.readers.contract_schema import (
     TermOptions,
 )
 from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.texts import cut, one_line
 from humanoid_sim.policy.readers.yaml_file import read_yaml
 
 __all__ = ["COMMAND_AXES", "CONTRACT_FILE", "find_contract", "parse_contract", "read_contract_file"]
@@ -107,7 +108,7 @@ def _convert(document: Any, struct: type[_Struct], where: str, place: str) -> _S
     except msgspec.ValidationError as error:
         problem = _problem(str(error), document, struct)
         joint = "" if not place else ": " if problem.startswith("is ") or problem.startswith("unknown ") else "."
-        raise InputError(f"{where}: {place}{joint}{problem}") from None
+        raise InputError(f"{where}: {one_line(f'{place}{joint}{problem}')}") from None
     except (OverflowError, RecursionError) as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -165,12 +166,12 @@ def _problem(message: str, document: Any, struct: type[msgspec.Struct]) -> str:
     expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
     if is_type:
         accepted = " or ".join(_ACCEPTED.get(name, name) for name in expected.strip("`").split(" | "))
-        problem = f"is {_shown(value)}, expected {accepted}"
+        problem = f"is {cut(repr(value), 60)}, expected {accepted}"
     elif problem.startswith("Object contains unknown field"):
         problem = known_names("field", problem.split("`")[1], _known(place, struct))
     elif problem.startswith("Invalid enum value"):
         words = _WORDS[place.rpartition(".")[2]]
-        problem = f"is {_shown(value)}, expected one of {', '.join(words)}"
+        problem = f"is {cut(repr(value), 60)}, expected one of {', '.join(words)}"
     return f"{place}: {problem}" if place else problem
 
 
@@ -211,8 +212,3 @@ def _at(document: Any, place: str) -> Any:
         except (KeyError, IndexError, TypeError, ValueError):
             return document
     return document
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

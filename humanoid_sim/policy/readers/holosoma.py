@@ -11,6 +11,7 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers import csv_values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
+from humanoid_sim.policy.readers.texts import cut
 
 __all__ = ["HOLOSOMA_SOURCE", "is_holosoma", "read_holosoma"]
 
@@ -91,6 +92,4 @@ def _is_number(value: Any) -> bool:
 
 
 def _wrong(where: str, key: str, metadata: Mapping[str, str], expected: str) -> InputError:
-    text = metadata[key]
-    shown = text if len(text) <= 80 else text[:77] + "..."
-    return InputError(f"{where}: {key} is {shown!r}, expected {expected}")
+    return InputError(f"{where}: {key} is {cut(metadata[key])!r}, expected {expected}")

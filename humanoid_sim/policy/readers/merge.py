@@ -11,9 +11,10 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.policy.readers.agree import agreed, kind_of, shown
+from humanoid_sim.policy.readers.agree import agreed, kind_of
 from humanoid_sim.policy.readers.complete import complete, missing_fields
 from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.texts import one_line, shown
 
 __all__ = ["build_contract", "merge"]
 
@@ -38,7 +39,7 @@ def merge(
         terms = _join_terms(partials, known)
         complete(known, terms, robot_joints, [partial.source for partial in partials])
     except FieldError as error:
-        raise InputError(f"{where}: {error}") from None
+        raise InputError(f"{where}: {one_line(str(error))}") from None
     missing = missing_fields(known, terms)
     if missing:
         read = "; ".join(f"{partial.source} ({', '.join(partial.fields)})" for partial in partials if partial.fields)
@@ -142,7 +143,7 @@ def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
         ]
         return PolicyContract(**values, tensors=TensorNames(**tensors), provenance=provenance)
     except (FieldError, TypeError) as error:
-        raise InputError(f"{where}: {_with_source(str(error), provenance)}") from None
+        raise InputError(f"{where}: {one_line(_with_source(str(error), provenance))}") from None
 
 
 def _with_source(problem: str, provenance: Mapping[str, str]) -> str:

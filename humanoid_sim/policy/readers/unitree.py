@@ -13,6 +13,7 @@ from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
+from humanoid_sim.policy.readers.texts import cut, one_line
 from humanoid_sim.policy.readers.yaml_file import read_yaml
 
 __all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]
@@ -224,9 +225,7 @@ class _Reader:
         return value
 
     def _wrong(self, where: str, value: Any, expected: str) -> InputError:
-        text = str(value)
-        shown = text if len(text) <= 80 else text[:77] + "..."
-        return InputError(f"{self.path}: {where} is {shown}, expected {expected}")
+        return InputError(f"{self.path}: {one_line(f'{where} is {cut(str(value))}, expected {expected}')}")
 
 
 def _is_number(value: Any) -> bool:
