@@ -27,7 +27,7 @@ class PrepareConfig:
     wandb_file: Annotated[str | None, tyro.conf.arg(aliases=["--wandb-checkpoint-name"])] = None
     """The checkpoint's file name in the run. Default: the newest model_*."""
     robot: str = "lite"
-    """A shipped robot, or the path of a robot's YAML file."""
+    """A shipped robot, or the path of a robot's YAML file or MJCF (.xml)."""
     motion: Annotated[str | None, tyro.conf.arg(aliases=["--motion-file"])] = None
     """Motion: an .npz or .csv file, or the folder of a LeRobot dataset."""
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--registry-name"])] = None
