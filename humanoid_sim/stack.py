@@ -148,7 +148,12 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
 
 
 def build_supervisor(
-    description: RobotDescription, control_period: float, loaded: LoadedPolicy | None, *, remote: bool = False
+    description: RobotDescription,
+    control_period: float,
+    loaded: LoadedPolicy | None,
+    *,
+    remote: bool = False,
+    live: Mapping[str, int] | None = None,
 ) -> Supervisor:
     """The supervisor of a robot with the controllers that are available.
 
@@ -157,6 +162,8 @@ def build_supervisor(
         control_period: s
         loaded: makes LOCOMOTION available.
         remote: makes REMOTE available.
+        live: names and widths of the live inputs that this robot and its operator provide; a policy that needs another
+            (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
 
     Raises:
         InputError: if the policy does not fit the robot.
@@ -172,7 +179,12 @@ def build_supervisor(
     if loaded is not None:
         try:
             controllers[RL_POLICY] = RLPolicyController(
-                joints, loaded.contract, loaded.reference, loaded.policy, control_period, extern=loaded.extern
+                joints,
+                loaded.contract,
+                loaded.reference,
+                loaded.policy,
+                control_period,
+                extern=loaded.extern if live is None else live,
             )
         except FieldError as error:
             raise InputError(f"policy on robot '{description.name}': {error}") from None

@@ -227,3 +227,11 @@ def test_a_header_whose_documents_are_damaged_is_one_line(name: str, text: str, 
     with pytest.raises(InputError) as caught:
         rebuild_supervisor(replace(head, documents={**head.documents, name: text}), zero_policy(14))
     assert "\n" not in str(caught.value)
+
+
+def test_a_policy_that_needs_an_estimate_is_refused_where_there_is_none() -> None:
+    contract = lite_contract(task_type="locomotion", observation=("base_lin_vel", "joint_pos"), body_names=())
+    loaded = load_policy(contract, zero_policy(14), None)
+    build_supervisor(load_robot("lite"), 0.005, loaded)
+    with pytest.raises(InputError, match=r"^policy on robot 'lite': observation term 'base_lin_vel' needs the robot's"):
+        build_supervisor(load_robot("lite"), 0.005, loaded, live={})

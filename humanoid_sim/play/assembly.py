@@ -10,6 +10,7 @@ import mujoco
 from rich.console import Console
 
 from humanoid_sim.controllers.action import resolve_action
+from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.play.config import PlayConfig
@@ -93,7 +94,6 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         description = with_contract(description, contract)
     control_period, notice = control_rate(config, description, contract.policy_dt)
     use_remote = config.remote != "none"
-    supervisor = build_supervisor(description, control_period, policy.loaded, remote=use_remote)
     robot = MujocoRobot(
         description,
         control_period=control_period,
@@ -106,6 +106,8 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         base_height=config.base_height,
         anchor_body=contract.anchor_body,
     )
+    live = {**robot.extern, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
+    supervisor = build_supervisor(description, control_period, policy.loaded, remote=use_remote, live=live)
     gains = resolve_action(contract, description.joint_names)
     warnings = [*robot.warnings, robot.stability.check(gains.damping, "policy")]
     realtime = _realtime(config, use_remote)
