@@ -27,6 +27,21 @@ def test_scalar_scale():
     assert command.position.tolist() == [2.03, 2.02, 0.0]
 
 
+def test_actions_and_positions_are_clipped():
+    limits = [[-0.1, 0.1], [-1.0, 1.0]]
+    action_map = resolve_action(contract(action_clip=1.5, position_clip=limits), JOINTS)
+    command = action_command(action_map, np.array([9.0, 9.0], np.float32))
+    # elbow: 0.02 + 0.5 * 1.5, beyond its limit; shoulder: 0.03 + 0.25 * 1.5, within
+    assert command.position.tolist() == [0.03 + 0.25 * 1.5, 0.1, 0.0]
+    spread = resolve_action(contract(position_clip=[[-0.1, 0.1]]), JOINTS)
+    assert action_command(spread, np.array([-9.0, 9.0], np.float32)).position.tolist() == [0.1, -0.1, 0.0]
+
+
+def test_an_offset_of_its_own_replaces_the_default_pose():
+    command = action_command(resolve_action(contract(action_offset=[0.5, 0.6]), JOINTS), np.zeros(2, np.float32))
+    assert command.position.tolist() == [0.6, 0.5, 0.0]
+
+
 def test_a_zero_action_is_the_default_pose_of_the_driven_joints():
     command = action_command(resolve_action(contract(), JOINTS), np.zeros(2, np.float32))
     assert command.position.tolist() == [0.03, 0.02, 0.0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from rig import contract
 
+from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 
 
@@ -56,6 +57,24 @@ def test_task_types(task_type):
         ({"lookahead_steps": (1, -1)}, r"lookahead_steps: is \(1, -1\), expected integers >= 0"),
         ({"lookahead_steps": (1.5,)}, r"lookahead_steps: is \(1.5,\), expected integers >= 0"),
         ({"lookahead_steps": (True,)}, r"lookahead_steps: is \(True,\), expected integers >= 0"),
+        ({"action_clip": 0.0}, "action_clip: is 0.0, expected a number > 0"),
+        ({"action_offset": [0.0]}, r"action_offset: has shape \(1,\), expected \(2,\)"),
+        (
+            {"position_clip": [[1.0, 0.0]]},
+            r"position_clip: is \[\[1.0, 0.0\]\], expected \[least, greatest\] for each of",
+        ),
+        ({"position_clip": [0.0, 1.0]}, r"position_clip: is \[0.0, 1.0\], expected \[least, greatest\] for each of"),
+        ({"command_ranges": [[0, 1]]}, r"command_ranges: is \[\[0.0, 1.0\]\], expected \[least, greatest\] for vx"),
+        ({"history_layout": "mixed"}, "history_layout: is 'mixed', expected one of per_term, per_step"),
+        ({"reference_quaternion": "wzyx"}, "reference_quaternion: is 'wzyx', expected one of wxyz, xyzw"),
+        (
+            {"observation": [Term("joint_pos", joints=("neck",))]},
+            "observation: term 'joint_pos' shows neck, not in joint",
+        ),
+        (
+            {"observation": [Term("joint_pos", history=2), Term("actions")], "history_layout": "per_step"},
+            r"history_layout: per_step needs one history for all terms, they have \[1, 2\]",
+        ),
         ({"lookahead_steps": 3}, "lookahead_steps: is 3, expected integers >= 0"),
         ({"observation": ("target_keys_future",)}, "lookahead_steps: is empty, but the observation has target_k"),
     ],

@@ -10,7 +10,9 @@ from rig import JOINTS, contract, reference, state
 from strategies import any_states
 
 from humanoid_sim.controllers.observation import ObservationContext, joint_indices, pack, resolve_observation
+from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.reference import build_reference, no_reference
+from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Extern, MITState
 
@@ -179,3 +181,47 @@ def test_a_live_term_of_another_shape_is_refused(shape):
     robot_state = state(extern={"velocity": Extern(np.zeros(shape), 0.0)})
     with pytest.raises(FieldError, match=r"^MITState\.extern\['velocity'\]: has shape \(.*\), expected \(2,\)$"):
         pack(layout("velocity"), context(robot_state))
+
+
+ROBOT_STATE = {
+    "joint_velocity": [1.0, 2.0, 3.0],
+    "imu_quaternion": [0.8, 0.0, 0.0, 0.6],
+    "imu_angular_velocity": [5.0, 6.0, 7.0],
+}
+
+
+@pytest.mark.parametrize(
+    ("term", "values"),
+    [
+        (Term("joint_pos", relative=False), [0.6, 0.5, 0.4]),
+        (Term("dof_pos", joints=("shoulder", "wrist")), [0.4 - 0.03, 0.6 - 0.01]),
+        (Term("joint_vel", joints=("elbow",), scale=0.5), [1.0]),
+        (Term("joint_vel", scale=0.0), [0.0, 0.0, 0.0]),
+        (Term("joint_vel", clip=(-1.0, 2.5), scale=2.0), [5.0, 4.0, 2.0]),
+        (Term("joint_vel", scale=[1.0, 10.0, 100.0]), [3.0, 20.0, 100.0]),
+        (Term("actions", form="scaled"), [0.25, -0.125]),
+        (Term("last_action"), [0.5, -0.5]),
+        (Term("imu_quaternion", quaternion="xyzw"), [0.0, 0.0, 0.6, 0.8]),
+        (Term("base_ang_vel"), [5.0, 6.0, 7.0]),
+        # Turned about the vertical by the angle whose half has the cosine 0.8 and the sine 0.6.
+        (Term("base_ang_vel", frame="world"), [0.28 * 5 - 0.96 * 6, 0.96 * 5 + 0.28 * 6, 7.0]),
+        (Term("projected_gravity", scale=-1.0), [0.0, 0.0, 1.0]),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_conventions_of_a_term(term, values):
+    packed = pack(layout(term), context(state(1.0, **ROBOT_STATE)))
+    np.testing.assert_allclose(packed, values, rtol=1e-6, atol=1e-7)
+
+
+def test_a_clipped_action_is_what_the_policy_sees_again():
+    clipped = resolve_observation(contract(observation=("actions",), action_clip=0.4), JOINTS, reference(), {})
+    assert pack(clipped, context(state(1.0))).tolist() == np.array([0.4, -0.4], np.float32).tolist()
+
+
+def test_no_phase_has_neither_sine_nor_cosine():
+    made = contract(observation=("sin_phase", "cos_phase", "gait_phase"), phase=PhaseRule(1.0))
+    resolved = resolve_observation(made, JOINTS, reference(), {})
+    for phase, values in (([0.0, np.pi / 2], [0, 1, 1, 0, 0, 1, 1, 0]), ([np.nan, np.nan], [0] * 8)):
+        shown = ObservationContext(state(1.0), np.zeros(2, np.float32), reference(), 0, phase=np.array(phase))
+        np.testing.assert_allclose(pack(resolved, shown), values, atol=1e-7)

@@ -1,0 +1,143 @@
+"""A recording's header rebuilds policies with histories, phases, live inputs and anchors bit for bit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+
+import models
+import numpy as np
+import pytest
+
+from humanoid_sim.controllers.base import RL_POLICY
+from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.messages import TickInput
+from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.motion import Motion, motion_bytes
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.session.sink import SessionHeader
+from humanoid_sim.stack import (
+    MOTION_ATTACHMENT,
+    LoadedPolicy,
+    build_supervisor,
+    header_documents,
+    load_policy,
+    rebuild_supervisor,
+)
+
+LITE: RobotDescription = load_robot("lite")
+JOINTS = LITE.joint_names
+N = len(JOINTS)
+PERIOD = 0.01
+
+WALKER = models.contract(
+    joint_names=JOINTS[::-1],
+    action_joint_names=JOINTS[3:9],
+    joint_stiffness=50.0,
+    joint_damping=2.0,
+    default_joint_pos=np.linspace(-0.1, 0.1, N),
+    observation=[
+        Term("base_ang_vel", scale=0.25, clip=(-1.0, 1.0), history=3),
+        Term("projected_gravity", history=2, history_order="newest_first"),
+        Term("velocity_commands"),
+        Term("dof_pos", joints=JOINTS[2:5]),
+        Term("sin_phase"),
+        Term("cos_phase"),
+        Term("last_action", form="scaled", history=2),
+    ],
+    action_scale=0.3,
+    action_clip=2.0,
+    position_clip=[[-0.5, 0.5]],
+    command_ranges=[[-0.3, 0.3], [-0.2, 0.2], [-1.0, 1.0]],
+    phase=PhaseRule(0.7, standing_threshold=0.05, standing_value=None, standing_restarts=False),
+)
+TRACKER = replace(
+    WALKER,
+    task_type="tracking",
+    observation=(
+        "motion_command",
+        Term("motion_anchor_pos_b"),
+        Term("motion_anchor_ori_b", layout="columns"),
+        Term("base_lin_vel"),
+        "joint_vel",
+    ),
+    anchor_body="chest",
+)
+
+
+def motion() -> Motion:
+    rng = np.random.default_rng(3)
+    frames = rng.normal(size=(20, 2 * N + 7))
+    frames[:, -4:] /= np.sqrt((frames[:, -4:] ** 2).sum(axis=1, keepdims=True))
+    return Motion(frames.astype(np.float32), ("chest",), 0.02, layout="joints_bodies_w", joint_names=JOINTS)
+
+
+def ticks() -> Iterator[TickInput]:
+    rng = np.random.default_rng(5)
+    for index in range(80):
+        time = index * PERIOD
+        quaternion = rng.normal(size=4)
+        quaternion /= np.sqrt((quaternion**2).sum())
+        command = rng.normal(size=3) if index % 20 > 5 else np.zeros(3)
+        extern = {
+            VELOCITY_COMMAND: Extern(command, time, 0.5),
+            BASE_LINEAR_VELOCITY: Extern(rng.normal(size=3), time),
+            ANCHOR_POSE: Extern(np.concatenate([rng.normal(size=3), quaternion]), time),
+        }
+        state = MITState(
+            time, *rng.normal(size=(3, N)), np.zeros(N), quaternion, rng.normal(size=3), [0, 0, 9.8], extern
+        )
+        yield TickInput(state, ())
+
+
+def policy(observation: np.ndarray, frame: int) -> np.ndarray:
+    return np.resize(3.0 * np.tanh(observation), 6).astype(np.float32) * (1 + 0.01 * frame)
+
+
+def commands(controller: object) -> list[bytes]:
+    assert isinstance(controller, RLPolicyController)
+    memory, found = None, []
+    for tick in ticks():
+        memory = controller.activate(tick) if memory is None else memory
+        memory, command = controller.update(memory, tick)  # type: ignore[arg-type,misc]
+        found.append(command.position.tobytes() + memory.last_action.tobytes())  # type: ignore[union-attr]
+    return found
+
+
+def header(loaded: LoadedPolicy, **documents: str) -> SessionHeader:
+    followed = {MOTION_ATTACHMENT: motion_bytes(motion())} if loaded.contract.task_type == "tracking" else {}
+    return SessionHeader(
+        robot=LITE.name,
+        joint_names=JOINTS,
+        control_period=PERIOD,
+        start_time_ns=0,
+        documents={**header_documents(LITE, loaded, remote=False, settings={}), **documents},
+        attachments=followed,
+        observation_terms=(),
+    )
+
+
+@pytest.mark.parametrize("contract", [WALKER, TRACKER], ids=["walker", "tracker"])
+def test_a_run_is_repeated_bit_for_bit(contract: PolicyContract) -> None:
+    loaded = load_policy(contract, policy, motion() if contract.task_type == "tracking" else None)
+    ran = commands(build_supervisor(LITE, PERIOD, loaded).controllers[RL_POLICY])
+    again = commands(rebuild_supervisor(header(loaded), policy).controllers[RL_POLICY])
+    assert again == ran
+    assert len(set(ran)) > 30
+
+
+def test_a_header_of_thirteen_keys_is_still_read() -> None:
+    contract = models.contract(
+        joint_names=JOINTS, action_joint_names=JOINTS[:6], joint_stiffness=50.0, joint_damping=2.0,
+        default_joint_pos=0.1, action_scale=0.3,
+    )  # fmt: skip
+    loaded = load_policy(contract, policy, None)
+    ran = commands(build_supervisor(LITE, PERIOD, loaded).controllers[RL_POLICY])
+    old = header(loaded, contract=json.dumps(write_metadata(contract)))
+    assert commands(rebuild_supervisor(old, policy).controllers[RL_POLICY]) == ran
