@@ -97,7 +97,8 @@ def ticks() -> Iterator[TickInput]:
 
 
 def policy(observation: np.ndarray, frame: int) -> np.ndarray:
-    return np.resize(3.0 * np.tanh(observation), 6).astype(np.float32) * (1 + 0.01 * frame)
+    """Six numbers that depend on all that is seen."""
+    return np.array([3.0 * np.tanh(observation[i::6].sum()) + 0.01 * frame for i in range(6)], dtype=np.float32)
 
 
 def commands(controller: object) -> list[bytes]:
