@@ -115,12 +115,7 @@ def assemble(config: PlayConfig, console: Console) -> Run:
     frames = 0 if policy.motion is None else len(policy.motion.frames)
     if steps is None and not config.manual:
         steps = parse_script(automatic_script(config, frames))
-    tracking = anchor = None
-    reference = policy.loaded.reference
-    if "motion_body_pos_b" in reference.terms and policy.motion is not None:
-        tracking = TrackingErrors(description, policy.motion.frames, contract.body_names, contract.policy_dt)
-    if "anchor_pos" in reference.terms:
-        anchor = AnchorErrors(reference, contract.joint_names, description.joint_names, align=contract.align_reference)
+    tracking, anchor = _errors(policy, description)
     monitor = RunMonitor(description.effort_limit, tracking, anchor=anchor, floating_base=description.is_floating)
     velocity = VelocityCommand(parse_velocity(config.command, contract.command_ranges), contract.command_ranges)
     sinks: list[Sink] = [monitor, ConsoleSink(console, expected_duration(config, policy, description))]
@@ -187,6 +182,17 @@ def _operators(config: PlayConfig, velocity: VelocityCommand | None) -> tuple[Ke
     except InputError:
         socket.close()
         raise
+
+
+def _errors(policy: PolicyChoice, description: RobotDescription) -> tuple[TrackingErrors | None, AnchorErrors | None]:
+    """What measures how well a motion is followed: poses of bodies in the base frame, or joints and an anchor."""
+    tracking = anchor = None
+    reference, contract = policy.loaded.reference, policy.loaded.contract
+    if "motion_body_pos_b" in reference.terms and policy.motion is not None:
+        tracking = TrackingErrors(description, policy.motion.frames, contract.body_names, contract.policy_dt)
+    if "anchor_pos" in reference.terms:
+        anchor = AnchorErrors(reference, contract.joint_names, description.joint_names, align=contract.align_reference)
+    return tracking, anchor
 
 
 def _keys(config: PlayConfig, policy: PolicyChoice) -> tuple[str, ...]:

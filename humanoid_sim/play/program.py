@@ -28,8 +28,8 @@ _FAULT = 1
 def play(config: PlayConfig) -> int:
     """Run, report, and return the exit status.
 
-    0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK, the robot fell or a file could
-    not be written; 128 plus the signal's number if a signal ended it.
+    0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK, the robot fell or a file
+    could not be written; 128 plus the signal's number if a signal ended it.
 
     Raises:
         InputError: before anything moves.
