@@ -24,6 +24,7 @@ Without the last line the memory follows from the steps before: `last_action` is
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +35,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.golden.run import Recorded
 
@@ -55,6 +56,18 @@ _NEEDED_BY = {
     "key_pressed": "key_pressed",
     "imu_linear_acceleration": "imu_linear_acceleration",
 }
+_DAMAGE = (
+    ValueError,
+    EOFError,
+    KeyError,
+    NotImplementedError,
+    MemoryError,
+    OverflowError,
+    zipfile.BadZipFile,
+    zipfile.LargeZipFile,
+    zlib.error,
+)
+"""What NumPy and zipfile raise over files that are damaged, or of another kind."""
 _LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, "key_pressed")
 
 
@@ -252,13 +265,12 @@ class _Reader:
 def _load(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Every array of the file; none of them may need code to be read."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream:  # NumPy leaves a file open that turns out to be none of its own
+            file = np.load(stream, allow_pickle=False)
             if not isinstance(file, np.lib.npyio.NpzFile):
                 raise InputError(f"{path}: holds one array, expected an .npz file of several")
             return {name: file[name] for name in file.files}
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or 'is no .npz file'}") from None
-    except (ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+    except _DAMAGE as error:
         raise InputError(f"{path}: is no .npz file: {str(error).partition(chr(10))[0]}") from None
-    except (FieldError, MemoryError, OverflowError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
