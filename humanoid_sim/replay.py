@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemaining
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
 from humanoid_sim.session.sink import TickRecord
@@ -114,7 +114,8 @@ class _Inference:
 
 def _load(recording: Recording, settings: dict[str, Any], path: Path | None) -> Checkpoint:
     """The model to run: the given one, or the one that the recording names."""
-    from humanoid_sim.policy.onnx_policy import load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
+    from humanoid_sim.policy.onnx_policy import OnnxPolicy, load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
+    from humanoid_sim.stack import recorded_contract  # noqa: PLC0415
 
     if path is None:
         named = settings.get("policy")
@@ -123,7 +124,12 @@ def _load(recording: Recording, settings: dict[str, Any], path: Path | None) -> 
         path = Path(named)
         if not path.is_file():
             raise InputError(f"{recording.path}: ran {path}, which is not there; name the file with --policy")
-    return load_checkpoint(path)
+    # The contract is the recorded one: the file may need a contract.yaml that is not here, and only its network runs.
+    contract = recorded_contract(recording.header)
+    if contract is None:
+        return load_checkpoint(path)
+    policy = OnnxPolicy(path, contract.tensors)
+    return Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width)
 
 
 def _with_progress(recording: Recording) -> Iterator[TickRecord]:

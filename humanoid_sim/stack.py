@@ -49,6 +49,7 @@ __all__ = [
     "header_documents",
     "load_policy",
     "rebuild_supervisor",
+    "recorded_contract",
 ]
 
 T = TypeVar("T")
@@ -230,8 +231,16 @@ def header_documents(
     return documents
 
 
-def _recorded_contract(text: str) -> PolicyContract:
-    """The contract in a header; before contracts were complete, it held the thirteen keys."""
+def recorded_contract(header: SessionHeader) -> PolicyContract | None:
+    """The contract of a recorded run's policy; None if it had none.
+
+    Raises:
+        InputError: if it is damaged.
+    """
+    text = header.documents.get("contract")
+    if text is None:
+        return None
+    # Before contracts were complete, a header held the thirteen keys.
     try:
         document = json.loads(text)
     except ValueError:
@@ -253,8 +262,8 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     except KeyError as error:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     loaded = None
-    if "contract" in header.documents:
-        contract = _recorded_contract(header.documents["contract"])
+    contract = recorded_contract(header)
+    if contract is not None:
         attached = header.attachments.get(MOTION_ATTACHMENT)
         motion = parse_motion(attached, MOTION_ATTACHMENT) if attached is not None else None
         loaded = load_policy(contract, policy, motion)

@@ -92,6 +92,16 @@ def test_a_model_of_another_width_is_refused(recorded, tmp_path, capsys):
     assert capsys.readouterr().err == f"error: {wide}: its input is 50 wide, the recorded observation 42\n"
 
 
+def test_a_model_that_says_nothing_of_itself_runs_on_the_recorded_contract(recorded, tmp_path, capsys):
+    path, model = recorded
+    bare = onnx.load(str(model))
+    del bare.metadata_props[:]
+    onnx.save(bare, str(tmp_path / "bare.onnx"))
+    assert replay([str(path), "--policy", str(tmp_path / "bare.onnx"), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)["infer"]
+    assert (result["differing"], result["steps"] > 10) == (0, True)
+
+
 def test_infer_needs_a_model(tmp_path, capsys):
     header, ticks = run(Wobble())
     path = tmp_path / "wobble.mcap"
