@@ -15,7 +15,7 @@ from humanoid_sim.controllers.base import DAMPING, ZERO_TORQUE, Controller, Faul
 from humanoid_sim.controllers.fsm import MODES, choose_intent, merge_safety, transition
 from humanoid_sim.controllers.parameters import command_problem, joint_tuple
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.messages import ControlMode, FaultReport, Intent, PolicyStep, TickInput, TickOutput
+from humanoid_sim.messages import ControlMode, FaultReport, Intent, PolicyStep, StandbyState, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand
 
 __all__ = ["Supervisor", "SupervisorMemory"]
@@ -39,6 +39,17 @@ class _Outcome:
     memory: Any
     command: MITCommand
     faults: tuple[FaultReport, ...]
+    standby: StandbyState | None
+    policy_step: PolicyStep | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Result:
+    """What one controller gave in this tick, found sound."""
+
+    memory: Any
+    command: MITCommand
+    standby: StandbyState | None
     policy_step: PolicyStep | None
 
 
@@ -89,9 +100,9 @@ class Supervisor:
         """One tick. Neither argument is changed; the same arguments give bit-identical results."""
         safety = merge_safety(tick_input.safety)
         intent, superseded = choose_intent(tick_input.intents)
-        standby = getattr(memory.controller_memory, "standby", None)
-        finished = standby is not None and standby.is_finished
-        decision = transition(memory.controller, safety, intent, finished, self.controllers)
+        decision = transition(
+            memory.controller, safety, intent, _has_finished(memory.controller_memory), self.controllers
+        )
 
         switch = decision.controller is not None
         wanted = decision.controller or memory.controller
@@ -105,7 +116,7 @@ class Supervisor:
         output = TickOutput(
             command=outcome.command,
             control_mode=ControlMode(MODES[outcome.controller], outcome.controller, status),
-            standby=getattr(outcome.memory, "standby", None),
+            standby=outcome.standby,
             quit=decision.quit,
             faults=outcome.faults,
             refusals=refusals,
@@ -124,33 +135,64 @@ class Supervisor:
         while True:
             result, is_bug = self._attempt(self.controllers[name], controller_memory, tick_input)
             if not isinstance(result, Fault):
-                new_memory, command = result
-                step = getattr(new_memory, "policy_step", None) or policy_step
-                return _Outcome(name, new_memory, command, tuple(faults), step)
+                step = result.policy_step or policy_step
+                return _Outcome(name, result.memory, result.command, tuple(faults), result.standby, step)
             policy_step = policy_step or result.policy_step
             fallback = self.controllers[name].fallback or ZERO_TORQUE
             faults.append(FaultReport(name, fallback, result.message, is_bug))
             if name == ZERO_TORQUE:
                 # Cannot happen with this package's controller; a foreign one in its place may do anything.
-                return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), policy_step)
+                return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), None, policy_step)
             name, controller_memory = fallback, before.controller_memory if fallback == before.controller else None
 
     def _attempt(
         self, controller: Controller, controller_memory: Any, tick_input: TickInput
-    ) -> tuple[tuple[Any, MITCommand] | Fault, bool]:
+    ) -> tuple[_Result | Fault, bool]:
         """A controller's result, with everything that must not leave it turned into a fault; and whether it raised."""
         try:
             if controller_memory is None:
                 controller_memory = controller.activate(tick_input)
-                if isinstance(controller_memory, Fault):
-                    return controller_memory, False
-            result = controller.update(controller_memory, tick_input)
-            if isinstance(result, Fault):
-                return result, False
-            problem = command_problem(result[1], self.joints)
-            return (Fault(problem, getattr(result[0], "policy_step", None)), False) if problem else (result, False)
+            if isinstance(controller_memory, Fault):
+                return _readable(controller_memory), False
+            update = controller.update(controller_memory, tick_input)
+            if isinstance(update, Fault):
+                return _readable(update), False
+            result = _checked(update)
+            problem = command_problem(result.command, self.joints)
+            return (Fault(problem, result.policy_step) if problem else result), False
         except Exception as error:  # a bug; contained here because the robot needs a command in this tick
-            return Fault(f"{type(error).__name__}: {error}"), True
+            return Fault(_explain(error)), True
+
+
+def _checked(update: Any) -> _Result:
+    """What a controller's `update` gave, if it is what it must be: anything else is a bug, and raises."""
+    memory, command = update
+    if memory is None or isinstance(memory, Fault):
+        raise TypeError(f"update gave {type(memory).__name__} for a memory")
+    if type(command) is not MITCommand:  # a subclass may say of itself what it likes
+        raise TypeError(f"update gave a {type(command).__name__}, expected an MITCommand")
+    return _Result(memory, command, getattr(memory, "standby", None), getattr(memory, "policy_step", None))
+
+
+def _has_finished(controller_memory: Any) -> bool:
+    """Whether the standby controller has arrived; a memory that cannot be asked has not."""
+    try:
+        return bool(controller_memory.standby.is_finished)
+    except Exception:  # not a standby memory, or one whose properties raise: either way START is refused
+        return False
+
+
+def _readable(fault: Fault) -> Fault:
+    """The fault with a message that can be printed and recorded, whatever a foreign controller put there."""
+    message = str(fault.message).encode(errors="backslashreplace").decode()
+    return fault if message == fault.message else Fault(message, fault.policy_step)
+
+
+def _explain(error: Exception) -> str:
+    try:
+        return f"{type(error).__name__}: {error}".encode(errors="backslashreplace").decode()
+    except Exception:  # an exception that cannot even be printed
+        return type(error).__name__
 
 
 def _superseded(other: Intent, chosen: Intent | None) -> str:

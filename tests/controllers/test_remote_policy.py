@@ -210,12 +210,34 @@ def test_time_must_be_a_number(time):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"stiffness": [1.0, -1.0, 1.0]}, "remote command's stiffness of elbow is -1.0, expected a finite number >= 0"),
-        ({"damping": [1.0, 1.0, -1e-9]}, "remote command's damping of wrist is -1e-09, expected a finite number >= 0"),
-        ({"damping": [NAN, 1.0, 1.0]}, "remote command's damping of shoulder is nan, expected a finite number >= 0"),
-        ({"position": [NAN, 0.0, 0.0]}, "remote command's position of shoulder is nan, expected a finite number"),
-        ({"velocity": [0.0, INF, 0.0]}, "remote command's velocity of elbow is inf, expected a finite number"),
-        ({"effort": [0.0, 0.0, -INF]}, "remote command's effort of wrist is -inf, expected a finite number"),
+        (
+            {"stiffness": [1.0, -1.0, 1.0]},
+            "remote command's stiffness of elbow is -1.0, expected a finite number from 0 to 1e+06",
+        ),
+        (
+            {"damping": [1.0, 1.0, -1e-9]},
+            "remote command's damping of wrist is -1e-09, expected a finite number from 0 to 1e+06",
+        ),
+        (
+            {"damping": [NAN, 1.0, 1.0]},
+            "remote command's damping of shoulder is nan, expected a finite number from 0 to 1e+06",
+        ),
+        (
+            {"position": [NAN, 0.0, 0.0]},
+            "remote command's position of shoulder is nan, expected a finite number from -1e+06 to 1e+06",
+        ),
+        (
+            {"velocity": [0.0, INF, 0.0]},
+            "remote command's velocity of elbow is inf, expected a finite number from -1e+06 to 1e+06",
+        ),
+        (
+            {"effort": [0.0, 2e6, 0.0]},
+            "remote command's effort of elbow is 2000000.0, expected a finite number from -1e+06 to 1e+06",
+        ),
+        (
+            {"effort": [0.0, 0.0, -INF]},
+            "remote command's effort of wrist is -inf, expected a finite number from -1e+06 to 1e+06",
+        ),
     ],
 )
 def test_a_broken_command_is_a_fault(changes, message):

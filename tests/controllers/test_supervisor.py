@@ -149,8 +149,9 @@ def test_the_whole_chain_in_one_tick():
     assert [(fault.controller, fault.fallback) for fault in output.faults] == [(REMOTE, DAMPING), (DAMPING, ZERO)]
     assert fingerprint(output.command) == fingerprint(MITCommand.zeros(3))
     assert output.control_mode.status_message == (
-        "remote_policy_controller failed: remote command's stiffness of shoulder is nan, expected a finite number >= 0"
-        "; damping_controller takes over; damping_controller failed: no joint position is known; "
+        "remote_policy_controller failed: remote command's stiffness of shoulder is nan, "
+        "expected a finite number from 0 to 1e+06; damping_controller takes over; "
+        "damping_controller failed: no joint position is known; "
         "zero_torque_controller takes over"
     )
 
@@ -203,28 +204,60 @@ def explode(*_):
     raise KeyError("gains")
 
 
+class Sham(MITCommand):
+    """A command that calls itself finite."""
+
+    def is_finite(self) -> bool:
+        return True
+
+
+class Treacherous:
+    """A memory that cannot be asked."""
+
+    @property
+    def policy_step(self) -> None:
+        raise RuntimeError("no")
+
+
+class UnprintableError(Exception):
+    def __str__(self) -> str:
+        raise ValueError("not even this")
+
+
+def explode_unprintably(*_):
+    raise UnprintableError
+
+
 @pytest.mark.parametrize(
     ("behaviour", "message", "is_bug"),
     [
         (explode, "KeyError: 'gains'", True),
         (lambda *_: None, "TypeError: ", True),
-        (lambda memory, *_: (memory, None), "AttributeError: ", True),
-        (lambda memory, *_: (memory, "damp"), "AttributeError: ", True),
+        (lambda memory, *_: (memory, None), "TypeError: update gave a NoneType, expected an MITCommand", True),
+        (lambda memory, *_: (memory, "damp"), "TypeError: update gave a str, expected an MITCommand", True),
+        (lambda memory, *_: (memory, Sham(*[np.full(3, NAN)] * 5)), "TypeError: update gave a Sham", True),
+        (lambda memory, *_: (memory, MITCommand.zeros(3), 1), "ValueError: ", True),
+        (lambda *_: (None, MITCommand.zeros(3)), "TypeError: update gave NoneType for a memory", True),
+        (lambda *_: (Fault("x"), MITCommand.zeros(3)), "TypeError: update gave Fault for a memory", True),
+        (lambda *_: (Treacherous(), MITCommand.zeros(3)), "RuntimeError: no", True),
+        (explode_unprintably, "Unprintable", True),
+        (lambda *_: Fault(None), "None", False),
+        (lambda *_: Fault("\ud800"), "\\ud800", False),
         (lambda memory, *_: (memory, MITCommand.zeros(2)), "command has shape (2,), expected (3,)", False),
         (lambda memory, *_: (memory, MITCommand.zeros(1, 3)), "command has shape (1, 3), expected (3,)", False),
         (
             lambda memory, *_: (memory, command(damping=[1.0, NAN, 1.0])),
-            "command's damping of elbow is nan, expected a finite number >= 0",
+            "command's damping of elbow is nan, expected a finite number from 0 to 1e+06",
             False,
         ),
         (
             lambda memory, *_: (memory, command(stiffness=[1.0, 1.0, -2.0])),
-            "command's stiffness of wrist is -2.0, expected a finite number >= 0",
+            "command's stiffness of wrist is -2.0, expected a finite number from 0 to 1e+06",
             False,
         ),
         (
             lambda memory, *_: (memory, command(position=[INF, 1.0, 1.0])),
-            "command's position of shoulder is inf, expected a finite number",
+            "command's position of shoulder is inf, expected a finite number from -1e+06 to 1e+06",
             False,
         ),
         (lambda *_: Fault("tired"), "tired", False),
