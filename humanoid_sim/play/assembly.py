@@ -12,7 +12,7 @@ from rich.console import Console
 from humanoid_sim.controllers.action import resolve_action
 from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import Mode, SafetyStatus
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.header import session_header
@@ -34,7 +34,7 @@ from humanoid_sim.session.keyboard import Keyboard, key_help
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.remote import RemoteInbox
 from humanoid_sim.session.script import OverriddenScript, Script, parse_script
-from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.session import LoopSettings, SafetyFilter, Session
 from humanoid_sim.session.sink import Sink
 from humanoid_sim.session.sources import IntentSource, RemoteSource
 from humanoid_sim.session.velocity import VelocityCommand, parse_velocity, velocity_key_help
@@ -138,8 +138,10 @@ def assemble(config: PlayConfig, console: Console) -> Run:
 
     operators = _operators(config, velocity if policy.walks else None)
     intents: Sequence[IntentSource] = operators
+    safety: SafetyFilter = injector.safety
     if steps is not None:
-        intents = (OverriddenScript(Script(steps, frames), operators),)
+        script = Script(steps, frames)
+        intents, safety = (OverriddenScript(script, operators),), _watched_by(script, injector.safety)
     session = Session(
         robot,
         supervisor,
@@ -148,7 +150,7 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         intents=intents,
         remote=remote,
         sinks=sinks,
-        safety_filter=injector.safety,
+        safety_filter=safety,
         externs=(velocity,) if policy.walks else (),
         qpos=lambda: robot.qpos,
         mode_listener=_support(robot) if description.is_floating else None,
@@ -171,6 +173,17 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         gravity,
         [text for text in (notice, *warnings, *assumptions(contract), *_keys(config, policy)) if text],
     )
+
+
+def _watched_by(script: Script, safety: SafetyFilter) -> SafetyFilter:
+    """The filter, with the script looking on."""
+
+    def watched(statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
+        filtered = safety(statuses)
+        script.note_safety(filtered)
+        return filtered
+
+    return watched
 
 
 def _operators(config: PlayConfig, velocity: VelocityCommand | None) -> tuple[Keyboard | ControlSocket, ...]:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from humanoid_sim.controllers.base import DAMPING, Controller, Fault
+from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.interface import Robot
@@ -33,8 +34,8 @@ class RestDetector:
 
     def update(self, state: MITState) -> bool:
         """Take a state into account; whether the joints are at rest. A velocity that is not finite tells nothing."""
-        velocity = state.joint_velocity
-        is_slow = bool((np.abs(velocity[np.isfinite(velocity)]) < _REST_VELOCITY).all())
+        known = np.abs(state.joint_velocity[np.isfinite(state.joint_velocity)])
+        is_slow = known.size > 0 and bool((known < _REST_VELOCITY).all())
         self._slow = self._slow + 1 if is_slow else 0
         return self._slow > self._needed
 
@@ -62,26 +63,36 @@ def damp_without_supervisor(
         pause: waits between two commands; None not to wait.
     """
     rest = RestDetector(period)
+    interrupted: BaseException | None = None
     for _ in range(round(longest / period) + 1):
-        with contextlib.suppress(Exception):
-            state, _ = robot.read()
-        command = _damped_command(controllers, state) if longest > 0.0 else MITCommand.zeros(len(robot.joints))
-        with contextlib.suppress(Exception):
-            robot.write(command)
-        if rest.update(state):
-            break
-        if pause is not None and longest > 0.0:
-            pause(period)
+        try:
+            with contextlib.suppress(Exception):
+                state, _ = robot.read()
+            command = _damped_command(robot.joints, controllers, state) if longest > 0.0 else _zeros(robot.joints)
+            with contextlib.suppress(Exception):
+                robot.write(command)
+            if rest.update(state):
+                break
+            if pause is not None and longest > 0.0:
+                pause(period)
+        except BaseException as error:  # an impatient Ctrl-C: the robot is damped first, and then it is heard
+            interrupted = interrupted or error
+    if interrupted is not None:
+        raise interrupted
     return state
 
 
-def _damped_command(controllers: Mapping[str, Controller], state: MITState) -> MITCommand:
-    """DAMPING's command, captured afresh: at K_p 0 the position exerts no torque."""
+def _zeros(joints: tuple[str, ...]) -> MITCommand:
+    return MITCommand.zeros(len(joints))
+
+
+def _damped_command(joints: tuple[str, ...], controllers: Mapping[str, Controller], state: MITState) -> MITCommand:
+    """DAMPING's command, captured afresh, at K_p 0 the position exerts no torque; zero torque if it cannot be sent."""
     tick_input = TickInput(state)
     with contextlib.suppress(Exception):
         controller = controllers[DAMPING]
         memory = controller.activate(tick_input)
         result = memory if isinstance(memory, Fault) else controller.update(memory, tick_input)
-        if not isinstance(result, Fault):
+        if not isinstance(result, Fault) and not command_problem(result[1], joints):
             return result[1]
-    return MITCommand.zeros(state.joint_count)
+    return _zeros(joints)

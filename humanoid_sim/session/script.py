@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, Mode, TickOutput
+from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
 __all__ = ["OverriddenScript", "Script", "ScriptStep", "parse_script"]
@@ -66,8 +66,9 @@ def _seconds(number: int, part: str, text: str) -> float:
 class Script:
     """Plays steps as an `IntentSource` and finishes after the last one.
 
-    If the robot falls back to DAMPING or ZERO_TORQUE without the script's asking, the rest of the script is dropped:
-    nothing that was planned before a fault may move the robot after it.
+    Whatever goes wrong (a controller that fails, a safety status that is not OK, in whatever mode, a fall to DAMPING or
+    ZERO_TORQUE that the script did not ask for) drops the rest of it: nothing that was planned before a fault may move
+    the robot after it.
     """
 
     def __init__(self, steps: Sequence[ScriptStep], motion_frames: int = 0) -> None:
@@ -80,7 +81,6 @@ class Script:
         self._steps = list(steps)
         self._motion_frames = motion_frames
         self._hold_until: float | None = None
-        self._sent = False
         self._motion_over = False
         self._was_moving = False
         self._asked_to_damp = False
@@ -99,7 +99,7 @@ class Script:
         """The intent that is due, if any: one per tick, so that each is decided on the result of the one before."""
         if output is not None and output.policy_step is not None:
             self._motion_over = output.policy_step.frame >= self._motion_frames - 1
-        if output is not None and self._fell(output.control_mode.mode):
+        if output is not None and (output.faults or self._fell(output.control_mode.mode)):
             self.cancel()
         if not self._steps:
             return ()
@@ -117,6 +117,11 @@ class Script:
     def cancel(self) -> None:
         """Drop the steps that are left."""
         self._steps.clear()
+
+    def note_safety(self, statuses: Sequence[SafetyStatus]) -> None:
+        """Take the tick's safety statuses into account; the FSM itself refuses intents while they last."""
+        if not all(status.is_ok for status in statuses):
+            self.cancel()
 
     def _fell(self, mode: Mode) -> bool:
         moving = mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)

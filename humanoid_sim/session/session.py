@@ -21,7 +21,7 @@ from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.sink import SessionHeader, Sink, TickRecord
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
 
-__all__ = ["LoopSettings", "Session", "SessionResult"]
+__all__ = ["LoopSettings", "SafetyFilter", "Session", "SessionResult"]
 
 _SPIN = 0.0002
 """s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel."""
@@ -201,8 +201,11 @@ class Session:
                 self._stop_reason = "script finished"
 
     def _rest(self) -> None:
-        """DAMPING until the joints are at rest, then QUIT; from ZERO_TORQUE QUIT at once."""
-        if self._output is None or self._output.quit:
+        """DAMPING until the joints are at rest, then QUIT; from ZERO_TORQUE QUIT at once.
+
+        Also after a QUIT: granted in DAMPING, it may come while the arms still fall.
+        """
+        if self._output is None:
             return
         self._announce(f"ending: {self._stop_reason}")
         if self.mode is not Mode.ZERO_TORQUE:

@@ -5,7 +5,7 @@ import pytest
 import rig
 from fakes import BrokenError, FakeRobot, is_damping, is_zero
 
-from humanoid_sim.mit import MITState
+from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 
 CONTROLLERS = rig.supervisor().controllers
@@ -29,6 +29,12 @@ def test_motion_of_either_sign_starts_the_half_second_again() -> None:
         assert not rest.update(moving(velocity))
         assert not any(rest.update(moving(0.0)) for _ in range(25))
         assert rest.update(moving(0.0))
+
+
+def test_velocities_that_nobody_knows_are_no_rest() -> None:
+    rest = RestDetector(1.0)
+    unknown = rig.state(joint_velocity=np.full(3, np.nan))
+    assert not any(rest.update(unknown) for _ in range(10))
 
 
 def damp(robot: FakeRobot, longest: float = 1.0, **options: object) -> MITState:
@@ -84,3 +90,29 @@ def test_where_no_joint_was_ever_heard_the_command_is_zero_torque() -> None:
     robot = FakeRobot(on_read=fail)
     damp_without_supervisor(robot, CONTROLLERS, MITState.unknown(3), period=0.02, longest=0.1, pause=None)
     assert [is_zero(command) for command in robot.commands] == [True] * 6
+
+
+def test_a_damping_command_that_cannot_be_sent_is_zero_torque() -> None:
+    class NotFinite:
+        def activate(self, tick_input: object) -> object:
+            return self
+
+        def update(self, memory: object, tick_input: object) -> object:
+            return memory, MITCommand(*[np.full(3, np.nan)] * 5)
+
+    robot = FakeRobot()
+    controllers = {"damping_controller": NotFinite()}
+    damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)  # type: ignore[arg-type]
+    assert [is_zero(command) for command in robot.commands] == [True] * 6
+
+
+def test_an_impatient_interrupt_is_heard_when_the_robot_is_damped() -> None:
+    def interrupt(count: int) -> None:
+        if count == 1:
+            raise KeyboardInterrupt
+
+    robot = FakeRobot(on_write=interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        damp(robot, longest=0.1)
+    assert len(robot.commands) >= 5
+    assert all(is_damping(command) for command in robot.commands)

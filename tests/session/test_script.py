@@ -5,7 +5,17 @@ import rig
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.messages import (
+    ControlMode,
+    FaultReport,
+    Intent,
+    Mode,
+    SafetyFlag,
+    SafetyLevel,
+    SafetyStatus,
+    TickOutput,
+)
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.session.script import OverriddenScript, Script, ScriptStep, parse_script
 from humanoid_sim.session.sink import TickRecord
 
@@ -151,3 +161,24 @@ def test_an_operator_takes_the_scripts_place_for_good() -> None:
 def test_an_overridden_script_that_nobody_overrides_plays_and_finishes() -> None:
     script = OverriddenScript(Script(parse_script("damp; hold 0.1")), [FakeSource()])
     assert session(FakeRobot(), intents=[script]).run().reason == "script finished"
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_a_safety_status_in_any_mode_drops_the_rest(mode: Mode) -> None:
+    script = Script(parse_script("damp; hold 1; load_a"))
+    script.note_safety((SafetyStatus(),))
+    assert script.remaining == 3
+    script.note_safety((SafetyStatus(), SafetyStatus(SafetyLevel.WARNING)))
+    assert script.finished
+    assert script.poll(0.0, None) == ()
+
+
+def test_a_fault_that_moves_nothing_drops_the_rest() -> None:
+    """LOAD_A that fails to start leaves the robot in DAMPING: no fall, but what was planned is off."""
+    script = Script(parse_script("damp; load_a; hold 1; load_b"))
+    damping = ControlMode(Mode.DAMPING, "damping_controller")
+    assert script.poll(0.0, None) == (Intent.DAMP,)
+    assert script.poll(0.1, TickOutput(MITCommand.zeros(2), damping)) == (Intent.LOAD_A,)
+    fault = FaultReport("standby_controller_a", "damping_controller", "position of wrist is nan")
+    assert script.poll(0.2, TickOutput(MITCommand.zeros(2), damping, faults=(fault,))) == ()
+    assert script.finished

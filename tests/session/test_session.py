@@ -121,11 +121,18 @@ def test_a_run_ends_when_a_source_wants_it() -> None:
     assert ended_damped(robot) == REST_TICKS + 2
 
 
-def test_quit_ends_a_run_at_once() -> None:
+def test_quit_in_damping_stays_there_until_the_joints_rest() -> None:
+    """The arms may still be falling when QUIT comes right after DAMP."""
     robot = FakeRobot()
     result = session(robot, intents=[FakeSource({0: (Intent.DAMP,), 3: (Intent.QUIT,)})]).run()
-    assert (result.reason, result.ticks) == ("QUIT", 4)
-    assert ended_damped(robot) == 4
+    assert result.reason == "QUIT"
+    assert ended_damped(robot) == 4 + REST_TICKS + 2
+
+
+def test_quit_without_torque_ends_at_once() -> None:
+    robot = FakeRobot()
+    result = session(robot, intents=[FakeSource({3: (Intent.QUIT,)})]).run()
+    assert (result.reason, result.ticks) == ("QUIT", 5)
 
 
 def test_quit_is_refused_in_motion_and_the_run_goes_on() -> None:
