@@ -110,6 +110,7 @@ def assemble(config: PlayConfig, console: Console) -> Run:
     supervisor = build_supervisor(description, control_period, policy.loaded, remote=use_remote, live=live)
     gains = resolve_action(contract, description.joint_names)
     warnings = [*robot.warnings, robot.stability.check(gains.damping, "policy")]
+    golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""
     realtime = _realtime(config, use_remote)
 
     frames = 0 if policy.motion is None else len(policy.motion.frames)
@@ -171,7 +172,7 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         video,
         operators,
         gravity,
-        [text for text in (notice, *warnings, *assumptions(contract), *_keys(config, policy)) if text],
+        [text for text in (notice, *warnings, *assumptions(contract), golden, *_keys(config, policy)) if text],
     )
 
 

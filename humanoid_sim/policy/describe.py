@@ -169,6 +169,7 @@ def is_assumed(source: str) -> bool:
 def contract_document(contract: PolicyContract, layout: ObservationLayout) -> dict[str, Any]:
     """The whole contract as plain JSON values, with the place of each term; null stands for infinity."""
     document: dict[str, Any] = _finite(json.loads(encode(contract)))
+    document.setdefault("action_clip", None)
     lines = term_lines(contract, layout)
     document["observation"] = [
         {**term, "start": line.start, "width": line.width, "meaning": line.meaning}

@@ -11,10 +11,11 @@ import pytest
 # importlib mode leaves sys.path alone: `trainer` here, `models` and `published` there.
 sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "policy")]
 
-from trainer import Run, save_checkpoint, save_trace
+from trainer import MJCF, Run, save_checkpoint, save_trace
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy import main
+from humanoid_sim.robots.description import RobotDescription, load_robot
 
 Cli = Callable[..., tuple[int, str, str]]
 
@@ -55,3 +56,16 @@ def stamped(cli: Cli, walker: Path, trace: Path, tmp_path: Path) -> Path:
     status, _, error = cli("stamp", walker, "-o", output, "--trace", trace)
     assert status == 0, error
     return output
+
+
+@pytest.fixture(scope="session")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> RobotDescription:
+    """The robot that the trainer's policy is for."""
+    path = tmp_path_factory.mktemp("robot") / "walker.xml"
+    path.write_text(MJCF, encoding="utf-8")
+    return load_robot(str(path))
+
+
+@pytest.fixture(scope="session")
+def lite() -> RobotDescription:
+    return load_robot("lite")

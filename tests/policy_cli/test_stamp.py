@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,14 @@ import pytest
 from published import HOLOSOMA_REST, POLICIES, needs_policies
 from trainer import Run, contract, save_checkpoint, save_trace
 
+from humanoid_sim.assets import asset_path
+from humanoid_sim.errors import InputError
 from humanoid_sim.policy.contract_json import STAMP_KEY
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples
-from humanoid_sim.policy.metadata import METADATA_KEYS, parse_metadata
+from humanoid_sim.policy.golden.verify import golden_problem
+from humanoid_sim.policy.metadata import METADATA_KEYS, parse_metadata, write_metadata
 from humanoid_sim.policy.onnx_policy import load_checkpoint, read_metadata
+from humanoid_sim.policy.stamp import add_metadata
 from humanoid_sim.robots.description import load_robot
 
 G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
@@ -167,3 +172,28 @@ def test_says_what_the_samples_cannot_show(cli, walker: Path, tmp_path: Path) ->
         "action scale, offset and clip: the samples hold no targets of the trainer's",
         "joint_stiffness, joint_damping and policy_dt: nothing in a sample depends on them",
     ]
+
+
+def test_a_key_changed_after_stamping_is_refused(stamped: Path) -> None:
+    """The thirteen keys and the stamped contract say the same; neither may silently win over the other."""
+    slower = write_metadata(contract(policy_dt=0.04))["policy_dt"]
+    stamped.write_bytes(add_metadata(stamped, {"policy_dt": slower}))
+    with pytest.raises(InputError, match=r"policy_dt is 0.04 in its metadata, 0.02 in its stamped contract"):
+        load_checkpoint(stamped)
+
+
+def test_a_motion_from_a_file_goes_into_the_samples(cli, tmp_path: Path) -> None:
+    policy, motion = asset_path("policies", "lite_tracking.onnx"), asset_path("motions", "wave.mcap")
+    output = tmp_path / "out.onnx"
+    status, _, error = cli("stamp", policy, "-o", output)
+    assert status == 2
+    assert "--motion" in error
+    status, _, error = cli("stamp", policy, "-o", output, "--motion", motion)
+    assert status == 0, error
+    checkpoint = load_checkpoint(output)  # without the motion
+    assert "drift only" in checkpoint.golden
+    samples = decode_samples(read_metadata(output)[GOLDEN_KEY], "x")
+    assert {"motion_body_pos_b", "motion_body_ori_b"} == set(samples.reference)
+    shifted = replace(checkpoint, contract=replace(checkpoint.contract, default_joint_pos=np.full(14, 0.1)))
+    assert "joint_pos[0] (left_shoulder_pitch)" in golden_problem(shifted, samples)
+    assert cli("show", output)[0] == 0

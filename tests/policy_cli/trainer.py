@@ -31,6 +31,7 @@ DT = 0.02
 WIDTH = 3 + 3 + 3 + 4 * HISTORY + 4 + 3 + 2 + 2
 MJCF = """
 <mujoco model="walker">
+  <compiler angle="radian"/>
   <option timestep="0.001"/>
   <worldbody>
     <body name="pelvis" pos="0 0 0.8">

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import assert_never
 
+from humanoid_sim.errors import InputError
+
 __all__ = ["main"]
 
 _DOCTOR = "doctor"
@@ -29,6 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description="Look into a checkpoint, check it against a robot, complete it, or find out what is wrong with it.",
         args=words,
     )
+    from humanoid_sim.policy.onnx_model import has_onnxruntime  # noqa: PLC0415
+
+    if not has_onnxruntime():
+        raise InputError("policy: needs onnxruntime, which cannot be imported: pip install onnxruntime")
     match command:
         case Show():
             from humanoid_sim.policy.cli.show import show  # noqa: PLC0415

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+import numpy as np
+
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.policy.contract_json import STAMP_KEY, read_stamp
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.contract_json import STAMP_KEY, decode, read_stamp
 from humanoid_sim.policy.graph_motion import graph_conventions
+from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contract_file
 from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.mjlab import is_mjlab, read_mjlab
-from humanoid_sim.policy.readers.own_metadata import is_own, read_own
+from humanoid_sim.policy.readers.own_metadata import METADATA_KEYS, is_own, read_own
 from humanoid_sim.policy.readers.partial import PartialContract
 from humanoid_sim.policy.readers.texts import shown
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
@@ -54,6 +58,7 @@ def assemble_contract(
 def metadata_contract(metadata: Mapping[str, str], where: str) -> list[PartialContract]:
     """What a model's metadata says, in whichever dialect it is; an empty list if it says nothing."""
     if STAMP_KEY in metadata:
+        _check_stamp(metadata, where)
         return [read_stamp(metadata[STAMP_KEY], where)]
     if is_own(metadata):
         return [read_own(metadata, where)]
@@ -63,6 +68,19 @@ def metadata_contract(metadata: Mapping[str, str], where: str) -> list[PartialCo
     if is_holosoma(metadata):
         partials.append(read_holosoma(metadata, where))
     return partials
+
+
+def _check_stamp(metadata: Mapping[str, str], where: str) -> None:
+    """Refuse a stamped model one of whose thirteen keys somebody has changed since: neither may silently win."""
+    own = {key: text for key, text in metadata.items() if key in METADATA_KEYS}
+    stamped = write_metadata(decode(metadata[STAMP_KEY], where))
+    for name, given in read_own(own, where).fields.items():
+        expected = read_own(stamped, where).fields[name]
+        if not np.array_equal(given.value, expected.value):
+            raise InputError(
+                f"{where}: {name} is {shown(given.value)} in its metadata, {shown(expected.value)} in its stamped "
+                "contract; stamp it again from the one that is right"
+            )
 
 
 def source_files(path: Path, contract_file: Path | None = None) -> tuple[Path, ...]:

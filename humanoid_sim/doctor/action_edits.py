@@ -1,0 +1,146 @@
+"""Hypotheses about what becomes of an action: its scale, the pose it starts from, the gains, and the rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, set_fields
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["action_scales", "default_poses", "gains", "rates"]
+
+_SCALES = (1.0, 0.5, 0.25)
+_SCALE_FACTORS = (0.5, 2.0, 4.0)
+_GAIN_FACTORS = (0.5, 2.0)
+_RATES = (25.0, 50.0, 100.0)
+"""Hz"""
+_EFFORT_SHARE = 0.25
+"""mjlab and whole_body_tracking scale an action so that 1 asks for a quarter of the joint's effort limit."""
+
+
+def action_scales(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
+    """The action is multiplied by something else, or is relative to something else."""
+    scale = "action scale"
+    for value in _SCALES:
+        text = f"an action is multiplied by {value:g} rad"
+        yield Edit(f"action scale {value:g}", scale, text, set_fields(action_scale=value))
+    for factor in _SCALE_FACTORS:
+        text = f"an action is multiplied by {factor:g} times what the contract says"
+        yield Edit(f"action scale × {factor:g}", scale, text, _multiplied(("action_scale",), factor))
+    if np.isfinite(robot.effort_limit).all() and (contract.joint_stiffness > 0.0).all():
+        text = f"action_scale is {_EFFORT_SHARE:g} · effort limit / stiffness, joint by joint, as mjlab computes it"
+        yield Edit("action scale from effort limits", scale, text, _scale_from_efforts(robot))
+    for title, order in _listed_orders(robot).items():
+        text = f"the values of action_scale are in {title} order"
+        yield Edit(f"action scale listed in {title} order", scale, text, _listed(("action_scale",), order))
+    offset = "action offset"
+    text = "an action is a joint position itself, not relative to the default pose"
+    yield Edit("action offset 0", offset, text, set_fields(action_offset=0.0))
+    text = "an action is relative to the default pose"
+    yield Edit("action offset the default pose", offset, text, set_fields(action_offset=None))
+
+
+def default_poses(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
+    """The default pose is another of the robot's poses, or its values are in another order."""
+    changes: dict[str, Change] = {"all zeros": _posed(lambda contract: np.zeros(len(contract.joint_names)))}
+    for title, pose in robot.poses.items():
+        changes[title] = _posed(_robot_values(pose, robot))
+    for title, order in _listed_orders(robot).items():
+        changes[f"listed in {title} order"] = _posed(_listed_pose(order))
+    for title, change in changes.items():
+        yield Edit(f"default pose {title}", "default pose", f"default_joint_pos is {title}", change)
+
+
+def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
+    """The joints are stiffer or softer, or more or less damped; or the values are in another order."""
+    both = ("joint_stiffness", "joint_damping")
+    for factor in _GAIN_FACTORS:
+        for title, names in {"gains": both, both[0]: both[:1], both[1]: both[1:]}.items():
+            text = f"{' and '.join(names)} are {factor:g} times what the contract says"
+            yield Edit(f"{title} × {factor:g}", "gains", text, _multiplied(names, factor))
+    for title, order in _listed_orders(robot).items():
+        text = f"the values of {' and '.join(both)} are in {title} order"
+        yield Edit(f"gains listed in {title} order", "gains", text, _listed(both, order))
+    if robot.stiffness.any():
+        text = f"{' and '.join(both)} are those of the robot's description"
+        yield Edit("gains of the robot", "gains", text, _robot_gains(robot))
+
+
+def rates(_: PolicyContract, __: RobotFacts) -> Iterator[Edit]:
+    """The policy runs at another rate."""
+    for rate in _RATES:
+        text = f"the policy was trained at {rate:g} Hz"
+        yield Edit(f"rate {rate:g} Hz", "rate", text, set_fields(policy_dt=1.0 / rate))
+
+
+def _multiplied(names: tuple[str, ...], factor: float) -> Change:
+    return lambda contract: replace(contract, **{name: getattr(contract, name) * factor for name in names})
+
+
+def _scale_from_efforts(robot: RobotFacts) -> Change:
+    limit = _robot_values(robot.effort_limit, robot)
+
+    def change(contract: PolicyContract) -> PolicyContract:
+        scale = _EFFORT_SHARE * limit(contract) / contract.joint_stiffness
+        return replace(contract, action_scale=np.round(scale[_driven(contract)], 4))
+
+    return change
+
+
+def _robot_gains(robot: RobotFacts) -> Change:
+    stiffness, damping = _robot_values(robot.stiffness, robot), _robot_values(robot.damping, robot)
+    return lambda contract: replace(contract, joint_stiffness=stiffness(contract), joint_damping=damping(contract))
+
+
+def _robot_values(values: FloatArray, robot: RobotFacts) -> Callable[[PolicyContract], FloatArray]:
+    """Values of the robot's joints, shape (n,), in a policy's order."""
+    return lambda contract: values[joint_indices(contract.joint_names, robot.joint_names, "joints of the robot")]
+
+
+def _listed_orders(robot: RobotFacts) -> Mapping[str, tuple[str, ...]]:
+    """Orders in which a file may list values, whatever the order of its names."""
+    return {"the robot's": robot.joint_names, "breadth-first (Isaac)": robot.breadth_first}
+
+
+def _listed(names: tuple[str, ...], order: tuple[str, ...]) -> Change:
+    """The values of some fields, read as a list that follows `order`."""
+
+    def change(contract: PolicyContract) -> PolicyContract:
+        joints = contract.action_joint_names if names == ("action_scale",) else contract.joint_names
+        place = _places(joints, order)
+        return replace(contract, **{name: getattr(contract, name)[place] for name in names})
+
+    return change
+
+
+def _listed_pose(order: tuple[str, ...]) -> Callable[[PolicyContract], FloatArray]:
+    return lambda contract: contract.default_joint_pos[_places(contract.joint_names, order)]
+
+
+def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> npt.NDArray[np.intp]:
+    """Where each of `joints` is in a list that follows `order` and holds only these."""
+    return joint_indices(joints, tuple(name for name in order if name in joints), "joints of the policy")
+
+
+def _posed(pose: Callable[[PolicyContract], FloatArray]) -> Change:
+    """Another default pose. An action is relative to it unless the contract says otherwise, so its offset moves too."""
+
+    def change(contract: PolicyContract) -> PolicyContract:
+        follows = np.array_equal(np.asarray(contract.action_offset), contract.default_joint_pos[_driven(contract)])
+        return replace(
+            contract,
+            default_joint_pos=pose(contract),
+            action_offset=None if follows else contract.action_offset,
+        )
+
+    return change
+
+
+def _driven(contract: PolicyContract) -> npt.NDArray[np.intp]:
+    return joint_indices(contract.action_joint_names, contract.joint_names, "joints of the policy")

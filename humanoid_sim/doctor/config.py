@@ -1,0 +1,41 @@
+"""The options of `policy doctor`. Nothing heavy is imported here: `--help` must be quick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+__all__ = ["DoctorConfig"]
+
+
+@dataclass(frozen=True)
+class DoctorConfig:
+    """Find out what is wired wrongly in a policy that does not behave.
+
+    Changes the contract in every way in which contracts usually are wrong, one change at a time and then two, tries
+    each in short simulated runs in which nothing holds the robot, and ranks them by how long and how well it stays up.
+    Ctrl-C ends the search and shows the ranking so far. Exit status 0 if the contract as it is does best, else 1.
+    """
+
+    checkpoint: tyro.conf.Positional[Path]
+    """ONNX file."""
+    robot: str
+    """Shipped robot (lite, lite_biped), YAML file or MJCF."""
+    contract: Path | None = None
+    """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
+    motion: str | None = None
+    """Motion to follow, if the checkpoint does not carry one: an .mcap file, or the name of a sample motion."""
+    command: str | None = None
+    """Velocity command vx,vy,wz in m/s, m/s and rad/s. Default: forward, turning and backward."""
+    seconds: float = 4.0
+    """Length of the first, brief trials; the best are then tried for longer."""
+    pairs: int = 200
+    """At most so many pairs of changes are tried; 0: single changes only."""
+    top: int = 10
+    """Rows of the ranking."""
+    base_height: float | None = None
+    """Height in m at which the base starts. Default: the robot stands on the floor."""
+    json: bool = False
+    """Print the whole ranking as JSON."""

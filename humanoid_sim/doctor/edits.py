@@ -1,0 +1,86 @@
+"""One change to a contract that may be the cure, and the helpers that make such changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["Edit", "RobotFacts", "change_terms", "set_fields", "set_term", "terms_of"]
+
+Change = Callable[[PolicyContract], PolicyContract]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotFacts:
+    """What the hypotheses need to know about the robot and the motion."""
+
+    joint_names: tuple[str, ...]
+    """In the robot's own order, that of its MJCF."""
+    breadth_first: tuple[str, ...]
+    """The same joints level by level through the kinematic tree, as Isaac orders them."""
+    effort_limit: FloatArray
+    """Shape (n,), N·m, the robot's order; infinite where it has none."""
+    stiffness: FloatArray
+    """Shape (n,), N·m/rad, the robot's own gains, in its order; zeros if it has none."""
+    damping: FloatArray
+    """Shape (n,), N·m·s/rad, likewise."""
+    poses: dict[str, FloatArray] = field(default_factory=dict)
+    """Poses of the robot by name, each of shape (n,), rad, its order."""
+    motion_bodies: tuple[str, ...] = ()
+    """Bodies whose world poses the motion holds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """One hypothesis about what is wrong: a change, what it is about, and what it means."""
+
+    name: str
+    """Unique, short, for tables."""
+    cause: str
+    """What it is about; edits of the same cause are alternatives, of which the report shows the best."""
+    explanation: str
+    """One line that a user can check against the training configuration."""
+    change: Change
+
+    def apply(self, contract: PolicyContract) -> PolicyContract | None:
+        """The changed contract; None where the change does not fit."""
+        try:
+            return self.change(contract)
+        except FieldError:
+            return None
+
+
+def terms_of(contract: PolicyContract, *kinds: str) -> tuple[Term, ...]:
+    """The terms of some meanings, in the contract's order; `command` counts as what it stands for."""
+    return tuple(term for term in contract.terms if _meaning(term, contract) in kinds)
+
+
+def _meaning(term: Term, contract: PolicyContract) -> str:
+    if term.kind != "command":
+        return term.kind
+    return "motion_command" if "motion" in contract.command_names else "velocity_command"
+
+
+def change_terms(contract: PolicyContract, change: Callable[[Term], Term]) -> PolicyContract:
+    """Every term passed through `change`."""
+    return replace(contract, observation=tuple(change(term) for term in contract.terms))
+
+
+def set_term(names: tuple[str, ...], **options: Any) -> Change:
+    """A change that sets options of the named terms."""
+
+    def change(contract: PolicyContract) -> PolicyContract:
+        return change_terms(contract, lambda term: replace(term, **options) if term.name in names else term)
+
+    return change
+
+
+def set_fields(**fields: Any) -> Change:
+    """A change that sets fields of the contract."""
+    return lambda contract: replace(contract, **fields)

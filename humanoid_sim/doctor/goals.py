@@ -1,0 +1,204 @@
+"""What a policy is to do in a trial: walk at a velocity, follow a motion, or at least not fall."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from humanoid_sim.controllers.context import ANCHOR_POSE
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.reference import Alignment, MotionReference
+from humanoid_sim.controllers.rotation import conjugate, multiply
+from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.tracking import TrackingErrors
+
+__all__ = ["BodiesGoal", "Goal", "MotionGoal", "UprightGoal", "VelocityGoal"]
+
+_FALLEN_TILT = 1.0
+"""rad, of a walking robot."""
+_FALLEN_HEIGHT = 0.6
+"""Share of the height at the start."""
+_LOST_HEIGHT = 0.35
+"""m between a body and its reference."""
+_LOST_TILT = 1.2
+"""rad between a body and its reference, the heading left out: a reference that is not aligned is not yet a fall."""
+
+
+class Goal(Protocol):
+    """Judges a run step by step. Its measures must not depend on the contract that is being tried."""
+
+    def update(self, frame: int, state: MITState, base: BaseState | None) -> str:
+        """Take in the state of one policy step; says how the robot was lost, or '' while it is not.
+
+        Args:
+            frame: of the reference, which the policy is shown in this step.
+            state: read in this step.
+            base: of a robot that stands free, None for one that does not.
+        """
+        ...
+
+    def parts(self) -> dict[str, float]:
+        """The errors so far, as parts of the quality."""
+        ...
+
+
+class UprightGoal:
+    """Nothing is known but that a free base should not fall."""
+
+    def __init__(self) -> None:
+        self._start = 0.0
+
+    def update(self, frame: int, state: MITState, base: BaseState | None) -> str:
+        """See `Goal.update`."""
+        if base is None:
+            return ""
+        self._start = self._start or base.height
+        if base.tilt > _FALLEN_TILT:
+            return f"tilted by {math.degrees(base.tilt):.0f}°"
+        return f"sank to {base.height:.2f} m" if base.height < _FALLEN_HEIGHT * self._start else ""
+
+    def parts(self) -> dict[str, float]:
+        """See `Goal.parts`."""
+        return {}
+
+
+class VelocityGoal:
+    """Walk at a commanded velocity without falling."""
+
+    _SETTLED = 1.0
+    """s until the velocity counts: the robot starts at rest."""
+    _VELOCITY = 0.25
+    """m/s"""
+    _TURNING = 0.5
+    """rad/s"""
+    _TILT = 0.1
+    """rad"""
+    _HEIGHT = 0.02
+    """m, standard deviation."""
+
+    def __init__(self, command: FloatArray, policy_dt: float) -> None:
+        self._command = command
+        self._skip = round(self._SETTLED / policy_dt)
+        self._upright = UprightGoal()
+        self._count = 0
+        self._velocity = np.zeros(3)
+        self._tilt = 0.0
+        self._heights: list[float] = []
+
+    def update(self, frame: int, state: MITState, base: BaseState | None) -> str:
+        """See `Goal.update`."""
+        assert base is not None
+        self._count += 1
+        self._tilt += base.tilt**2
+        if self._count > self._skip:
+            forward, left, _ = base.heading_velocity
+            self._velocity += (forward, left, base.yaw_rate)
+            self._heights.append(base.height)
+        return self._upright.update(frame, state, base)
+
+    def parts(self) -> dict[str, float]:
+        """See `Goal.parts`."""
+        error = self._velocity / max(self._count - self._skip, 1) - self._command
+        return {
+            "velocity": math.hypot(error[0], error[1]) / self._VELOCITY,
+            "turning": abs(float(error[2])) / self._TURNING,
+            "tilt": math.sqrt(self._tilt / max(self._count, 1)) / self._TILT,
+            "height": float(np.std(self._heights)) / self._HEIGHT if self._heights else 0.0,
+        }
+
+
+class MotionGoal:
+    """Follow a motion with the joints and with one body, laid onto the robot as it stands at the start."""
+
+    _JOINTS = 0.1
+    """rad, mean over the joints."""
+    _POSITION = 0.3
+    """m"""
+    _ANGLE = 0.2
+    """rad"""
+
+    def __init__(
+        self,
+        contract: PolicyContract,
+        reference: MotionReference,
+        base: MotionReference | None,
+        robot_joints: tuple[str, ...],
+    ) -> None:
+        """Look the joints up.
+
+        Args:
+            contract: under which the policy runs.
+            reference: with the joints, in that contract's order.
+            base: the base's poses as its anchor terms; None: the anchor body is compared, as the contract has it.
+            robot_joints: order of the state's per-joint arrays.
+        """
+        self._order = joint_indices(contract.joint_names, robot_joints, "joint_names of the policy")
+        self._reference = reference
+        self._base = base
+        self._alignment: Alignment | None = None
+        self._sums = np.zeros(3)
+        self._count = 0
+
+    def update(self, frame: int, state: MITState, base: BaseState | None) -> str:
+        """See `Goal.update`."""
+        self._count += 1
+        target = self._reference.term("reference_joint_pos", frame)
+        self._sums[0] += np.abs(state.joint_position[self._order] - target).mean()
+        pose = self._pose(state, base)
+        if pose is None:
+            return ""
+        poses = self._base or self._reference
+        if self._alignment is None:
+            self._alignment = poses.align(pose)
+        position, quaternion = poses.anchor(frame, self._alignment)
+        offset = position - pose[:3]
+        w, x, y, z = (float(value) for value in multiply(conjugate(pose[3:]), quaternion))
+        angle = 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
+        self._sums[1:] += (math.sqrt(float((offset * offset).sum())), angle)
+        if abs(offset[2]) > _LOST_HEIGHT:
+            return f"{abs(offset[2]):.2f} m off the reference's height"
+        tilt = 2.0 * math.asin(min(math.hypot(x, y), 1.0))
+        return f"tilted by {math.degrees(tilt):.0f}° against the reference" if tilt > _LOST_TILT else ""
+
+    def _pose(self, state: MITState, base: BaseState | None) -> FloatArray | None:
+        """Shape (7,), of the body that is compared; None if there is nothing to compare it with."""
+        if self._base is not None and base is not None:
+            return np.concatenate([base.position, base.quaternion])
+        live = state.extern.get(ANCHOR_POSE)
+        return live.value if live is not None and "anchor_pos" in self._reference.terms else None
+
+    def parts(self) -> dict[str, float]:
+        """See `Goal.parts`."""
+        joints, position, angle = self._sums / max(self._count, 1)
+        return {
+            "joints": joints / self._JOINTS,
+            "position": position / self._POSITION,
+            "angle": angle / self._ANGLE,
+        }
+
+
+class BodiesGoal:
+    """Follow the bodies of a motion that is given in the base's frame."""
+
+    _POSITION = 0.1
+    """m"""
+    _ANGLE = 0.3
+    """rad"""
+
+    def __init__(self, errors: TrackingErrors) -> None:
+        self._errors = errors
+        self._upright = UprightGoal()
+
+    def update(self, frame: int, state: MITState, base: BaseState | None) -> str:
+        """See `Goal.update`."""
+        self._errors.update(frame, state.joint_position)
+        return self._upright.update(frame, state, base)
+
+    def parts(self) -> dict[str, float]:
+        """See `Goal.parts`."""
+        hands = self._errors.summary().hands
+        return {"position": hands.position_rms / self._POSITION, "angle": hands.orientation_rms / self._ANGLE}

@@ -1,0 +1,122 @@
+"""The space that the doctor searches: single edits of a contract, and pairs of them.
+
+It is bounded, and it is what goes wrong in practice: every convention that differs between exporters, turned the other
+way, one at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from itertools import combinations
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, rates
+from humanoid_sim.doctor.edits import Edit, RobotFacts
+from humanoid_sim.doctor.observation_edits import conventions, phases, reference_conventions, scales, zeroed
+from humanoid_sim.doctor.order_edits import history_orders, joint_orders, term_orders
+
+__all__ = ["Hypothesis", "pairs", "present", "same_contract", "same_value", "singles"]
+
+_FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = (
+    joint_orders,
+    term_orders,
+    conventions,
+    reference_conventions,
+    phases,
+    zeroed,
+    scales,
+    action_scales,
+    history_orders,
+    default_poses,
+    gains,
+    rates,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A contract that may be the right one, as the present one with no, one or two edits."""
+
+    edits: tuple[Edit, ...]
+    contract: PolicyContract
+
+    @property
+    def name(self) -> str:
+        """For tables."""
+        return " + ".join(edit.name for edit in self.edits) or "as it is"
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """What the edits are about, sorted; empty for the present contract."""
+        return tuple(sorted(edit.cause for edit in self.edits))
+
+    @property
+    def explanation(self) -> str:
+        """One line."""
+        return "; ".join(edit.explanation for edit in self.edits) or "the contract as it is"
+
+
+def present(contract: PolicyContract) -> Hypothesis:
+    """Hypothesis 0: nothing is wrong."""
+    return Hypothesis((), contract)
+
+
+def singles(contract: PolicyContract, robot: RobotFacts) -> tuple[Hypothesis, ...]:
+    """Every single edit that fits and changes something, no contract twice."""
+    found: list[Hypothesis] = []
+    for family in _FAMILIES:
+        for edit in family(contract, robot):
+            changed = edit.apply(contract)
+            if changed is not None and not _is_known(changed, [present(contract), *found]):
+                found.append(Hypothesis((edit,), changed))
+    return tuple(found)
+
+
+def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+    """Every two of some single edits together, most promising first; two of the same cause exclude each other.
+
+    Args:
+        contract: the present one.
+        promising: single edits, best first.
+    """
+    ranked = sorted(combinations(range(len(promising)), 2), key=sum)
+    for i, j in ranked:
+        first, second = promising[i].edits[0], promising[j].edits[0]
+        if first.cause == second.cause:
+            continue
+        once = first.apply(contract)
+        both = None if once is None else second.apply(once)
+        if both is not None and not _is_known(both, (promising[i], promising[j], present(contract))):
+            yield Hypothesis((first, second), both)
+
+
+def same_contract(a: PolicyContract, b: PolicyContract) -> bool:
+    """Whether two contracts wire a policy alike; where their fields came from does not count."""
+    return all(
+        same_value(getattr(a, item.name), getattr(b, item.name)) for item in fields(a) if item.name != "provenance"
+    )
+
+
+def _is_known(contract: PolicyContract, known: Iterable[Hypothesis]) -> bool:
+    return any(same_contract(contract, hypothesis.contract) for hypothesis in known)
+
+
+def same_value(a: object, b: object) -> bool:
+    """Whether two values of a field, or of a term's option, mean the same."""
+    if isinstance(a, Term | PhaseRule):
+        return type(a) is type(b) and all(same_value(getattr(a, x.name), getattr(b, x.name)) for x in fields(a))
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return a is not None and b is not None and _same_values(np.asarray(a), np.asarray(b))
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(same_value(x, y) for x, y in zip(a, b, strict=True))
+    return bool(a == b)
+
+
+def _same_values(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two arrays say the same; one number stands for all."""
+    return (a.shape == b.shape or 1 in (a.size, b.size)) and bool(np.all(a == b))

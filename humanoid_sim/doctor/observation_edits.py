@@ -1,0 +1,219 @@
+"""Hypotheses about the observation's terms: signs, scales, frames, conventions, and terms fed as zeros."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.doctor.edits import Edit, RobotFacts, change_terms, set_fields, set_term, terms_of
+
+__all__ = ["conventions", "phases", "reference_conventions", "scales", "zeroed"]
+
+_LEGGED_GYM: Mapping[str, float] = {"base_ang_vel": 0.25, "joint_vel": 0.05}
+"""Scales of legged_gym, kept by many of its descendants."""
+_LEGGED_GYM_COMMANDS: Mapping[str, float | tuple[float, ...]] = {
+    "base_lin_vel": 2.0,
+    "velocity_command": (2.0, 2.0, 0.25),
+    "command_lin_vel": 2.0,
+    "command_ang_vel": 0.25,
+}
+_USUAL: Mapping[str, tuple[float, ...]] = {
+    "base_ang_vel": (1.0, 0.25, 0.2),
+    "joint_vel": (1.0, 0.05, 0.1),
+    "base_lin_vel": (1.0, 2.0),
+    "joint_pos": (1.0,),
+    "actions": (1.0,),
+    "projected_gravity": (1.0,),
+    "motion_command": (1.0,),
+    "motion_anchor_pos": (1.0,),
+    "motion_anchor_ori": (1.0,),
+    "velocity_command": (1.0,),
+    "command_lin_vel": (1.0, 2.0),
+    "command_ang_vel": (1.0, 0.25),
+    "sin_phase": (1.0,),
+    "cos_phase": (1.0,),
+    "gait_phase": (1.0,),
+}
+"""Scales that are seen in the wild, by meaning."""
+_PERIODS = (0.6, 0.8, 1.0)
+"""s of a gait cycle, likewise."""
+
+
+def _is_zero(term: Term) -> bool:
+    return not np.any(term.scale)
+
+
+def zeroed(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """A term that the contract feeds as zeros is fed in earnest, and the other way round."""
+    for term in contract.terms:
+        cause = f"{term.name} zeroed"
+        if not _is_zero(term):
+            yield Edit(
+                f"{term.name} fed as zeros",
+                cause,
+                f"the policy was trained with {term.name} zero",
+                set_term((term.name,), scale=0.0),
+            )
+            continue
+        for scale in _USUAL.get(term.kind, (1.0,)):
+            yield Edit(
+                f"{term.name} fed" + (f", scaled by {scale:g}" if scale != 1.0 else ""),
+                cause,
+                f"{term.name} is not zero: the policy was trained with it",
+                set_term((term.name,), scale=scale),
+            )
+
+
+def _scaled(term: Term, scale: float | tuple[float, ...]) -> Term:
+    return replace(term, scale=np.asarray(scale, dtype=np.float64))
+
+
+def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """The observation's scales are others: all 1, those of legged_gym, or one term's alone."""
+    together: dict[str, Mapping[str, float | tuple[float, ...]]] = {
+        "all 1": {},
+        "of legged_gym (ang vel 0.25, joint vel 0.05)": dict(_LEGGED_GYM),
+        "of legged_gym, commands too": {**_LEGGED_GYM, **_LEGGED_GYM_COMMANDS},
+    }
+    for title, values in together.items():
+
+        def scaled(
+            contract: PolicyContract, values: Mapping[str, float | tuple[float, ...]] = values
+        ) -> PolicyContract:
+            return change_terms(
+                contract, lambda term: term if _is_zero(term) else _scaled(term, values.get(term.kind, 1.0))
+            )
+
+        yield Edit(f"observation scales {title}", "observation scales", f"the observation's scales are {title}", scaled)
+    for term in contract.terms:
+        if _is_zero(term):
+            continue
+        for scale in _USUAL.get(term.kind, ()):
+            yield Edit(
+                f"{term.name} scaled by {scale:g}",
+                f"{term.name} scale",
+                f"{term.name} is multiplied by {scale:g}",
+                set_term((term.name,), scale=scale),
+            )
+
+
+def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """Signs, frames, quaternion order, and what joint positions and the last action are relative to."""
+    for term in terms_of(contract, "projected_gravity"):
+        yield Edit(
+            f"{term.name} sign flipped",
+            f"{term.name} sign",
+            f"{term.name} points the other way when the robot stands upright",
+            set_term((term.name,), scale=-np.asarray(term.scale)),
+        )
+    for term in terms_of(contract, "base_ang_vel", "base_lin_vel", "motion_anchor_pos"):
+        other = "world" if term.frame == "body" else "body"
+        yield Edit(
+            f"{term.name} in the {other} frame",
+            f"{term.name} frame",
+            f"{term.name} is given in the {other} frame",
+            set_term((term.name,), frame=other),
+        )
+    for term in terms_of(contract, "imu_quaternion"):
+        other = "xyzw" if term.quaternion == "wxyz" else "wxyz"
+        yield Edit(
+            f"{term.name} {' '.join(other)}",
+            f"{term.name} order",
+            f"{term.name} is ordered {' '.join(other)}",
+            set_term((term.name,), quaternion=other),
+        )
+    for term in terms_of(contract, "joint_pos"):
+        is_relative = term.relative is not False
+        yield Edit(
+            f"{term.name} {'absolute' if is_relative else 'less the default pose'}",
+            f"{term.name} relative",
+            f"{term.name} is {'the joint angle itself' if is_relative else 'the angle less the default pose'}",
+            set_term((term.name,), relative=not is_relative),
+        )
+    for term in terms_of(contract, "actions"):
+        other = "scaled" if term.form == "raw" else "raw"
+        yield Edit(
+            f"{term.name} {other}",
+            f"{term.name} form",
+            f"{term.name} is the network's output" + (" times the action scale" if other == "scaled" else " as it is"),
+            set_term((term.name,), form=other),
+        )
+
+
+def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """The gait clock starts with the other foot, shows the step before, or runs at another pace."""
+    rule = contract.phase
+    if rule is None or not terms_of(contract, "sin_phase", "cos_phase", "gait_phase"):
+        return
+    changes: dict[str, tuple[str, PhaseRule]] = {
+        "gait clock from the other foot": ("gait clock start", replace(rule, offsets=rule.offsets[::-1])),
+        f"gait clock {'not ' if rule.advance_first else ''}advanced before the first observation": (
+            "gait clock start",
+            replace(rule, advance_first=not rule.advance_first),
+        ),
+    }
+    for period in _PERIODS:
+        changes[f"gait period {period:g} s"] = ("gait period", replace(rule, period=period))
+    for name, (cause, changed) in changes.items():
+        yield Edit(name, cause, f"phase: {name}", set_fields(phase=changed))
+
+
+def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
+    """What the motion reference's terms mean, and how the reference is laid onto the robot."""
+    for term in terms_of(contract, "motion_command"):
+        is_relative = term.relative is True
+        yield Edit(
+            f"{term.name} {'absolute' if is_relative else 'less the default pose'}",
+            f"{term.name} relative",
+            f"the reference's joint positions are {'absolute' if is_relative else 'less the default pose'}",
+            set_term((term.name,), relative=not is_relative),
+        )
+    layouts = {
+        "rows": "first two columns, row by row",
+        "columns": "first two columns, one after the other",
+        "two_rows": "first two rows",
+    }
+    for term in terms_of(contract, "motion_anchor_ori"):
+        for layout, title in layouts.items():
+            yield Edit(
+                f"{term.name}: {title}",
+                f"{term.name} layout",
+                f"{term.name} holds the rotation matrix's {title}",
+                set_term((term.name,), layout=layout),
+            )
+        yield Edit(
+            f"{term.name} {'forward' if term.inverse else 'inverted'}",
+            f"{term.name} direction",
+            f"{term.name} is the "
+            + ("reference seen from the robot" if term.inverse else "robot seen from the reference"),
+            set_term((term.name,), inverse=not term.inverse),
+        )
+    if not terms_of(contract, "motion_anchor_pos", "motion_anchor_ori"):
+        return
+    for body in robot.motion_bodies:
+        yield Edit(
+            f"anchor body {body}",
+            "anchor body",
+            f"the anchor terms compare {body}",
+            set_fields(anchor_body=body),
+        )
+    yield Edit(
+        "reference not aligned" if contract.align_reference else "reference aligned",
+        "reference alignment",
+        "the reference stays in its own world frame"
+        if contract.align_reference
+        else "the reference is turned to the robot's heading at the start",
+        set_fields(align_reference=not contract.align_reference),
+    )
+    other = "xyzw" if contract.reference_quaternion == "wxyz" else "wxyz"
+    yield Edit(
+        f"reference quaternions {' '.join(other)}",
+        "reference quaternion order",
+        f"the motion's quaternions are ordered {' '.join(other)}",
+        set_fields(reference_quaternion=other),
+    )

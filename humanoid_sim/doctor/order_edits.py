@@ -1,0 +1,174 @@
+"""Hypotheses about orders: of joints, of terms, of a history's steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.terms import HistoryOrder, Term
+from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, change_terms, set_fields
+
+__all__ = ["history_orders", "joint_orders", "mirrored", "term_orders"]
+
+_LISTED = (
+    "base_lin_vel",
+    "base_ang_vel",
+    "projected_gravity",
+    "imu_quaternion",
+    "velocity_command",
+    "command_lin_vel",
+    "command_ang_vel",
+    "motion_command",
+    "motion_anchor_pos",
+    "motion_anchor_ori",
+    "joint_pos",
+    "joint_vel",
+    "actions",
+    "sin_phase",
+    "cos_phase",
+    "gait_phase",
+)
+"""Meanings in the order of the legged_gym and Isaac Lab task configurations that most others descend from."""
+
+
+def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
+    """The joints are in another order than the contract says: names alone, or the observation and action alone."""
+    orders = {
+        "the robot's": robot.joint_names,
+        "breadth-first (Isaac)": robot.breadth_first,
+        "alphabetical": tuple(sorted(contract.joint_names)),
+        "with left and right swapped": tuple(mirrored(name) for name in contract.joint_names),
+    }
+    for title, order in orders.items():
+        if sorted(order) != sorted(contract.joint_names) or order == contract.joint_names:
+            continue
+        yield Edit(
+            f"joint order {title}, values stay in place",
+            "joint order",
+            f"joint_names is {title} order; the lists of gains, pose and scale are in that order already",
+            relabelled(order),
+        )
+        yield Edit(
+            f"joint order {title}, values move along",
+            "joint order",
+            f"the policy sees and drives the joints in {title} order; gains, pose and scale belong to their joints",
+            reordered(order),
+        )
+
+
+def mirrored(name: str) -> str:
+    """The name of the joint on the other side; itself where it has no side."""
+    for left, right in (("left", "right"), ("Left", "Right"), ("L_", "R_"), ("l_", "r_")):
+        if name.startswith(left):
+            return right + name.removeprefix(left)
+        if name.startswith(right):
+            return left + name.removeprefix(right)
+    return name
+
+
+def relabelled(order: tuple[str, ...]) -> Change:
+    """Give the joints, place by place, the names of `order`."""
+
+    def change(contract: PolicyContract) -> PolicyContract:
+        names = dict(zip(contract.joint_names, order, strict=True))
+        return replace(
+            contract,
+            joint_names=order,
+            action_joint_names=tuple(names[name] for name in contract.action_joint_names),
+            observation=tuple(_renamed(term, names) for term in contract.terms),
+        )
+
+    return change
+
+
+def _renamed(term: Term, names: Mapping[str, str]) -> Term:
+    return term if term.joints is None else replace(term, joints=tuple(names[name] for name in term.joints))
+
+
+def reordered(order: tuple[str, ...]) -> Change:
+    """Sort the joints and everything that belongs to them into `order`."""
+
+    def change(contract: PolicyContract) -> PolicyContract:
+        joints = joint_indices(order, contract.joint_names, "joints of the policy")
+        driven = tuple(name for name in order if name in contract.action_joint_names)
+        actions = joint_indices(driven, contract.action_joint_names, "action joints of the policy")
+        assert contract.action_offset is not None  # filled in at construction
+        return replace(
+            contract,
+            joint_names=order,
+            action_joint_names=driven,
+            joint_stiffness=contract.joint_stiffness[joints],
+            joint_damping=contract.joint_damping[joints],
+            default_joint_pos=contract.default_joint_pos[joints],
+            action_scale=contract.action_scale[actions],
+            action_offset=contract.action_offset[actions],
+            position_clip=None if contract.position_clip is None else contract.position_clip[actions],
+            observation=tuple(_sorted_joints(term, order) for term in contract.terms),
+        )
+
+    return change
+
+
+def _sorted_joints(term: Term, order: tuple[str, ...]) -> Term:
+    if term.joints is None:
+        return term
+    shown = tuple(name for name in order if name in term.joints)
+    if np.ndim(term.scale) and np.size(term.scale) > 1:
+        places = [term.joints.index(name) for name in shown]
+        return replace(term, joints=shown, scale=np.asarray(term.scale)[places])
+    return replace(term, joints=shown)
+
+
+def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """The terms lie in the observation in another order, or the last two or three have changed places."""
+    terms = contract.terms
+    by_kind = {kind: place for place, kind in enumerate(_LISTED)}
+    orders = {
+        "alphabetical": tuple(sorted(terms, key=lambda term: term.name)),
+        "as task configurations list them": tuple(sorted(terms, key=lambda term: by_kind.get(term.kind, len(_LISTED)))),
+        "reversed": terms[::-1],
+    }
+    for title, order in orders.items():
+        yield Edit(
+            f"terms {title}",
+            "term order",
+            f"the observation's terms are {title}: {', '.join(term.name for term in order)}",
+            set_fields(observation=order),
+        )
+    for i in range(len(terms) - 1):
+        order = (*terms[:i], terms[i + 1], terms[i], *terms[i + 2 :])
+        yield Edit(
+            f"terms {terms[i].name} and {terms[i + 1].name} swapped",
+            "term order",
+            f"{terms[i + 1].name} comes before {terms[i].name} in the observation",
+            set_fields(observation=order),
+        )
+
+
+def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """A history's steps are the other way round, or laid out step by step instead of term by term."""
+    if all(term.history == 1 for term in contract.terms):
+        return
+    flip: dict[HistoryOrder, HistoryOrder] = {"oldest_first": "newest_first", "newest_first": "oldest_first"}
+    shown = contract.terms[0].history_order
+
+    def flipped(contract: PolicyContract) -> PolicyContract:
+        return change_terms(contract, lambda term: replace(term, history_order=flip[term.history_order]))
+
+    yield Edit(
+        f"history {flip[shown].replace('_', ' ')}",
+        "history order",
+        f"the steps of a term's history are {flip[shown].replace('_', ' ')}",
+        flipped,
+    )
+    other = "per_step" if contract.history_layout == "per_term" else "per_term"
+    yield Edit(
+        f"history {other.replace('_', ' ')}",
+        "history layout",
+        "each step's terms lie together" if other == "per_step" else "each term's steps lie together",
+        set_fields(history_layout=other),
+    )

@@ -1,0 +1,90 @@
+"""`policy doctor`: load, search, tell."""
+
+from __future__ import annotations
+
+import json
+import math
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from humanoid_sim.doctor.config import DoctorConfig
+from humanoid_sim.doctor.report import is_healthy, print_ranking, ranking_document
+from humanoid_sim.doctor.search import Ranking, make_plan, search
+from humanoid_sim.doctor.subject import Subject, load_subject, robot_facts
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.cli.show import make_console
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.velocity import parse_velocity
+
+__all__ = ["doctor"]
+
+_INTERRUPTED = 130
+
+
+def doctor(config: DoctorConfig) -> int:
+    """Search and print.
+
+    Returns:
+        0 if the contract as it is does best and keeps the robot up, 1 if not, 130 after Ctrl-C.
+
+    Raises:
+        InputError: an option, the checkpoint or the motion is not accepted.
+    """
+    _check(config)
+    subject = load_subject(
+        config.checkpoint, load_robot(config.robot), config.contract, config.motion, base_height=config.base_height
+    )
+    plan = make_plan(
+        subject.contract,
+        seconds=config.seconds,
+        command=_command(config, subject),
+        motion_seconds=subject.motion_seconds,
+        pairs=config.pairs,
+    )
+    ranking = Ranking()
+    progress = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    interrupted = False
+    with progress:
+        task = progress.add_task("")
+        try:
+            search(
+                subject,
+                robot_facts(subject.description, subject.motion),
+                plan,
+                ranking,
+                lambda stage, done, total: progress.update(task, description=stage, completed=done, total=total),
+            )
+        except KeyboardInterrupt:
+            interrupted = True
+    if config.json:
+        print(json.dumps(ranking_document(ranking, subject.contract), indent=2))
+    else:
+        print_ranking(make_console(), ranking, subject.contract, config.top)
+    if interrupted:
+        return _INTERRUPTED
+    return 0 if is_healthy(ranking) else 1
+
+
+def _check(config: DoctorConfig) -> None:
+    if not (math.isfinite(config.seconds) and config.seconds > 0.0):
+        raise InputError(f"--seconds: is {config.seconds}, expected a finite number > 0")
+    for option, value, least in (("--pairs", config.pairs, 0), ("--top", config.top, 1)):
+        if value < least:
+            raise InputError(f"{option}: is {value}, expected a whole number >= {least}")
+
+
+def _command(config: DoctorConfig, subject: Subject) -> tuple[float, float, float] | None:
+    if config.command is None:
+        return None
+    if subject.contract.task_type != "locomotion":
+        raise InputError(f"--command: is '{config.command}', but {config.checkpoint} follows a motion")
+    vx, vy, wz = parse_velocity(config.command, subject.contract.command_ranges)
+    return float(vx), float(vy), float(wz)

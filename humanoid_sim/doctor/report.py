@@ -1,0 +1,124 @@
+"""The ranking for a person, as a table and a conclusion, and for other programs, as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor.overrides import override_yaml, overrides, short_lines
+from humanoid_sim.doctor.search import Ranking, Verdict
+
+__all__ = ["conclusion", "is_healthy", "print_ranking", "ranking_document"]
+
+_SLIGHT = 0.15
+"""Share of the cost below which an improvement may be chance."""
+
+
+def is_healthy(ranking: Ranking) -> bool:
+    """Whether the contract as it is does best, and keeps the robot up."""
+    best = ranking.best()
+    return bool(best) and not best[0].hypothesis.edits and best[0].stays_up
+
+
+def conclusion(ranking: Ranking) -> str:
+    """What the ranking says, in a sentence or two."""
+    best, present = ranking.best(), ranking.present
+    if not best or present is None:
+        return "Nothing has been tried yet."
+    first = best[0]
+    if not any(verdict.stays_up for verdict in best):
+        return (
+            "Nothing in this space keeps the robot up, so the ranking is only a hint. Look at the robot model (joint "
+            "armature, contacts, effort limits), at the gains, and for more than two mistakes at once."
+        )
+    if not first.hypothesis.edits:
+        return "Nothing wrong found in this space: the contract as it is does best."
+    saved = 1.0 - first.cost / present.cost if present.cost else 0.0
+    if present.stays_up and saved < _SLIGHT:
+        return (
+            f"The robot stays up with the contract as it is. '{first.hypothesis.name}' does {saved:.0%} better, which "
+            "is little: believe it only if the training configuration says so."
+        )
+    before = f"does {saved:.0%} better" if present.stays_up else "keeps the robot up"
+    return f"Most likely: {first.hypothesis.explanation}. With that it {before}."
+
+
+def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, rows: int) -> None:
+    """Print the best of every cause, and what the first would have you write."""
+    best = ranking.best()
+    table = Table(title="by time up, then by quality (smaller is better)", title_justify="left")
+    table.add_column("", justify="right")
+    table.add_column("hypothesis")
+    table.add_column("time up", justify="right")
+    table.add_column("quality", justify="right")
+    table.add_column("under override: in contract.yaml")
+    shown = best[:rows]
+    shown += [verdict for verdict in best[rows:] if not verdict.hypothesis.edits]
+    for verdict in shown:
+        table.add_row(*_row(best.index(verdict) + 1, verdict, contract))
+    console.print(table)
+    console.print(escape(conclusion(ranking)), style="bold", soft_wrap=True)
+    if not best or is_healthy(ranking):
+        return
+    first = best[0].hypothesis
+    if first.edits and best[0].stays_up:
+        console.print(escape(override_yaml(contract, first.contract)), soft_wrap=True, end="")
+    others = [verdict.hypothesis.name for verdict in ranking.alternatives(best[0]) if verdict.stays_up]
+    if others:
+        console.print(f"[dim]of the same cause, and up as well: {escape(', '.join(others))}[/dim]", soft_wrap=True)
+
+
+def _row(rank: int, verdict: Verdict, contract: PolicyContract) -> tuple[str, ...]:
+    lost = [outcome for outcome in verdict.outcomes if outcome.lost]
+    color = "green" if verdict.stays_up else "yellow" if verdict.time_up > 0.5 else "red"
+    seconds = "/".join(f"{outcome.time_up:.1f}" for outcome in verdict.outcomes)
+    total = verdict.outcomes[0].seconds
+    reason = f"\n[dim]{escape(lost[0].lost)}[/dim]" if lost else ""
+    lines = short_lines(contract, verdict.hypothesis.contract)
+    name = escape(verdict.hypothesis.name)
+    return (
+        str(rank),
+        f"[bold]{name}[/bold]" if not verdict.hypothesis.edits else f"{name}{reason}",
+        f"[{color}]{seconds} of {total:g} s[/]",
+        f"{verdict.cost:.2f}" if verdict.stays_up else "–",
+        escape("\n".join(lines)),
+    )
+
+
+def ranking_document(ranking: Ranking, contract: PolicyContract) -> dict[str, Any]:
+    """Everything as plain values."""
+    return {
+        "complete": ranking.is_complete,
+        "healthy": is_healthy(ranking),
+        "conclusion": conclusion(ranking),
+        "ranking": [_entry(rank, verdict, ranking, contract) for rank, verdict in enumerate(ranking.best(), 1)],
+    }
+
+
+def _entry(rank: int, verdict: Verdict, ranking: Ranking, contract: PolicyContract) -> dict[str, Any]:
+    hypothesis = verdict.hypothesis
+    return {
+        "rank": rank,
+        "hypothesis": hypothesis.name,
+        "causes": list(hypothesis.causes),
+        "explanation": hypothesis.explanation,
+        "stays_up": verdict.stays_up,
+        "time_up": verdict.time_up,
+        "quality": verdict.cost,
+        "tried_at_length": verdict.is_thorough,
+        "trials": [
+            {
+                "time_up": outcome.time_up,
+                "seconds": outcome.seconds,
+                "lost": outcome.lost,
+                "quality": dict(outcome.quality.parts),
+            }
+            for outcome in verdict.outcomes
+        ],
+        "override": overrides(contract, hypothesis.contract),
+        "alternatives": [other.hypothesis.name for other in ranking.alternatives(verdict)],
+    }

@@ -1,0 +1,161 @@
+"""Short simulated runs of a policy under a contract: nothing holds the robot, so a fall is a fall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from humanoid_sim.controllers.base import Fault
+from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, UprightGoal, VelocityGoal
+from humanoid_sim.doctor.quality import Quality, Strain
+from humanoid_sim.doctor.subject import Subject
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.messages import SafetyLevel, TickInput
+from humanoid_sim.mit import Extern
+from humanoid_sim.robots.contract_gains import with_contract
+from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.stack import LoadedPolicy
+from humanoid_sim.tracking import TrackingErrors
+
+__all__ = ["Outcome", "Rollouts", "Trial"]
+
+_TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)
+"""s, longest first. Where damping is stable the longest gives the figures of the shortest, and costs a tenth."""
+_STABLE = 1.5
+"""Largest eigenvalue of `dt · M⁻¹ · K_d` that is accepted here; see `humanoid_sim.simulation.stability`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One way to try a contract."""
+
+    seconds: float
+    command: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """vx, vy in m/s and yaw rate in rad/s."""
+    yaw: float = 2.0
+    """rad, heading at the start: far from 0, where world and body frames would agree."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of one trial."""
+
+    time_up: float
+    """s, at most the trial's seconds."""
+    seconds: float
+    """The trial's."""
+    quality: Quality
+    lost: str = ""
+    """How the robot was lost; empty: it was not."""
+
+
+_NOTHING = Quality({})
+
+
+@dataclass
+class Rollouts:
+    """Runs trials on a subject. Simulated robots are kept and used again. Not thread-safe."""
+
+    subject: Subject
+    _robots: dict[tuple[object, ...], MujocoRobot] = field(default_factory=dict)
+
+    def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
+        """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome."""
+        try:
+            loaded = self.subject.load(contract)
+            robot = self._robot(contract, trial)
+            controller = RLPolicyController(
+                robot.joints,
+                contract,
+                loaded.reference,
+                loaded.policy,
+                contract.policy_dt,
+                extern={**loaded.extern, **EXTERN_WIDTHS},
+            )
+        except (FieldError, InputError) as error:
+            return Outcome(0.0, trial.seconds, _NOTHING, str(error))
+        return _run(robot, controller, self._goal(loaded, trial, robot), trial)
+
+    def _goal(self, loaded: LoadedPolicy, trial: Trial, robot: MujocoRobot) -> Goal:
+        contract, motion = loaded.contract, self.subject.motion
+        if contract.task_type == "locomotion" and robot.base_state is not None:
+            return VelocityGoal(np.array(trial.command), contract.policy_dt)
+        if "reference_joint_pos" in loaded.reference.terms:
+            return MotionGoal(contract, loaded.reference, self._base_reference, robot.joints)
+        if contract.task_type == "tracking" and motion is not None and motion.body_names:
+            frames = motion.frames
+            return BodiesGoal(TrackingErrors(robot.description, frames, motion.body_names, contract.policy_dt))
+        return UprightGoal()
+
+    @cached_property
+    def _base_reference(self) -> MotionReference | None:
+        return self.subject.base_reference()
+
+    def _robot(self, contract: PolicyContract, trial: Trial) -> MujocoRobot:
+        """A simulation of the robot in the contract's default pose, with a physics step that suits its damping."""
+        pose = contract.default_joint_pos[np.argsort(contract.joint_names)].tobytes()
+        for timestep in _TIMESTEPS:
+            try:
+                steps_per_period(contract.policy_dt, timestep)
+            except InputError:
+                continue
+            key = (pose, contract.policy_dt, contract.anchor_body, trial.yaw, timestep)
+            robot = self._robots.get(key)
+            if robot is None:
+                robot = self._robots[key] = self._build(contract, trial, timestep)
+            order = [contract.joint_names.index(name) for name in robot.joints]
+            if robot.stability.measure(contract.joint_damping[order]).eigenvalue <= _STABLE:
+                return robot
+        raise InputError("its damping is unstable in simulation")
+
+    def _build(self, contract: PolicyContract, trial: Trial, timestep: float) -> MujocoRobot:
+        # Gains come with every command; a description without any passes the robot's own check of them.
+        zeros = np.zeros(len(contract.joint_names))
+        still = replace(contract, joint_stiffness=zeros, joint_damping=zeros)
+        return MujocoRobot(
+            with_contract(self.subject.description, still),
+            control_period=contract.policy_dt,
+            physics_timestep=timestep,
+            actuation="affine",
+            support=False,
+            base_yaw=trial.yaw,
+            base_height=self.subject.base_height,
+            anchor_body=contract.anchor_body,
+        )
+
+
+def _run(robot: MujocoRobot, controller: RLPolicyController, goal: Goal, trial: Trial) -> Outcome:
+    """One trial: a policy step per control period."""
+    robot.activate()
+    live = {VELOCITY_COMMAND: Extern(np.array(trial.command), 0.0)}
+    strain = Strain(controller.contract.policy_dt)
+    steps = max(round(trial.seconds / controller.contract.policy_dt), 1)
+    memory = None
+    for step in range(steps):
+        state, statuses = robot.read()
+        time_up = step * controller.contract.policy_dt
+        state = replace(state, extern={**state.extern, **live})
+        tick = TickInput(state=state, safety=statuses)
+        memory = controller.activate(tick) if memory is None else memory
+        if isinstance(memory, Fault):
+            return Outcome(time_up, trial.seconds, _NOTHING, memory.message)
+        frame = memory.frame
+        result = controller.update(memory, tick)
+        lost = goal.update(frame, state, robot.base_state)
+        if statuses[0].level >= SafetyLevel.FAULT:
+            lost = statuses[0].message
+        if isinstance(result, Fault):
+            lost = lost or result.message
+        if lost or isinstance(result, Fault):
+            return Outcome(time_up, trial.seconds, Quality({**goal.parts(), **strain.parts()}), lost)
+        memory, command = result
+        strain.update(state, command)
+        robot.write(command)
+    return Outcome(trial.seconds, trial.seconds, Quality({**goal.parts(), **strain.parts()}))

@@ -1,0 +1,226 @@
+"""The search: every single edit briefly, the best of them at length, then pairs of the promising ones likewise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from threading import local
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor.edits import RobotFacts
+from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, singles
+from humanoid_sim.doctor.rollout import Outcome, Rollouts, Trial
+from humanoid_sim.doctor.subject import Subject
+
+__all__ = ["Plan", "Progress", "Ranking", "Verdict", "make_plan", "search"]
+
+Progress = Callable[[str, int, int], None]
+"""Told the stage, and how many of how many hypotheses it has tried."""
+
+_PROMOTED = 16
+"""Causes whose best edit is tried at length."""
+_PAIRED = 24
+"""Causes whose best edit takes part in pairs."""
+_CLOSE = 1.2
+"""Ratio of costs within which two edits of one cause are both tried at length."""
+_RIVALS = 2
+_DOUBT = 0.05
+"""Share of the cost that each change must save to rank first: of two that do equally well the simpler is likelier."""
+_WORTH = 0.15
+"""Share of the cost that a second change must save: two changes explain anything a little better than one."""
+_PAIRS = 200
+_PROMOTED_PAIRS = 8
+
+_COMMANDS = ((0.5, 0.0, 0.0), (0.5, 0.0, 0.5), (-0.5, 0.0, 0.0))
+"""Velocities that every walking policy should know, m/s and rad/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How each hypothesis is tried."""
+
+    brief: tuple[Trial, ...]
+    thorough: tuple[Trial, ...]
+    pairs: int
+    """At most so many pairs are tried; 0: none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """What became of one hypothesis."""
+
+    hypothesis: Hypothesis
+    outcomes: tuple[Outcome, ...]
+    is_thorough: bool
+    """Whether it was tried at length."""
+
+    @property
+    def time_up(self) -> float:
+        """Share of the trials' time that the robot stayed up, 0 to 1."""
+        return sum(outcome.time_up for outcome in self.outcomes) / sum(outcome.seconds for outcome in self.outcomes)
+
+    @property
+    def stays_up(self) -> bool:
+        """Whether it was never lost."""
+        return not any(outcome.lost for outcome in self.outcomes)
+
+    @property
+    def cost(self) -> float:
+        """Mean cost of the trials, smaller is better."""
+        return sum(outcome.quality.cost for outcome in self.outcomes) / len(self.outcomes)
+
+    @property
+    def order(self) -> tuple[float, ...]:
+        """Sorts verdicts, best first: at length before briefly, then the time up, then the cost."""
+        doubt = 1.0 + _DOUBT * len(self.hypothesis.edits)
+        return (-float(self.is_thorough), -round(self.time_up, 2), self.cost * doubt)
+
+
+@dataclass
+class Ranking:
+    """What is known so far; it grows while the search goes on."""
+
+    verdicts: dict[str, Verdict] = field(default_factory=dict)
+    """By the hypothesis's name, the latest of each."""
+    is_complete: bool = False
+
+    def add(self, verdict: Verdict) -> None:
+        """Take in a verdict."""
+        self.verdicts[verdict.hypothesis.name] = verdict
+
+    @property
+    def present(self) -> Verdict | None:
+        """Of the contract as it is."""
+        return next((verdict for verdict in self.verdicts.values() if not verdict.hypothesis.edits), None)
+
+    def best(self) -> list[Verdict]:
+        """Best first: of every cause its best edit, and of pairs those that do better than each of their halves."""
+        found: dict[tuple[str, ...], Verdict] = {}
+        for verdict in sorted(self.verdicts.values(), key=lambda verdict: verdict.order):
+            if len(verdict.hypothesis.edits) < 2 or self._pays(verdict):
+                found.setdefault(verdict.hypothesis.causes, verdict)
+        return list(found.values())
+
+    def _pays(self, pair: Verdict) -> bool:
+        halves = [self.verdicts.get(edit.name) for edit in pair.hypothesis.edits]
+        return all(
+            half is None or pair.time_up > half.time_up + 0.05 or pair.cost < (1.0 - _WORTH) * half.cost
+            for half in halves
+        )
+
+    def alternatives(self, verdict: Verdict) -> list[Verdict]:
+        """Other edits of the same cause, best first."""
+        same = [v for v in self.verdicts.values() if v.hypothesis.causes == verdict.hypothesis.causes]
+        return sorted((v for v in same if v is not verdict), key=lambda v: v.order)
+
+
+def make_plan(
+    contract: PolicyContract,
+    *,
+    seconds: float = 4.0,
+    command: tuple[float, float, float] | None = None,
+    motion_seconds: float = 0.0,
+    pairs: int = _PAIRS,
+) -> Plan:
+    """The trials for a policy.
+
+    Args:
+        contract: of the policy.
+        seconds: of a brief trial.
+        command: velocity for all trials; None for a few that a walking policy should know.
+        motion_seconds: length of the motion; 0 for none.
+        pairs: at most so many are tried.
+    """
+    if contract.task_type != "locomotion":
+        long = min(motion_seconds, 5.0 * seconds)
+        return Plan((Trial(min(seconds, long)),), (Trial(long), Trial(long, yaw=-1.0)), pairs)
+    commands = [command] if command else list(_COMMANDS)
+    headings = (2.0, -1.0, 2.5)
+    brief = Trial(seconds, commands[0], headings[0])
+    thorough = [Trial(1.5 * seconds, commands[i % len(commands)], heading) for i, heading in enumerate(headings)]
+    return Plan((brief,), tuple(thorough), pairs)
+
+
+def search(
+    subject: Subject, robot: RobotFacts, plan: Plan, ranking: Ranking, progress: Progress, workers: int = 2
+) -> None:
+    """Try the whole space; `ranking` holds what is known whenever this is interrupted."""
+    contract = subject.contract
+    everything = [present(contract), *singles(contract, robot)]
+    with _Crew(subject, workers) as crew:
+        _try(crew, everything, plan.brief, False, "single changes", ranking, progress)
+        promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
+        chosen = [everything[0], *_with_rivals(promising[:_PROMOTED], ranking)]
+        _try(crew, chosen, plan.thorough, True, "the best of them", ranking, progress)
+        together = _pairs(contract, promising, ranking, plan.pairs)
+        second = Ranking()
+        _try(crew, together, plan.brief, False, "pairs of changes", second, progress)
+        best = [verdict.hypothesis for verdict in second.best()[:_PROMOTED_PAIRS]]
+        _try(crew, best, plan.thorough, True, "the best pairs", ranking, progress)
+    ranking.is_complete = True
+
+
+def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:
+    """The best edit of each cause, and those that a brief trial cannot tell from it."""
+    chosen: list[Hypothesis] = []
+    for hypothesis in promising:
+        best = ranking.verdicts[hypothesis.name]
+        rivals = [verdict for verdict in ranking.alternatives(best) if verdict.stays_up == best.stays_up]
+        close = [rival.hypothesis for rival in rivals if rival.cost < _CLOSE * best.cost]
+        chosen += [hypothesis, *(close[:_RIVALS] if best.stays_up else ())]
+    return chosen
+
+
+def _pairs(contract: PolicyContract, promising: Sequence[Hypothesis], ranking: Ranking, count: int) -> list[Hypothesis]:
+    """The pairs worth trying: none if nothing is wrong; those with the best if it keeps the robot up, else all."""
+    best = ranking.best()[0]
+    if not best.hypothesis.edits:
+        return []
+    found: Iterable[Hypothesis]
+    if best.stays_up:
+        others = [hypothesis for hypothesis in promising[:_PAIRED] if hypothesis is not best.hypothesis]
+        found = (pair for other in others for pair in pairs(contract, [best.hypothesis, other]))
+    else:
+        found = pairs(contract, promising[:_PAIRED])
+    return [pair for _, pair in zip(range(count), found, strict=False)]
+
+
+class _Crew:
+    """Threads that each have simulated robots of their own; physics and inference run outside Python's lock."""
+
+    def __init__(self, subject: Subject, workers: int) -> None:
+        self._subject = subject
+        self._own = local()
+        self._pool = ThreadPoolExecutor(workers)
+
+    def __enter__(self) -> _Crew:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def map(self, contracts: Sequence[PolicyContract], trials: tuple[Trial, ...]) -> Iterator[tuple[Outcome, ...]]:
+        """The outcomes of each contract, in order."""
+        return self._pool.map(lambda contract: self._try(contract, trials), contracts)
+
+    def _try(self, contract: PolicyContract, trials: tuple[Trial, ...]) -> tuple[Outcome, ...]:
+        rollouts: Rollouts | None = getattr(self._own, "rollouts", None)
+        if rollouts is None:
+            rollouts = self._own.rollouts = Rollouts(self._subject)
+        return tuple(rollouts.run(contract, trial) for trial in trials)
+
+
+def _try(
+    crew: _Crew,
+    hypotheses: Sequence[Hypothesis],
+    trials: tuple[Trial, ...],
+    is_thorough: bool,
+    stage: str,
+    ranking: Ranking,
+    progress: Progress,
+) -> None:
+    results = crew.map([hypothesis.contract for hypothesis in hypotheses], trials)
+    for done, (hypothesis, outcomes) in enumerate(zip(hypotheses, results, strict=True), 1):
+        ranking.add(Verdict(hypothesis, outcomes, is_thorough))
+        progress(stage, done, len(hypotheses))

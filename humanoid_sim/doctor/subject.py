@@ -1,0 +1,145 @@
+"""What is examined: a policy with its present contract and motion, and the robot that it is to move."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.doctor.edits import RobotFacts
+from humanoid_sim.errors import InputError
+from humanoid_sim.play.options import motion_path
+from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.onnx_policy import load_checkpoint
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.stack import LoadedPolicy, load_policy
+
+__all__ = ["Subject", "breadth_first", "load_subject", "robot_facts"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """Everything that a hypothesis is tried on."""
+
+    contract: PolicyContract
+    """As it is at present."""
+    policy: Policy
+    description: RobotDescription
+    motion: Motion | None = None
+    """What the policy follows."""
+    in_policy_order: bool = False
+    """The motion's joints are the policy's, place by place, whatever they are called: it comes from its graph."""
+    base_height: float | None = None
+    """m, of the base at the start; None: such that the robot stands on the floor."""
+
+    @property
+    def motion_seconds(self) -> float:
+        """s, the length of the motion; 0 without one."""
+        return 0.0 if self.motion is None else len(self.motion.frames) * self.contract.policy_dt
+
+    def load(self, contract: PolicyContract) -> LoadedPolicy:
+        """The policy under another contract, its motion read as that contract would have it read.
+
+        Raises:
+            InputError: the motion does not fit the contract.
+        """
+        motion = self.motion
+        if motion is not None and contract.task_type != "locomotion":
+            motion = replace(motion, policy_dt=contract.policy_dt)
+            if self.in_policy_order:
+                motion = replace(motion, joint_names=contract.joint_names)
+            if contract.reference_quaternion != self.contract.reference_quaternion:
+                motion = _reread_quaternions(motion, contract.reference_quaternion)
+        return load_policy(contract, self.policy, motion)
+
+    def base_reference(self) -> MotionReference | None:
+        """Where the robot's base should be, whatever a contract says about the anchor body; None if nobody knows."""
+        motion, base = self.motion, self.description.base.body
+        if motion is None or motion.layout != "joints_bodies_w" or base not in motion.body_names:
+            return None
+        return self.load(replace(self.contract, anchor_body=base)).reference
+
+
+def load_subject(
+    path: Path,
+    description: RobotDescription,
+    contract_file: Path | None = None,
+    motion: str | None = None,
+    *,
+    base_height: float | None = None,
+) -> Subject:
+    """A checkpoint on a robot, however wrong its contract: only what cannot run at all is refused.
+
+    Args:
+        path: the model.
+        description: of the robot.
+        contract_file: a contract.yaml; None: the one beside the model, if there is one.
+        motion: a motion file or the name of a sample motion; None: the one that the model carries.
+        base_height: as `Subject.base_height`.
+
+    Raises:
+        InputError: the checkpoint cannot be read, its widths do not fit, or it needs a motion.
+    """
+    # Golden vectors would refuse a wrong contract, and that is what the doctor is called for.
+    checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
+    contract = checkpoint.contract
+    follows = contract.task_type != "locomotion"
+    if motion is not None and not follows:
+        raise InputError(f"--motion: is '{motion}', but {path} follows no motion")
+    given = None if motion is None else read_motion(motion_path(motion))
+    if follows and given is None and checkpoint.motion is None:
+        raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
+    chosen = (given or checkpoint.motion) if follows else None
+    load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
+    return Subject(contract, checkpoint.policy, description, chosen, given is None, base_height)
+
+
+def _reread_quaternions(motion: Motion, order: str) -> Motion:
+    """The motion whose source was read as the other order: w x y z becomes what `order` would have given."""
+    if motion.layout != "joints_bodies_w":
+        return motion
+    start = 2 * len(motion.joint_names) + 3 * len(motion.body_names)
+    frames = motion.frames.copy()
+    quaternions = frames[:, start:].reshape(len(frames), -1, 4)
+    frames[:, start:] = np.roll(quaternions, 1 if order == "xyzw" else -1, axis=-1).reshape(len(frames), -1)
+    return replace(motion, frames=frames)
+
+
+def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFacts:
+    """What the hypotheses need.
+
+    Raises:
+        InputError: the robot's MJCF cannot be built.
+    """
+    model = build_model(description, scene=False)
+    return RobotFacts(
+        joint_names=description.joint_names,
+        breadth_first=breadth_first(model, description.joint_names),
+        effort_limit=description.effort_limit,
+        stiffness=description.stiffness,
+        damping=description.damping,
+        poses={"the robot's initial position": np.array(description.initial_position)},
+        motion_bodies=motion.body_names if motion is not None and motion.layout == "joints_bodies_w" else (),
+    )
+
+
+def breadth_first(model: mujoco.MjModel, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """The joints level by level through the kinematic tree; siblings as the MJCF lists them."""
+    children: dict[int, list[int]] = {}
+    for body in range(1, model.nbody):
+        children.setdefault(int(model.body_parentid[body]), []).append(body)
+    names: list[str] = []
+    level = deque([0])
+    while level:
+        body = level.popleft()
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        names += [model.joint(i).name for i in range(first, first + count) if model.joint(i).name in joints]
+        level.extend(children.get(body, ()))
+    return tuple(names)
