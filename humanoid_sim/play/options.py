@@ -16,7 +16,7 @@ from humanoid_sim.messages import Intent
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.inject import Injection
 from humanoid_sim.session.script import ScriptStep
 
@@ -60,7 +60,11 @@ def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections
         raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
     if config.viewer == "native" and not has_display():
         raise InputError("--viewer native: there is no display here; use --video out.mp4 instead")
-    for option, value in (("--duration", config.duration), ("--control-frequency", config.control_frequency)):
+    for option, value in (
+        ("--duration", config.duration),
+        ("--control-frequency", config.control_frequency),
+        ("--action-limit", config.action_limit),
+    ):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{option}: is {value}, expected a finite number > 0")
     if config.manual and not (sys.stdin and sys.stdin.isatty()):
@@ -171,11 +175,16 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
         Control period in s, and a notice or ''.
 
     Raises:
-        InputError: if the physics step does not divide the control period.
+        InputError: if the physics step does not divide the control period, or the policy's period has too many ticks.
     """
     frequency = config.control_frequency or description.simulation.control_frequency
     period, notice = 1.0 / frequency, ""
     if policy_dt is not None:
+        if policy_dt * frequency > MOST_STEPS:
+            raise InputError(
+                f"--control-frequency: is {frequency:g} Hz, expected at most {MOST_STEPS / policy_dt:g} Hz, "
+                f"which makes {MOST_STEPS} ticks of the policy's {policy_dt:g} s"
+            )
         ticks = max(round(policy_dt * frequency), 1)
         if abs(policy_dt * frequency - ticks) > 1e-6 * ticks:
             period = policy_dt / ticks

@@ -6,7 +6,10 @@ import math
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["steps_per_period"]
+__all__ = ["MOST_STEPS", "steps_per_period"]
+
+MOST_STEPS = 10_000
+"""Steps of one period that are accepted: beyond it a period would take seconds to compute, or never end."""
 
 
 def steps_per_period(
@@ -21,13 +24,18 @@ def steps_per_period(
         step_name: what to call `step` in messages.
 
     Raises:
-        InputError: either is not a positive number, or `step` does not divide `period` to within 1e-9; the message
-            names the nearest step that does.
+        InputError: either is not a positive number, `period` has more than `MOST_STEPS` steps, or `step` does not
+            divide it to within 1e-9; the message then names the nearest step that does.
     """
     for name, value in ((step_name, step), (period_name, period)):
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{name}: is {value} s, expected a finite number > 0")
     ratio = period / step
+    if ratio > MOST_STEPS * (1.0 + 1e-9):  # infinite too
+        raise InputError(
+            f"{step_name}: is {step:g} s, expected at least {period / MOST_STEPS:g} s, which makes {MOST_STEPS} steps "
+            f"of a {period_name} of {period:g} s"
+        )
     count = max(round(ratio), 1)
     if abs(ratio - count) > 1e-9 * ratio:
         nearest = min((math.floor(ratio) or 1, math.ceil(ratio)), key=lambda n: abs(period / n - step))

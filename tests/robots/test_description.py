@@ -79,6 +79,11 @@ BAD_VALUES = [
         0.0006,
         "0.0006 s does not divide the control period of 0.005 s; the nearest that does is 0.000625 s (8 per period)",
     ),
+    (
+        "simulation.physics_timestep",
+        1e-300,
+        "is 1e-300 s, expected at least 5e-07 s, which makes 10000 steps of a control period of 0.005 s",
+    ),
     ("simulation.physics_timestep", 0.0, "is 0.0, expected a finite number > 0"),
     ("simulation.control_frequency", -200, "is -200.0, expected a finite number > 0"),
     ("simulation.floor_height", float("inf"), "is inf, expected a finite number"),

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 
 
 @pytest.mark.parametrize(
@@ -29,3 +29,13 @@ def test_refuses_what_is_no_duration(bad: float) -> None:
         steps_per_period(0.005, bad)
     with pytest.raises(InputError, match="expected a finite number > 0"):
         steps_per_period(bad, 0.0005)
+
+
+@pytest.mark.parametrize(("period", "step"), [(0.005, 1e-9), (0.005, 1e-300), (0.005, 5e-324), (1e300, 0.0005)])
+def test_refuses_more_steps_than_anybody_would_wait_for(period: float, step: float) -> None:
+    with pytest.raises(InputError, match=r"^physics timestep: is .* s, expected at least .* 10000 steps of a control "):
+        steps_per_period(period, step)
+
+
+def test_takes_as_many_steps_as_it_names() -> None:
+    assert steps_per_period(0.005, 5e-7) == MOST_STEPS

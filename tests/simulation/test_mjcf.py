@@ -91,7 +91,9 @@ def test_poses_are_zero_within_the_limits_and_gains_are_left_to_the_policy(hoppe
     assert not robot.stiffness.any()
 
 
-@pytest.mark.parametrize(("own", "used"), [(0.004, 0.001), (0.0005, 0.0005), (0.0003, 0.001), (0.005, 0.001)])
+@pytest.mark.parametrize(
+    ("own", "used"), [(0.004, 0.001), (0.0005, 0.0005), (0.0003, 0.001), (0.005, 0.001), (1e-9, 0.001)]
+)
 def test_a_shorter_step_of_the_mjcf_is_kept_if_it_divides_the_control_period(
     hopper: Path, own: float, used: float
 ) -> None:
