@@ -23,12 +23,16 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
-__all__ = ["Policy", "RLPolicyController", "RLPolicyMemory"]
+__all__ = ["ACTION_LIMIT", "Policy", "RLPolicyController", "RLPolicyMemory"]
 
 Float32Array = npt.NDArray[np.float32]
 
 Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
+
+ACTION_LIMIT = 100.0
+"""Largest magnitude of a raw action unless another is given: trained policies stay within a few units, and beyond this
+one has diverged."""
 
 _RATE_TOLERANCE = 1e-6
 """Relative. Periods are decimal fractions that binary numbers round; a real mismatch is far larger."""
@@ -69,8 +73,8 @@ class RLPolicyController:
     policy: Policy
     control_period: float
     """s between two ticks; `policy_dt` is a whole multiple of it."""
-    action_limit: float = 100.0
-    """Largest magnitude of a raw action. Trained policies stay within a few units; beyond this one has diverged."""
+    action_limit: float = ACTION_LIMIT
+    """Largest magnitude of a raw action."""
     extern: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """Name and width of the live observation terms."""
     decimation: int = field(init=False)

@@ -30,7 +30,7 @@ from humanoid_sim.controllers.reference import (
     no_reference,
 )
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
-from humanoid_sim.controllers.rl_policy import Policy, RLPolicyController
+from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, Policy, RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.controllers.zero_torque import ZeroTorqueController
@@ -56,6 +56,13 @@ T = TypeVar("T")
 
 MOTION_ATTACHMENT = "motion.mcap"
 """Name of the motion file inside a recording."""
+
+
+class _ControllerSettings(msgspec.Struct, frozen=True):
+    """What a header says of the controllers beside the robot's description and the contract."""
+
+    remote: bool
+    action_limit: float = ACTION_LIMIT
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +162,7 @@ def build_supervisor(
     *,
     remote: bool = False,
     live: Mapping[str, int] | None = None,
+    action_limit: float = ACTION_LIMIT,
 ) -> Supervisor:
     """The supervisor of a robot with the controllers that are available.
 
@@ -165,6 +173,7 @@ def build_supervisor(
         remote: makes REMOTE available.
         live: names and widths of the live inputs that this robot and its operator provide; a policy that needs another
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
+        action_limit: largest magnitude of a raw action; beyond it the policy has failed.
 
     Raises:
         InputError: if the policy does not fit the robot.
@@ -185,6 +194,7 @@ def build_supervisor(
                 loaded.reference,
                 loaded.policy,
                 control_period,
+                action_limit,
                 extern=loaded.extern if live is None else live,
             )
         except FieldError as error:
@@ -211,7 +221,12 @@ def _standby(joints: tuple[str, ...], description: StandbySettings) -> StandbyCo
 
 
 def header_documents(
-    description: RobotDescription, loaded: LoadedPolicy | None, *, remote: bool, settings: Mapping[str, object]
+    description: RobotDescription,
+    loaded: LoadedPolicy | None,
+    *,
+    remote: bool,
+    settings: Mapping[str, object],
+    action_limit: float = ACTION_LIMIT,
 ) -> dict[str, str]:
     """The JSON texts from which `rebuild_supervisor` makes the same supervisor again.
 
@@ -220,11 +235,12 @@ def header_documents(
         loaded: as given to `build_supervisor`.
         remote: likewise.
         settings: anything else that a reader may want to know; must be JSON.
+        action_limit: as given to `build_supervisor`.
     """
     documents = {
         "robot": description.to_json(),
         "settings": json.dumps(dict(settings), indent=1),
-        "controllers": json.dumps({"remote": remote}),
+        "controllers": json.dumps({"remote": remote, "action_limit": action_limit}),
     }
     if loaded is not None:
         documents["contract"] = encode(loaded.contract)
@@ -258,7 +274,7 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     """
     try:
         description = RobotDescription.from_json(header.documents["robot"])
-        remote = _decoded(header, "controllers", dict[str, bool])["remote"]
+        controllers = _decoded(header, "controllers", _ControllerSettings)
     except KeyError as error:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     loaded = None
@@ -267,7 +283,13 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         attached = header.attachments.get(MOTION_ATTACHMENT)
         motion = parse_motion(attached, MOTION_ATTACHMENT) if attached is not None else None
         loaded = load_policy(contract, policy, motion)
-    return build_supervisor(description, header.control_period, loaded, remote=remote)
+    return build_supervisor(
+        description,
+        header.control_period,
+        loaded,
+        remote=controllers.remote,
+        action_limit=controllers.action_limit,
+    )
 
 
 def _decoded(header: SessionHeader, name: str, kind: type[T]) -> T:

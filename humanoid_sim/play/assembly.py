@@ -107,7 +107,14 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         anchor_body=contract.anchor_body,
     )
     live = {**robot.extern, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
-    supervisor = build_supervisor(description, control_period, policy.loaded, remote=use_remote, live=live)
+    supervisor = build_supervisor(
+        description,
+        control_period,
+        policy.loaded,
+        remote=use_remote,
+        live=live,
+        action_limit=config.action_limit,
+    )
     gains = resolve_action(contract, description.joint_names)
     warnings = [*robot.warnings, robot.stability.check(gains.damping, "policy")]
     golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""

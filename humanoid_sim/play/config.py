@@ -46,6 +46,8 @@ class PlayConfig:
     """How gravity compensation commands: as feed-forward effort, or as a PD position offset."""
     duration: float | None = None
     """Seconds on the robot's clock after which the run ends. Default: when the motion or the script ends."""
+    action_limit: float = 100.0
+    """Largest magnitude of a raw action; beyond it the policy has failed, and the robot is damped."""
     manual: bool = False
     """Drive the FSM from the keyboard."""
     script: str | None = None

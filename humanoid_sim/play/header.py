@@ -41,7 +41,9 @@ def session_header(
         joint_names=description.joint_names,
         control_period=control_period,
         start_time_ns=time.time_ns(),
-        documents=header_documents(description, policy.loaded, remote=use_remote, settings=settings),
+        documents=header_documents(
+            description, policy.loaded, remote=use_remote, settings=settings, action_limit=config.action_limit
+        ),
         attachments=attachments,
         observation_terms=tuple((term.name, term.width) for term in layout.terms),
     )

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import is_file
 from humanoid_sim.messages import Intent
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.rendering.backend import has_display
@@ -113,9 +114,12 @@ def choose_outputs(config: PlayConfig) -> Outputs:
             continue
         if path.suffix.lower() != suffix:
             raise InputError(f"{option}: is '{path}', expected a name that ends in {suffix}")
+        exists = _exists(option, path)
         if path.is_dir():
             raise InputError(f"{option}: '{path}' is a directory, expected a file name")
-        if path.exists() and not config.overwrite:
+        if exists and not path.is_file():
+            raise InputError(f"{option}: '{path}' is a pipe or a device, expected a file name")
+        if exists and not config.overwrite:
             raise InputError(f"{option}: '{path}' exists; choose another name, or add --overwrite")
         if not path.parent.is_dir():
             raise InputError(f"{option}: the folder '{path.parent}' does not exist")
@@ -141,6 +145,14 @@ def _output(option: str, value: str | None, automatic: Path | None) -> Path | No
     return Path(value)
 
 
+def _exists(option: str, path: Path) -> bool:
+    """Whether there is such a file already; a name that no file can have is noticed before the run and not after."""
+    try:
+        return path.exists()
+    except OSError as error:
+        raise InputError(f"{option}: '{path}' cannot be written: {error.strerror}") from None
+
+
 def _free(path: Path) -> Path:
     """The path, or the first numbered one beside it that does not exist: two runs may start in one second."""
     candidate, number = path, 1
@@ -157,10 +169,10 @@ def motion_path(name: str) -> Path:
         InputError: if it is neither.
     """
     sample = asset_path("motions", f"{name}.mcap")
-    if sample.is_file():
+    if is_file(sample):
         return sample
     path = Path(name)
-    if not path.exists():
+    if not os.path.exists(path):
         known = ", ".join(sorted(file.stem for file in asset_path("motions").glob("*.mcap")))
         raise InputError(f"--motion: '{name}' is neither a file nor a sample motion; samples: {known}")
     return path

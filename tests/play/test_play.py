@@ -289,3 +289,10 @@ def test_names_with_brackets_are_printed_as_they_are(run: Play, quick: str, fold
     assert sorted(path.name for path in folder.iterdir()) == ["[red].json", "a[bold]b.mcap"]
     assert "recording  a[bold]b.mcap" in result.out
     assert "summary    [red].json" in result.out
+
+
+def test_an_action_beyond_the_limit_that_was_asked_for_is_damped_and_replays(run: Play, quick: str) -> None:
+    result = run("--robot", quick, "--action-limit", "0.05", "--duration", "3")
+    assert result.status == 1
+    assert "expected a magnitude <= 0.05" in result.summary["faults"][0]["message"]
+    assert run_program(replay.main, ["r.mcap"]) == 0
