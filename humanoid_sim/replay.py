@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemaining
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import is_file
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.recording.reader import Recording, open_recording
@@ -122,7 +123,7 @@ def _load(recording: Recording, settings: dict[str, Any], path: Path | None) -> 
         if not named or named == _PLACEHOLDER:
             raise InputError(f"{recording.path}: ran {named or 'no policy'}, which is no model to infer with")
         path = Path(named)
-        if not path.is_file():
+        if not is_file(path):
             raise InputError(f"{recording.path}: ran {path}, which is not there; name the file with --policy")
     # The contract is the recorded one: the file may need a contract.yaml that is not here, and only its network runs.
     contract = recorded_contract(recording.header)

@@ -18,7 +18,7 @@ def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def test_options_that_make_no_sense(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = str(tmp_path / "set")
-    assert "gone.mcap: cannot be read" in refusal(capsys, "gone.mcap", "-o", output)
+    assert "gone.mcap: no such file" in refusal(capsys, "gone.mcap", "-o", output)
     assert "--fps: is 0, expected at least 1" in refusal(capsys, "gone.mcap", "-o", output, "--fps", "0")
     assert "--repo-id: is 'x', expected user/name" in refusal(capsys, "gone.mcap", "-o", output, "--repo-id", "x")
     assert "exists; a dataset is only written whole" in refusal(capsys, "gone.mcap", "-o", str(tmp_path))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.input_files import is_file
 from humanoid_sim.policy.motion import Motion
 
 __all__ = ["Checkpoint", "file_digest"]
@@ -37,6 +38,6 @@ def file_digest(path: Path) -> str:
     """SHA-256 of a checkpoint: its bytes, followed by those of `<name>.data` if that lies beside it."""
     digest = hashlib.sha256(path.read_bytes())
     external = path.with_name(path.name + ".data")
-    if external.is_file():
+    if is_file(external):
         digest.update(external.read_bytes())
     return digest.hexdigest()

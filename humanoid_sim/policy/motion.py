@@ -22,6 +22,7 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.input_files import regular_file
 from humanoid_sim.recording.cdr import CdrError
 from humanoid_sim.recording.ros_messages import decode_float32_array, encode_float32_array
 from humanoid_sim.recording.schemas import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
@@ -102,12 +103,10 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     Raises:
         InputError: one line with the file and what is wrong with it.
     """
-    path = Path(path)
+    path = regular_file(path, "a motion file (.mcap)")
     try:
         with path.open("rb") as file:
             return _parse(path, file)
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a directory, expected a motion file (.mcap)") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import regular_file
 
 __all__ = ["OnnxModel", "Tensor", "check_file", "first_line", "has_onnxruntime", "read_header", "read_metadata"]
 
@@ -121,13 +122,9 @@ def check_file(path: Path) -> None:
     """Refuse what cannot be an ONNX file.
 
     Raises:
-        InputError: if there is no such file, or it is a directory or empty.
+        InputError: if there is no such file, or it is empty, a directory, a pipe or a device.
     """
-    if path.is_dir():
-        raise InputError(f"{path}: is a directory, expected an ONNX file")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file, expected an ONNX file")
-    if path.stat().st_size == 0:
+    if regular_file(path, "an ONNX file").stat().st_size == 0:
         raise InputError(f"{path}: is empty, expected an ONNX file")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import regular_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.source import SourceMotion
 
@@ -163,7 +164,7 @@ def _rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every line that is not empty."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with regular_file(path, "a .csv file").open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except OSError as error:

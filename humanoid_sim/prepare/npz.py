@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import regular_file
 from humanoid_sim.prepare.source import SourceMotion
 
 __all__ = ["read_npz"]
@@ -66,7 +67,7 @@ def read_npz(path: Path) -> SourceMotion:
 def _load(path: Path) -> dict[str, npt.NDArray[Any]]:
     try:
         # Opened here: NumPy leaves a bad archive that it opened itself open.
-        with path.open("rb") as stream:
+        with regular_file(path, "an .npz file").open("rb") as stream:
             archive = np.load(stream, allow_pickle=False)
             if isinstance(archive, np.ndarray):
                 raise InputError(f"{path}: holds a single array (.npy), expected an .npz file")

@@ -11,6 +11,7 @@ from typing import IO, TypeAlias
 from mcap.records import Attachment, Channel, Metadata, Schema
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import regular_file
 from humanoid_sim.recording.cdr import CdrError
 from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
@@ -135,8 +136,6 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
 
 def _open(path: Path) -> IO[bytes]:
     try:
-        return path.open("rb")
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a directory, expected a recording (.mcap)") from None
+        return regular_file(path, "a recording (.mcap)").open("rb")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None

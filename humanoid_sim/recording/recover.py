@@ -10,6 +10,7 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import is_file, regular_file
 from humanoid_sim.recording.stream import McapStream, Message
 from humanoid_sim.recording.whole_file import whole_file
 
@@ -42,17 +43,16 @@ def recover(path: Path, output: Path, *, force: bool = False) -> Recovery:
         InputError: if `path` is no MCAP file or holds no whole message, or `output` exists (unless `force`), is the
             input, or cannot be written.
     """
-    if output.exists() and path.exists() and output.samefile(path):
+    regular_file(path, "a recording (.mcap)")
+    if is_file(output) and output.samefile(path):
         raise InputError(f"{output}: is the file to recover, expected another name")
-    if output.exists() and not force:
+    if is_file(output) and not force:
         raise InputError(f"{output}: exists already, expected a new name or --force")
     try:
         with path.open("rb") as source:
             stream = McapStream(source)
             with whole_file(output) as target:
                 messages, duration = _copy(path, stream, target)
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a directory, expected a recording (.mcap)") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     return Recovery(output, messages, duration, stream.is_complete, stream.damage)

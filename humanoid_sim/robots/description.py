@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from types import NoneType
@@ -12,8 +13,10 @@ import yaml
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.input_files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader
 
 __all__ = ["RobotDescription", "load_robot", "shipped_robots"]
 
@@ -47,7 +50,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         raise InputError(f"{label}: {_field_and_problem(str(error), document)}") from None
     for problem in description_problems(robot):
         raise InputError(f"{label}: {problem}")
-    if not robot.mjcf_path.is_file():
+    if not is_file(robot.mjcf_path):
         raise InputError(f"{label}: mjcf: '{robot.mjcf}' is no file; it is looked up beside the description")
     return robot
 
@@ -58,30 +61,18 @@ def _find(name_or_path: str) -> tuple[Path, str]:
     if name_or_path in known:
         return asset_path("robots", f"{name_or_path}.yaml"), f"{name_or_path}.yaml"
     path = Path(name_or_path)
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(
             f"{name_or_path}: is a folder, expected a robot's YAML file, an MJCF or one of: {', '.join(known)}"
         )
-    if not path.is_file():
+    if not os.path.exists(path):
         raise InputError(f"unknown robot '{name_or_path}': neither a file nor one of: {', '.join(known)}")
-    return path, name_or_path
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML's plain types; a key given twice, of which YAML would silently keep the last, is an error."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if key.value in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"'{key.value}' is given twice", key.start_mark)
-            seen.add(key.value)
-        return super().construct_mapping(node, deep)
+    return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
 
 
 def _read(path: Path, label: str) -> dict[str, Any]:
     try:
-        document = yaml.load(path.read_text(encoding="utf-8"), _Loader)
+        document = yaml.load(path.read_text(encoding="utf-8"), StrictLoader)
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -91,6 +82,8 @@ def _read(path: Path, label: str) -> dict[str, Any]:
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
         raise InputError(f"{label}: {where}not valid YAML: {problem}") from None
+    except UNREADABLE as error:
+        raise InputError(f"{label}: not YAML that can be read: {type(error).__name__}: {error}") from None
     if document is None:
         raise InputError(f"{label}: is empty, expected a robot description")
     if not isinstance(document, dict):
@@ -104,6 +97,9 @@ _KINDS = {dict: "mapping", list: "list", str: "text", bool: "boolean", int: "num
 def _kind(value: object) -> str:
     return _KINDS.get(type(value), type(value).__name__)
 
+
+_LONGEST_NUMBER = 1024
+"""Bits of a whole number that is shown in a message: more than that a float cannot hold either."""
 
 _ACCEPTED = {
     "`float`": "a number",
@@ -162,4 +158,8 @@ def _field_names(place: str) -> list[str]:
 def _shown(value: object) -> str:
     if isinstance(value, dict | list):
         return f"a {_kind(value)}"
-    return "nothing" if value is None else repr(value)
+    if value is None:
+        return "nothing"
+    if isinstance(value, int) and value.bit_length() > _LONGEST_NUMBER:  # Python refuses to write out the longest
+        return f"a number of {value.bit_length()} bits"
+    return repr(value)

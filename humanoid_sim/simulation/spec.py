@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import regular_file
 
 __all__ = ["compile_spec", "read_spec"]
 
@@ -17,8 +18,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     Raises:
         InputError: there is no such file, or it is not an MJCF.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: the robot's MJCF model is not there")
+    regular_file(path, "the robot's MJCF model")
     try:
         return mujoco.MjSpec.from_file(str(path))
     except ValueError as error:

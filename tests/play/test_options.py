@@ -22,6 +22,8 @@ from humanoid_sim.session.script import parse_script
 MANUAL = "--manual: standard input is no terminal, expected one to read keys from"
 FAULTS = "expected FAULT@SECONDS with FAULT one of nan_policy, safety, silent_remote"
 
+LONG = "x" * 300
+
 BAD: list[tuple[tuple[str, ...], str]] = [
     (("--policy", "no.onnx"), "no.onnx: no such file, expected an ONNX file"),
     (("--policy", "sub"), "sub: is a directory, expected an ONNX file"),
@@ -96,6 +98,16 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("--command-delay", "0.0007"), "command_delay: 0.0007 s is not a multiple of the physics step of 0.0005 s; the "),
     (("--state-delay", "inf"), "state_delay: is inf s, expected a finite number >= 0"),
     (("--record", ""), "--record: is empty, expected a file name"),
+    (("--policy", LONG), f"{LONG}: cannot be read: File name too long"),
+    (("--policy", "pipe"), "pipe: is a pipe or a device, expected an ONNX file"),
+    (("--contract", LONG), f"{LONG}: cannot be read: File name too long"),
+    (("--contract", "pipe"), "pipe: is a pipe or a device, expected a YAML file"),
+    (("--robot", LONG), f"unknown robot '{LONG}': neither a file nor one of: "),
+    (("--motion", LONG), f"--motion: '{LONG}' is neither a file nor a sample motion; samples: "),
+    (("--motion", "pipe"), "pipe: is a pipe or a device, expected a motion file (.mcap)"),
+    (("--record", f"{LONG}.mcap"), f"--record: '{LONG}.mcap' cannot be written: File name too long"),
+    (("--record", "pipe.mcap", "--overwrite"), "--record: 'pipe.mcap' is a pipe or a device, expected a file name"),
+    (("--summary", f"{LONG}.json"), f"--summary: '{LONG}.json' cannot be written: File name too long"),
     (("--record", "r.bag"), "--record: is 'r.bag', expected a name that ends in .mcap"),
     (("--record", "sub.mcap"), "--record: 'sub.mcap' is a directory, expected a file name"),
     (("--record", "no/r.mcap"), "--record: the folder 'no' does not exist"),
@@ -116,6 +128,8 @@ def inputs(folder: Path) -> Path:
     (folder / "sub").mkdir()
     (folder / "sub.mcap").mkdir()
     (folder / "empty").touch()
+    os.mkfifo(folder / "pipe")
+    os.mkfifo(folder / "pipe.mcap")
     (folder / "text.onnx").write_text("a policy", encoding="utf-8")
     (folder / "there.mcap").write_text("mine", encoding="utf-8")
     write = models.write_metadata

@@ -33,7 +33,7 @@ def read(path: Path, text: str) -> str:
         ("override: {terms: {joint_pos: {history: 1.5}}}", "override.terms.joint_pos.history: is 1.5, expected a w"),
         ("task_type: dance", "task_type: is 'dance', expected one of tracking, piano, locomotion"),
         ("- policy_dt", "is ['policy_dt'], expected a mapping"),
-        ("policy_dt: 0.02\npolicy_dt: 0.04", "is no YAML that can be read (line 1): 'policy_dt' is given twice"),
+        ("policy_dt: 0.02\npolicy_dt: 0.04", "is no YAML that can be read (line 2): 'policy_dt' is given twice"),
         ("policy_dt: [", "is no YAML that can be read (line 1): "),
         ("phase: {period: -1}", "phase.period: is -1.0, expected a finite number > 0"),
         ("tensors: {action: 1}", "tensors.action: is 1, expected a text"),
@@ -107,5 +107,5 @@ def test_options_in_the_observation_and_in_terms_are_the_same(tmp_path: Path) ->
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone\.yaml: cannot be read: No such file or directory"):
+    with pytest.raises(InputError, match=r"gone\.yaml: no such file, expected a YAML file"):
         read_contract_file(tmp_path / "gone.yaml")

@@ -116,7 +116,7 @@ def test_a_bad_file_is_refused(tmp_path, name):
 
 
 def test_a_missing_file_and_a_directory_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"gone\.mcap: cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"gone\.mcap: no such file, expected a motion file"):
         read_motion(tmp_path / "gone.mcap")
     with pytest.raises(InputError, match="is a directory"):
         read_motion(tmp_path)

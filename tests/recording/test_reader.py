@@ -118,7 +118,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
         text: "not an MCAP file",
         directory: "is a directory, expected a recording (.mcap)",
         foreign: "an MCAP file, but no recording of this program: it has no metadata record 'humanoid_sim.session'",
-        tmp_path / "gone": "cannot be read: No such file or directory",
+        tmp_path / "gone": "no such file, expected a recording (.mcap)",
     }
     for path, reason in reasons.items():
         with pytest.raises(InputError) as caught:

@@ -101,7 +101,7 @@ def test_missing_ticks_are_shown(tmp_path, sample, capsys):
 @pytest.mark.parametrize("verb", ["info", "recover"])
 def test_bad_input_is_one_line_and_status_2(tmp_path, capsys, verb):
     (tmp_path / "text.mcap").write_text("no recording")
-    for name, reason in (("gone.mcap", "No such file"), ("text.mcap", "not an MCAP file"), (".", "is a directory")):
+    for name, reason in (("gone.mcap", "no such file"), ("text.mcap", "not an MCAP file"), (".", "is a directory")):
         assert record([verb, str(tmp_path / name)]) == 2
         error = capsys.readouterr().err
         assert error.startswith("error: ")

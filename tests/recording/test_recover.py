@@ -85,7 +85,7 @@ def test_a_file_without_messages_leaves_nothing_behind(tmp_path):
         path.write_bytes(data)
         with pytest.raises(InputError, match=f"nothing to recover: {reason}"):
             recover(path, default_output(path))
-    with pytest.raises(InputError, match="cannot be read: No such file"):
+    with pytest.raises(InputError, match="no such file"):
         recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")
     with pytest.raises(InputError, match="is a directory"):
         recover(tmp_path, tmp_path / "out.mcap")

@@ -208,7 +208,7 @@ def test_a_bad_file_is_one_line_and_status_2(tmp_path, capsys):
     assert replay([str(path), "--infer"]) == 2
     errors = capsys.readouterr().err.splitlines()
     assert errors == [
-        f"error: {path}: cannot be read: No such file or directory",
+        f"error: {path}: no such file, expected a recording (.mcap)",
         f"error: {path}: not an MCAP file",
     ]
 

@@ -1,6 +1,7 @@
 """Every way in which a description can be wrong, and the one line that says so."""
 
 import copy
+import os
 import re
 import subprocess
 import sys
@@ -49,6 +50,7 @@ REMOTE = "remote_policy_controller"
 BAD_VALUES = [
     ("name", 3, "is 3, expected a text"),
     ("mjcf", "nowhere.xml", "'nowhere.xml' is no file; it is looked up beside the description"),
+    ("mjcf", "x" * 5000, f"'{'x' * 5000}' is no file; it is looked up beside the description"),
     ("imu", "", "is empty, expected a text"),
     ("hands", ["left_hand", "left_hand"], "has the same entry 'left_hand' as hands[0]"),
     ("folder", "/", "is not a field of the file; give 'mjcf' relative to the file instead"),
@@ -165,6 +167,15 @@ BAD_TEXTS = [
     ("name: [lite\njoints: 3\n", "line 2, column 7: not valid YAML: expected ',' or ']', but got ':'"),
     ("name: lite\n\tmjcf: x\n", "line 2, column 1: not valid YAML: found character '\\t' that cannot start any token"),
     ("name: lite\nname: heavy\n", "line 2, column 1: not valid YAML: 'name' is given twice"),
+    (f"name: {'9' * 5001}\n", "not YAML that can be read: ValueError: Exceeds the limit (4300 digits)"),
+    (f"name: {'[' * 5000}{']' * 5000}\n", "not YAML that can be read: RecursionError: "),
+    ("name: 2020-99-99\n", "not YAML that can be read: ValueError: month must be in 1..12"),
+    ("name: !!bool lite\n", "not YAML that can be read: KeyError: "),
+    ("name: !!timestamp lite\n", "not YAML that can be read: AttributeError: "),
+    ("name: lite\n? [a]\n: 3\n", "line 2, column 3: not valid YAML: found unhashable key"),
+    ("name: lite\n? {a: 3}\n: 3\n", "line 2, column 3: not valid YAML: found unhashable key"),
+    (r'name: "\ud800"', "line 1, column 7: not valid YAML: a text holds a null character or half of a surrogate pair"),
+    (r'mjcf: "a\0b"', "line 1, column 7: not valid YAML: a text holds a null character or half of a surrogate pair"),
     ("name: !!python/object:os.system {}\n", "line 1, column 7: not valid YAML: could not determine a constructor"),
 ]
 
@@ -177,6 +188,25 @@ def test_a_file_that_is_no_description(tmp_path: Path, text: str, line: str) -> 
         load_robot(path)
     assert str(caught.value).startswith(f"{path}: {line}")
     assert "\n" not in str(caught.value)
+
+
+def test_a_number_that_python_does_not_write_out(tmp_path: Path, document: Document) -> None:
+    del document["name"]
+    path = write(tmp_path, document)
+    path.write_text(f"{path.read_text()}name: {1 << 20_000:#x}\n")
+    with pytest.raises(InputError, match=r"name: is a number of 20001 bits, expected a text$"):
+        load_robot(path)
+
+
+def test_a_pipe_and_a_name_that_is_too_long(tmp_path: Path) -> None:
+    pipe = tmp_path / "robot.yaml"
+    os.mkfifo(pipe)
+    with pytest.raises(
+        InputError, match=r"robot.yaml: is a pipe or a device, expected a robot's YAML file or an MJCF$"
+    ):
+        load_robot(pipe)
+    with pytest.raises(InputError, match=r"^unknown robot 'xxxx.*x': neither a file nor one of: lite"):
+        load_robot("x" * 5000)
 
 
 def test_a_binary_file(tmp_path: Path) -> None:

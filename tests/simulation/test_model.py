@@ -131,5 +131,5 @@ def test_a_broken_model_is_one_line(small_robot: RobotFactory, mjcf: str, line: 
 def test_a_model_that_vanished(small_robot: RobotFactory) -> None:
     robot = small_robot()
     robot.mjcf_path.unlink()
-    with pytest.raises(InputError, match=r"the robot's MJCF model is not there$"):
+    with pytest.raises(InputError, match=r"no such file, expected the robot's MJCF model$"):
         build_model(robot)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.input_files import regular_file
 from humanoid_sim.policy.check.estimates import estimate_findings, rate_finding
 from humanoid_sim.policy.check.finding import Finding, sorted_findings
 from humanoid_sim.policy.check.gains import motor_findings, stability_finding
@@ -45,8 +46,8 @@ def check_checkpoint(
         InputError: the checkpoint is no model, the contract file is not there, or the robot's MJCF cannot be read.
     """
     OnnxModel(path)  # what is no model cannot be checked
-    if contract_file is not None and not contract_file.is_file():
-        raise InputError(f"{contract_file}: no such file, expected a contract.yaml")
+    if contract_file is not None:
+        regular_file(contract_file, "a contract.yaml")
     try:
         checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
     except InputError as error:

@@ -36,6 +36,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import regular_file
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.golden.run import Recorded
 
@@ -265,7 +266,9 @@ class _Reader:
 def _load(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Every array of the file; none of them may need code to be read."""
     try:
-        with path.open("rb") as stream:  # NumPy leaves a file open that turns out to be none of its own
+        with regular_file(path, "an .npz file").open(
+            "rb"
+        ) as stream:  # NumPy leaves a file open that turns out to be none of its own
             file = np.load(stream, allow_pickle=False)
             if not isinstance(file, np.lib.npyio.NpzFile):
                 raise InputError(f"{path}: holds one array, expected an .npz file of several")

@@ -13,6 +13,7 @@ from humanoid_sim.controllers.contract import HistoryLayout, TaskType
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.terms import ActionForm, Frame, HistoryOrder, OrientationLayout, QuaternionOrder
 from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.input_files import is_file
 from humanoid_sim.policy.readers.contract_schema import (
     CommandRangeFields,
     ContractFields,
@@ -36,7 +37,7 @@ COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
 def find_contract(checkpoint: Path) -> Path | None:
     """`<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, in the checkpoint's folder; None without one."""
     places = (checkpoint.with_name(f"{checkpoint.stem}.{CONTRACT_FILE}"), checkpoint.with_name(CONTRACT_FILE))
-    return next((place for place in places if place.is_file()), None)
+    return next((place for place in places if is_file(place)), None)
 
 
 def read_contract_file(path: Path) -> list[PartialContract]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.input_files import is_file
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
 from humanoid_sim.policy.readers.texts import cut, one_line
@@ -29,7 +30,7 @@ def find_deploy(checkpoint: Path) -> Path | None:
     places = [folder / DEPLOY_FILE, folder / "params" / DEPLOY_FILE]
     if folder.name == "exported":
         places.append(folder.parent / "params" / DEPLOY_FILE)
-    return next((place for place in places if place.is_file()), None)
+    return next((place for place in places if is_file(place)), None)
 
 
 def read_deploy(path: Path) -> PartialContract:

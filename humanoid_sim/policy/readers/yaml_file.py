@@ -9,6 +9,8 @@ from typing import Any
 import yaml
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import regular_file
+from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader
 
 __all__ = ["read_yaml"]
 
@@ -16,15 +18,8 @@ _PYTHON = "tag:yaml.org,2002:python/"
 _SLICE = _PYTHON + "object/apply:builtins.slice"
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuses a key given twice, reads `1e-3` as the number that it is, and knows one Python tag: `slice`."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]
-        for index, key in enumerate(keys):
-            if isinstance(key, str) and key in keys[:index]:
-                raise yaml.constructor.ConstructorError(None, None, f"'{key}' is given twice", node.start_mark)
-        return super().construct_mapping(node, deep)
+class _Loader(StrictLoader):
+    """Reads `1e-3` as the number that it is, and knows one Python tag: `slice`."""
 
     def construct_slice(self, node: yaml.Node) -> slice:
         """`[start, stop, step]`, each an integer or null: made here, never by calling what the file names."""
@@ -56,16 +51,14 @@ def read_yaml(path: Path) -> Any:
         InputError: one line with the file, the place and what is wrong.
     """
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), _Loader)
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a directory, expected a YAML file") from None
+        return yaml.load(regular_file(path, "a YAML file").read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: is no text (UTF-8), expected a YAML file") from None
     except yaml.YAMLError as error:
         raise InputError(f"{path}: is no YAML that can be read{_place(error)}: {_problem(error)}") from None
-    except (ValueError, OverflowError, TypeError, RecursionError) as error:  # numbers, dates and nesting beyond reason
+    except UNREADABLE as error:
         raise InputError(f"{path}: is no YAML that can be read: {type(error).__name__}: {error}") from None
 
 
