@@ -24,6 +24,11 @@ __all__ = ["REFUSED_ABOVE", "WARNED_ABOVE", "DampingMeasure", "DampingStability"
 WARNED_ABOVE = 1.0
 REFUSED_ABOVE = 2.0
 
+_MEASURABLE = 1e100
+"""1/s, of an entry of M⁻¹·K_d: far beyond any motor, and far below where the eigenvalues overflow."""
+_SHORTEST_STEP = 1e-6
+"""s: a physics step that is still worth proposing."""
+
 
 @dataclass(frozen=True, slots=True)
 class DampingMeasure:
@@ -58,10 +63,15 @@ class DampingStability:
         self._inverse_mass = _inverse_mass(model, description.joint_names, np.concatenate([np.array(poses), draw]))
 
     def measure(self, damping: npt.ArrayLike) -> DampingMeasure:
-        """Measure a K_d: shape (n,) or scalar, N·m·s/rad."""
-        root = np.sqrt(np.broadcast_to(np.asarray(damping, dtype=np.float64), (self._description.joint_count,)))
+        """Measure a K_d: shape (n,) or scalar, N·m·s/rad. Infinite at the largest if it is beyond all measure."""
+        gains = np.broadcast_to(np.asarray(damping, dtype=np.float64), (self._description.joint_count,))
+        root = np.sqrt(gains)
         # √K_d M⁻¹ √K_d is symmetric and has the eigenvalues of M⁻¹ K_d.
-        values, vectors = np.linalg.eigh(root[:, None] * self._inverse_mass * root)
+        with np.errstate(over="ignore", invalid="ignore"):
+            symmetric = root[:, None] * self._inverse_mass * root
+        if not (np.abs(symmetric) < _MEASURABLE).all():  # NaN too
+            return DampingMeasure(math.inf, self._description.joint_names[int(np.argmax(gains))])
+        values, vectors = np.linalg.eigh(symmetric)
         worst = int(np.argmax(values[:, -1]))
         joint = int(np.argmax(np.abs(vectors[worst, :, -1])))
         return DampingMeasure(self._timestep * float(values[worst, -1]), self._description.joint_names[joint])
@@ -70,17 +80,20 @@ class DampingStability:
         """A warning about a K_d, or '' if it is stable without oscillation; `what` says whose it is.
 
         Raises:
-            InputError: it is unstable at this physics step; the message names the joint, and a step that works.
+            InputError: it is unstable at this physics step; the message names the joint, and if there is one a step that
+                works.
         """
         measure = self.measure(damping)
         if measure.eigenvalue <= WARNED_ABOVE:
             return ""
         message = (
-            f"{what}: dt·M⁻¹·K_d reaches {measure.eigenvalue:.2f} at {measure.joint} with a physics step of "
+            f"{what}: dt·M⁻¹·K_d reaches {_shown(measure.eigenvalue)} at {measure.joint} with a physics step of "
             f"{self._timestep:g} s"
         )
         if measure.eigenvalue > REFUSED_ABOVE:
             longest = self._timestep * REFUSED_ABOVE / measure.eigenvalue
+            if longest <= _SHORTEST_STEP:
+                raise InputError(f"{message}: unstable above {REFUSED_ABOVE:g}, and no physics step makes it stable")
             raise InputError(
                 f"{message}: unstable above {REFUSED_ABOVE:g}, use less than {longest:.2g} s, such as "
                 f"{_round_step_below(longest):g} s"
@@ -107,6 +120,10 @@ class DampingStability:
             owners.setdefault(gains, []).append(name)
         found = [self.check(gains, f"{robot.name}: {', '.join(names)}") for gains, names in owners.items()]
         return tuple(warning for warning in found if warning)
+
+
+def _shown(value: float) -> str:
+    return f"{value:.2f}" if value < 1e6 else f"{value:.2g}"
 
 
 def _round_step_below(limit: float) -> float:

@@ -1,3 +1,4 @@
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -92,6 +93,20 @@ def test_a_policys_gains_are_checked_by_name() -> None:
     gains[13] = 50.0
     with pytest.raises(InputError, match=r"^policy.onnx: joint_damping: dt·M⁻¹·K_d reaches .* at right_wrist_pitch "):
         robot.stability.check(gains, "policy.onnx: joint_damping")
+
+
+@pytest.mark.parametrize("gain", [1e308, 1e200, 1e12, np.inf, np.nan])
+def test_gains_beyond_all_measure_are_one_line(gain: float) -> None:
+    gains = np.full(14, 2.0)
+    gains[13] = gain
+    with pytest.raises(InputError) as caught:
+        stability(load_robot("lite"), 0.0005).check(gains, "policy")
+    text = str(caught.value)
+    reached = "inf" if not gain < 1e100 else r"\d\.?\de\+\d+"
+    assert re.match(
+        rf"policy: dt·M⁻¹·K_d reaches {reached} at right_wrist_pitch with a physics step of 0.0005 s: ", text
+    )
+    assert text.endswith("unstable above 2, and no physics step makes it stable")
 
 
 def test_the_same_seed_gives_the_same_measure() -> None:

@@ -79,7 +79,9 @@ def stability_finding(
     what = f"is {gain:g}: dt·M⁻¹·K_d reaches {value:.2f} with a physics step of {timestep:g} s"
     if value > REFUSED_ABOVE:
         longest = timestep * REFUSED_ABOVE / value
-        message = f"{what}, unstable above {REFUSED_ABOVE:g}; a step below {longest:.2g} s works"
+        message = f"{what}, unstable above {REFUSED_ABOVE:g}"
+        if longest > 0.0:
+            message += f"; a step below {longest:.2g} s works"
         yield Finding("error", "joint_damping", message, joint, value, REFUSED_ABOVE)
     else:
         calm = timestep * WARNED_ABOVE / value
