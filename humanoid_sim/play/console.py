@@ -47,6 +47,23 @@ class ConsoleSink(WorkerSink):
         self._mode: Mode | None = None
         self._controller = ""
         self._time = 0.0
+        # Written by the control thread, read by the worker's.
+        self._queued_controller = ""
+        self._clock = 0.0
+
+    def tick(self, record: TickRecord) -> None:
+        """Queue a tick that has something to print; of the others only the time is needed, for the bar."""
+        output = record.output
+        self._clock = float(record.input.state.time)
+        controller = output.control_mode.controller_name
+        if controller != self._queued_controller or output.faults or output.refusals:
+            self._queued_controller = controller
+            super().tick(record)
+
+    def event(self, time: float, text: str) -> None:
+        """Queue an event."""
+        self._clock = time
+        super().event(time, text)
 
     def handle_start(self, header: SessionHeader) -> None:
         """Show the bar."""
@@ -74,9 +91,9 @@ class ConsoleSink(WorkerSink):
         """Move the bar."""
         self._progress.update(
             self._task,
-            completed=self._time,
+            completed=self._clock,
             description=_styled(self._mode) if self._mode is not None else "",
-            clock=f"{self._time:6.2f} s",
+            clock=f"{self._clock:6.2f} s",
         )
 
     def handle_close(self) -> None:

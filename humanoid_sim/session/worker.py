@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from time import monotonic
 
 from humanoid_sim.session.sink import SessionHeader, TickRecord
 
-__all__ = ["WorkerSink"]
+__all__ = ["QUEUE_LIMIT", "WorkerSink"]
+
+QUEUE_LIMIT = 4096
+"""Ticks and events that may wait (20 s at 200 Hz). Beyond that they are left out and counted."""
+_STUCK_AFTER = 5.0
+"""s that a sink may take over one item, or over all that is left when it is closed, before nobody waits for it."""
 
 
 class WorkerSink:
     """Base of sinks: the control thread appends to a queue, a worker thread deals with it in order.
 
     Subclasses override `handle_*`. If one raises, the sink stops working and keeps the exception in `error`; the loop
-    goes on without it.
+    goes on without it. If one does not return, the loop does not wait for it, and neither does `close`.
     """
 
     def __init__(self, name: str, period: float = 0.05) -> None:
@@ -25,8 +31,11 @@ class WorkerSink:
             period: s between two looks at the queue.
         """
         self.error: BaseException | None = None
+        self.lost = 0
+        """Ticks and events left out because the worker could not keep up."""
         self._queue: deque[TickRecord | tuple[float, str]] = deque()
         self._period = period
+        self._busy_since: float | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
 
@@ -36,31 +45,30 @@ class WorkerSink:
         self._thread.start()
 
     def tick(self, record: TickRecord) -> None:
-        """Queue a tick."""
-        if self.error is None:
-            self._queue.append(record)
+        """Queue a tick. Never waits."""
+        self._put(record)
 
     def event(self, time: float, text: str) -> None:
-        """Queue an event."""
-        if self.error is None:
-            self._queue.append((time, text))
+        """Queue an event. Never waits."""
+        self._put((time, text))
 
     @property
     def backlog(self) -> int:
-        """Length of the queue."""
-        return len(self._queue)
+        """Length of the queue; 0 for one that is stuck, so that no run waits for it."""
+        busy_since = self._busy_since
+        is_stuck = busy_since is not None and monotonic() - busy_since > _STUCK_AFTER
+        return 0 if is_stuck else len(self._queue)
 
     def close(self) -> None:
-        """Deal with the rest of the queue and end the thread."""
+        """Let the thread deal with the rest of the queue and end; leave it behind if it does not."""
         self._stop.set()
-        if self._thread.ident is not None:
-            self._thread.join()
-        if self.error is None:
-            self._guarded_drain()
-        try:
-            self.handle_close()
-        except Exception as error:  # a sink that cannot finish must not keep the session from closing the robot
-            self.error = self.error or error
+        if self._thread.ident is None:
+            self._finish()
+            return
+        self._thread.join(_STUCK_AFTER)
+        if self._thread.is_alive():
+            self.error = self.error or TimeoutError(f"did not finish within {_STUCK_AFTER:g} s")
+            self._queue.clear()
 
     def handle_start(self, header: SessionHeader) -> None:
         """Called before the first tick, on the caller's thread."""
@@ -75,23 +83,44 @@ class WorkerSink:
         """Called each time the queue has been emptied."""
 
     def handle_close(self) -> None:
-        """Called after the last tick, on the caller's thread."""
+        """Called after the last tick, on the worker's thread; on the caller's if the sink was never started."""
 
     def _work(self) -> None:
-        while not self._stop.wait(self._period):
+        while self.error is None:
+            is_last = self._stop.wait(self._period)
             self._guarded_drain()
-            if self.error is not None:
-                return
+            if is_last:
+                break
+        self._stop.wait()
+        self._finish()
+
+    def _finish(self) -> None:
+        try:
+            self.handle_close()
+        except Exception as error:  # a sink that cannot finish must not keep the session from closing the robot
+            self.error = self.error or error
+
+    def _put(self, item: TickRecord | tuple[float, str]) -> None:
+        if self.error is not None:
+            return
+        if len(self._queue) >= QUEUE_LIMIT:
+            self.lost += 1
+        else:
+            self._queue.append(item)
 
     def _guarded_drain(self) -> None:
         try:
             while self._queue:
+                self._busy_since = monotonic()
                 item = self._queue.popleft()
                 if isinstance(item, TickRecord):
                     self.handle_tick(item)
                 else:
                     self.handle_event(*item)
+            self._busy_since = monotonic()
             self.handle_pause()
         except (Exception, SystemExit) as error:  # kept for the program to report; rich exits where a pipe has broken
-            self.error = error
+            self.error = self.error or error
             self._queue.clear()
+        finally:
+            self._busy_since = None

@@ -80,8 +80,8 @@ class DampingStability:
         """A warning about a K_d, or '' if it is stable without oscillation; `what` says whose it is.
 
         Raises:
-            InputError: it is unstable at this physics step; the message names the joint, and if there is one a step that
-                works.
+            InputError: it is unstable at this physics step; the message names the joint, and a step that works, if
+                there is one.
         """
         measure = self.measure(damping)
         if measure.eigenvalue <= WARNED_ABOVE:

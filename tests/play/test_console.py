@@ -77,5 +77,14 @@ def test_a_terminal_gets_colours_and_a_bar() -> None:
     assert "2.00 s" in text
 
 
+def test_only_ticks_that_print_something_are_queued() -> None:
+    sink = ConsoleSink(Console(file=io.StringIO()), 10.0)
+    for index, mode in enumerate((Mode.ZERO_TORQUE, Mode.ZERO_TORQUE, Mode.DAMPING, Mode.DAMPING, Mode.DAMPING)):
+        sink.tick(record(index, mode, refusals=("LOAD_A refused: mode",) if index == 4 else ()))
+    sink.event(2.5, "ending: QUIT")
+    assert sink.backlog == 4
+    sink.close()
+
+
 def test_every_mode_has_a_colour() -> None:
     assert set(MODE_STYLES) == set(Mode)

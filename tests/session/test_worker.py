@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 import rig
 from fakes import HEADER, BrokenError, FakeRobot, FakeSink, session
 
+from humanoid_sim.session import worker
 from humanoid_sim.session.sink import SessionHeader, TickRecord
 from humanoid_sim.session.worker import WorkerSink
 
@@ -149,3 +151,56 @@ def test_a_slow_worker_does_not_slow_the_loop() -> None:
     assert ended[-1] - begin < 0.3  # 22 ticks of its work take 0.44 s
     assert [call for call in sink.calls if isinstance(call, int)] == list(range(result.ticks))
     assert sink.calls[-1] == "close"
+
+
+class Stuck(Kept):
+    """Does not come back from its first tick until it is let go: a console whose pipe nobody reads."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.entered, self.let_go = threading.Event(), threading.Event()
+
+    def handle_tick(self, record: TickRecord) -> None:
+        self.entered.set()
+        self.let_go.wait(30.0)
+        super().handle_tick(record)
+
+
+@pytest.fixture
+def stuck(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stuck]:
+    """A sink that is stuck from its first tick on; let go in the end."""
+    monkeypatch.setattr(worker, "_STUCK_AFTER", 0.2)
+    sink = Stuck()
+    yield sink
+    sink.let_go.set()
+    sink._thread.join(5.0)
+
+
+def test_a_stuck_worker_does_not_keep_a_run_from_ending(stuck: Stuck) -> None:
+    other = FakeSink()
+    begin = time.monotonic()
+    result = session(FakeRobot(), duration=60.0, sinks=[stuck, other]).run()  # longer than the backlog of a run
+    assert time.monotonic() - begin < 5.0
+    assert len(other.records) == result.ticks > 2000
+    assert isinstance(stuck.error, TimeoutError)
+    assert str(stuck.error) == "did not finish within 0.2 s"
+    assert stuck.backlog == 0
+    assert stuck.calls == ["start"]
+
+
+def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stuck) -> None:
+    stuck.start(HEADER)
+    tick = records(1)[0]
+    stuck.tick(tick)
+    assert stuck.entered.wait(5.0)
+    for _ in range(worker.QUEUE_LIMIT + 3):
+        stuck.tick(tick)
+    stuck.event(1.0, "late")
+    assert stuck.backlog == worker.QUEUE_LIMIT
+    assert stuck.lost == 4
+    wait_for(lambda: stuck.backlog == 0)  # nobody waits for it any more
+    stuck.let_go.set()
+    wait_for(lambda: len(stuck.calls) == 2 + worker.QUEUE_LIMIT)
+    stuck.close()
+    assert stuck.error is None
+    assert stuck.calls[-1] == "close"
