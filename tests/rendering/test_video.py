@@ -106,28 +106,31 @@ def test_bad_options_are_refused_before_the_run(
         VideoSink(tmp_path / "run.mp4", lambda: pendulum, **options)
 
 
-@pytest.fixture
-def _full_disk() -> Iterator[None]:
-    """Files stop growing at 4 KiB; Python ignores the signal that comes with it, so writes fail."""
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """Files stop growing at 4 KiB; Python ignores the signal that comes with it, so writes fail.
+
+    The limit is the whole process's, and the test runner's own log is a file: only around the write itself.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-@pytest.mark.usefixtures("_full_disk")
 def test_a_full_disk_leaves_no_half_of_a_video(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=(640, 480))
     for index in range(60):
         sink.tick(make_tick(index, index / 30, [index / 10]))
-    with pytest.raises(InputError, match=r"video '.*run\.mp4': cannot be written: File too large"):
+    with pytest.raises(InputError, match=r"video '.*run\.mp4': cannot be written: File too large"), full_disk():
         sink.render()
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.usefixtures("_full_disk")
 def test_a_full_disk_leaves_no_half_of_a_snapshot(tmp_path: Path, pendulum: mujoco.MjModel) -> None:
-    with pytest.raises(InputError, match=r"snapshot '.*run\.png': cannot be written: File too large"):
+    with pytest.raises(InputError, match=r"snapshot '.*run\.png': cannot be written: File too large"), full_disk():
         save_snapshot(tmp_path / "run.png", pendulum, np.zeros(1))
     assert list(tmp_path.iterdir()) == []
 
