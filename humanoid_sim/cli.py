@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import importlib
 import os
 import sys
@@ -9,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 from humanoid_sim.errors import InputError, RobotError
 
-__all__ = ["VERBS", "main", "run_program"]
+__all__ = ["VERBS", "complain", "main", "mute_output", "run_program"]
 
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
@@ -22,6 +24,9 @@ VERBS = {
     "bench": "measure this machine's figures",
 }
 
+_FAULT = 1
+_UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EBADF)
+"""What keeps an output from being written that was there when the program began."""
 BAD_INPUT = 2
 """Exit status for what a user can mend."""
 INTERRUPTED = 130
@@ -29,19 +34,58 @@ INTERRUPTED = 130
 
 
 def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
-    """Run a program; what its user can mend becomes one line on stderr and exit status 2."""
-    try:
-        return program(arguments)
-    except (InputError, RobotError) as error:
-        print(f"error: {error}", file=sys.stderr)
+    """Run a program; what its user can mend becomes one line on stderr and exit status 2.
+
+    An output that cannot be written is one line and status 1; a reader that has left it (`| head`) is status 1 alone.
+    """
+    if sys.stdout is None:  # as Python has it where the descriptor was closed (`>&-`)
+        complain("error: standard output is closed, expected somewhere to write to, such as /dev/null")
         return BAD_INPUT
+    problem: OSError | None = None
+    try:
+        status = program(arguments)
+    except (InputError, RobotError) as error:
+        complain(f"error: {error}")
+        status = BAD_INPUT
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        # The reader of our output has left (`| head`); Python would complain once more while flushing at exit.
-        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - lives as long as the process
-        return 1
+        complain("interrupted")
+        status = INTERRUPTED
+    except OSError as error:
+        # Whoever opens a file reports its failure with its name; what has none failed while printing.
+        if error.errno not in _UNWRITABLE or error.filename is not None:
+            raise
+        status, problem = _FAULT, error
+    problem = problem or _output_problem()
+    if problem is None:
+        return status
+    if not isinstance(problem, BrokenPipeError):
+        complain(f"error: standard output cannot be written: {problem.strerror}")
+    mute_output()
+    return status or _FAULT
+
+
+def complain(message: str) -> None:
+    """Print one line on stderr: names from a user's file may hold characters that end it, or steer a terminal."""
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError):
+            print(line, file=sys.stderr)
+
+
+def mute_output() -> None:
+    """Send what is printed from here on nowhere, and what Python still holds back of stdout as well."""
+    broken, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - lives as long as we do
+    with contextlib.suppress(OSError, ValueError):  # a stdout that is no file
+        os.dup2(sys.stdout.fileno(), broken.fileno())
+
+
+def _output_problem() -> OSError | None:
+    """Why what stdout still holds back cannot be written; None if it can be."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        return error
+    return None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -60,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     verb, *rest = words
     if verb not in VERBS:
-        print(f"error: unknown verb '{verb}'; known: {', '.join(VERBS)}", file=sys.stderr)
+        complain(f"error: unknown verb '{verb}'; known: {', '.join(VERBS)}")
         return BAD_INPUT
     module = importlib.import_module(f"humanoid_sim.{verb}")
     program: Callable[[Sequence[str] | None], int] = module.main

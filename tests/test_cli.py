@@ -111,3 +111,37 @@ def test_the_console_script_is_the_same_program() -> None:
     script = os.path.join(os.path.dirname(sys.executable), "humanoid-sim")
     run = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
     assert run.stdout == f"{__version__}\n"
+
+
+def test_control_characters_in_a_message_are_written_out(capsys: pytest.CaptureFixture[str]) -> None:
+    assert failing(InputError("unknown term 'a\nb\x1b[31m\u2028\udc80', expected M⁻¹·K_d …")) == 2
+    assert capsys.readouterr().err == ("error: unknown term 'a\\nb\\x1b[31m\\u2028\\udc80', expected M⁻¹·K_d …\n")
+
+
+def shell(redirect: str, code: str, unbuffered: str = "") -> subprocess.CompletedProcess[str]:
+    program = f"import sys; from humanoid_sim.cli import run_program; sys.exit(run_program({code}))"
+    return subprocess.run(
+        ["bash", "-c", f'"$0" -c "$1" {redirect}', sys.executable, program],
+        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("flush", [True, False])
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_output_is_one_line(flush: bool, unbuffered: str) -> None:
+    run = shell(">/dev/full", f"lambda _: print('x', flush={flush}) or 0", unbuffered)
+    assert (run.returncode, run.stderr) == (1, "error: standard output cannot be written: No space left on device\n")
+
+
+def test_a_closed_output_is_one_line() -> None:
+    run = shell(">&-", "lambda _: 0")
+    assert run.returncode == 2
+    assert run.stderr == "error: standard output is closed, expected somewhere to write to, such as /dev/null\n"
+
+
+def test_any_other_failure_of_the_system_is_a_bug() -> None:
+    with pytest.raises(FileNotFoundError):
+        failing(FileNotFoundError(2, "No such file or directory"))

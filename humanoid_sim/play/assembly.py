@@ -54,6 +54,7 @@ class Run:
     robot: MujocoRobot
     session: Session
     monitor: RunMonitor
+    console: ConsoleSink
     outputs: Outputs
     policy: PolicyChoice
     control_period: float
@@ -126,7 +127,8 @@ def assemble(config: PlayConfig, console: Console) -> Run:
     tracking, anchor = _errors(policy, description)
     monitor = RunMonitor(description.effort_limit, tracking, anchor=anchor, floating_base=description.is_floating)
     velocity = VelocityCommand(parse_velocity(config.command, contract.command_ranges), contract.command_ranges)
-    sinks: list[Sink] = [monitor, ConsoleSink(console, expected_duration(config, policy, description))]
+    shown = ConsoleSink(console, expected_duration(config, policy, description))
+    sinks: list[Sink] = [monitor, shown]
 
     remote: RemoteSource | None = None
     gravity = None
@@ -169,6 +171,7 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         robot,
         session,
         monitor,
+        shown,
         outputs,
         policy,
         control_period,

@@ -12,12 +12,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
+from humanoid_sim.cli import complain, mute_output
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.assembly import Run, assemble
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.video import save_snapshot
-from humanoid_sim.session.session import Session, SessionResult
+from humanoid_sim.session.session import SessionResult
 
 __all__ = ["play"]
 
@@ -34,29 +35,40 @@ def play(config: PlayConfig) -> int:
     Raises:
         InputError: before anything moves.
     """
-    console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+    output, console = sys.stdout, _new_console()
     run = assemble(config, console)
     try:
         _introduce(console, run)
-        with _signals(run.session) as received:
+        with _signals(run) as received:
             result = run.session.run()
     finally:
         for operator in run.operators:
             operator.close()
+        if run.console.error is not None or run.console.is_alive:
+            mute_output()  # what is printed from here on would fail as well, or wait as that thread does
+            console = _new_console()  # that thread may hold the lock of the other one
     problems = _problems(run, result)
     summary = summarise(run, result)
     if run.outputs.summary is not None:  # before anything is printed: whoever reads that may leave early
         with _noting(problems):
             write_summary(run.outputs.summary, summary)
-    print_report(console, summary)
+    with _printing(problems):
+        print_report(console, summary)
     _write_files(console, run, problems)
     for problem in problems:
-        console.print(f"[bold red]failed:[/] {escape(problem)}")
+        if sys.stdout is output:
+            console.print(f"[bold red]failed:[/] {escape(problem)}")
+        else:
+            complain(f"failed: {problem}")
     if received:
         return 128 + received[0]
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
     went_wrong = fell or ((run.monitor.faults or run.monitor.safety) and not config.inject)
     return _FAULT if problems or went_wrong else 0
+
+
+def _new_console() -> Console:
+    return Console(highlight=False, soft_wrap=not sys.stdout.isatty())
 
 
 def _introduce(console: Console, run: Run) -> None:
@@ -65,17 +77,23 @@ def _introduce(console: Console, run: Run) -> None:
     motion = "" if run.policy.motion_file is None else f", motion {run.policy.motion_file.name}"
     console.print(f"robot {run.description.name}, policy {run.policy.checkpoint.source}{motion}", markup=False)
     for notice in run.notices:
-        console.print(notice, markup=False)
+        console.print(f"note: {notice}", markup=False, style="dim")
 
 
 @contextmanager
-def _signals(session: Session) -> Iterator[list[int]]:
-    """SIGINT, SIGTERM and a closed terminal end the run through DAMPING; gives the list of signals received."""
+def _signals(run: Run) -> Iterator[list[int]]:
+    """SIGINT, SIGTERM and a closed terminal end the run through DAMPING; gives the list of signals received.
+
+    Once the robot is closed nothing is left to protect, and a signal does what it does to any program.
+    """
     received: list[int] = []
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
         received.append(number)
-        session.request_stop(signal.Signals(number).name)
+        if run.robot.is_closed:
+            signal.signal(number, before[signal.Signals(number)])
+            signal.raise_signal(number)
+        run.session.request_stop(signal.Signals(number).name)
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as it is under nohup
@@ -93,12 +111,28 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
     parts = (
         ("recording", run.recorder and run.recorder.error),
         ("final table", run.monitor.error),
+        ("console", None if isinstance(run.console.error, (BrokenPipeError, SystemExit)) else run.console.error),
         ("gravity compensation", run.gravity and run.gravity.error),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
     if run.recorder is not None and run.recorder.lost:
         found.append(f"recording: {run.recorder.lost} ticks left out, the disk was too slow")
+    for part, sink in (("final table", run.monitor), ("console", run.console)):
+        if sink.lost:
+            found.append(f"{part}: {sink.lost} ticks and events left out, it could not keep up")
     return found
+
+
+@contextmanager
+def _printing(problems: list[str]) -> Iterator[None]:
+    """An output that fails keeps no file from being written."""
+    try:
+        yield
+    except SystemExit:  # rich's way out where the reader of a pipe has left
+        mute_output()
+    except OSError as error:
+        problems.append(f"standard output cannot be written: {error.strerror}")
+        mute_output()
 
 
 @contextmanager
@@ -115,8 +149,12 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     outputs = run.outputs
     if outputs.record is not None:
         repeat = f"   (repeat it: python -m humanoid_sim.replay {outputs.record})"
-        console.print(f"recording  {outputs.record}{repeat}", markup=False)
+        with _printing(problems):
+            console.print(f"recording  {outputs.record}{repeat}", markup=False)
     if run.video is not None:
+        if not console.is_terminal:
+            with _printing(problems):
+                console.print(f"drawing {run.video.frame_count} frames of video ...", markup=False)
         with (
             _noting(problems),
             Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
@@ -124,11 +162,14 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
             task = progress.add_task("drawing the video", total=None)
             report = run.video.render(lambda done, total: progress.update(task, completed=done, total=total))
             notice = f"   {report.notice}" if report.notice else ""
-            console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
+            with _printing(problems):
+                console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
     if outputs.snapshot is not None:
         with _noting(problems):
             pose = run.robot.qpos if run.monitor.pose is None else run.monitor.pose
             save_snapshot(outputs.snapshot, run.robot.model, pose)
-            console.print(f"snapshot   {outputs.snapshot}", markup=False)
+            with _printing(problems):
+                console.print(f"snapshot   {outputs.snapshot}", markup=False)
     if outputs.summary is not None and outputs.summary.exists():
-        console.print(f"summary    {outputs.summary}", markup=False)
+        with _printing(problems):
+            console.print(f"summary    {outputs.summary}", markup=False)

@@ -59,6 +59,11 @@ class WorkerSink:
         is_stuck = busy_since is not None and monotonic() - busy_since > _STUCK_AFTER
         return 0 if is_stuck else len(self._queue)
 
+    @property
+    def is_alive(self) -> bool:
+        """Whether the thread runs, or is stuck."""
+        return self._thread.is_alive()
+
     def close(self) -> None:
         """Let the thread deal with the rest of the queue and end; leave it behind if it does not."""
         self._stop.set()

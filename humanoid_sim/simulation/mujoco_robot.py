@@ -286,6 +286,11 @@ class MujocoRobot:
         elif not self.supported:
             self._base.hold(self._plant.data)
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._is_closed
+
     def close(self) -> None:
         """Refuse further commands. May be called twice."""
         self._is_closed = True

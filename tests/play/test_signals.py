@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import signal
@@ -153,7 +154,7 @@ def test_the_keyboard_drives_a_run(folder: Path, quick: str) -> None:
         os.close(master)
     assert process.returncode == 0
     ticks, events = recorded(folder)
-    assert events == []  # QUIT needs no ending
+    assert events == ["ending: QUIT"]
     controllers = [tick.output.control_mode.controller_name for tick in ticks]
     assert list(dict.fromkeys(controllers)) == ["zero_torque_controller", "damping_controller", "standby_controller_b"]
     assert ticks[-1].output.quit
@@ -195,3 +196,80 @@ def test_ctrl_c_while_everything_loads_is_one_line(
 
     assert run_program(interrupted) == 130
     assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_an_output_that_is_full_is_noticed_before_anything_moves(folder: Path, quick: str) -> None:
+    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", "--robot", quick]
+    with Path("/dev/full").open("w") as full:
+        run = subprocess.run(command, cwd=folder, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (run.returncode, run.stderr) == (1, "error: standard output cannot be written: No space left on device\n")
+    assert not (folder / "r.mcap").exists()
+
+
+def test_an_output_that_fails_in_mid_run_does_not_stop_it(folder: Path, quick: str) -> None:
+    """`ulimit -f` lets files grow to 1 KiB only; a recording would not fit either."""
+    options = f"--viewer none --record none --robot {quick} --script 'damp; hold 0.5; load_a; hold 0.2' --pace fast"
+    line = f"trap '' XFSZ; ulimit -f 1; exec {sys.executable} -B -m humanoid_sim.play {options} --summary s.json >> out"
+    (folder / "out").write_text(" " * 900, encoding="utf-8")
+    run = subprocess.run(["bash", "-c", line], cwd=folder, stderr=subprocess.PIPE, text=True, check=False)
+    assert "Traceback" not in run.stderr
+    assert run.returncode == 1
+    assert "File too large" in run.stderr
+
+
+def test_an_output_that_fails_after_the_run_is_one_line(folder: Path, quick: str) -> None:
+    line = f"""import os, sys; from humanoid_sim.cli import run_program; from humanoid_sim.play import main, program
+before = program.print_report
+def report(*arguments):
+    os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
+    before(*arguments)
+program.print_report = report
+options = ["--viewer", "none", "--record", "none", "--summary", "s.json", "--snapshot", "p.png", "--script", "hold 0.1"]
+sys.exit(run_program(main, [*options, "--robot", {quick!r}]))"""
+    run = subprocess.run([sys.executable, "-c", line], cwd=folder, capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert run.stderr == "failed: standard output cannot be written: No space left on device\n"
+    assert (folder / "s.json").is_file()
+    assert (folder / "p.png").is_file()
+
+
+@contextmanager
+def unread(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """A process that plays into a pipe that is nearly full and that nobody reads."""
+    read, write = os.pipe()
+    size = fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
+    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
+    os.write(write, b" " * (size - 300))
+    with subprocess.Popen(command, cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+            os.close(read)
+            os.close(write)
+
+
+CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 5)
+
+
+def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder: Path, quick: str) -> None:
+    options = ("--robot", quick, "--script", CHATTER, "--pace", "fast", "--summary", "s.json")
+    with unread(folder, *options) as process:
+        _, err = process.communicate(timeout=40.0)
+    assert process.returncode == 1
+    assert err == "failed: console: did not finish within 5 s\n"
+    assert len(recorded(folder)[1]) == 1
+    assert (folder / "s.json").is_file()
+
+
+def test_a_signal_after_the_robot_is_closed_ends_the_process(folder: Path, quick: str) -> None:
+    with unread(folder, "--robot", quick, "--script", f"{CHATTER}; hold 60", *OPTIONS) as process:
+        time.sleep(5.0)
+        process.send_signal(signal.SIGINT)
+        time.sleep(4.0)  # for the arms to rest; then nothing but the console is left to close
+        begin = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30.0)
+    assert time.monotonic() - begin < 3.0
+    assert process.returncode == 130
+    assert "Traceback" not in err
