@@ -35,6 +35,8 @@ class Memory:
     standby: StandbyState | None = None
     policy_step: PolicyStep | None = None
     """Set only in the tick in which the policy ran."""
+    notice: str = ""
+    """What an operator should know of this tick; set only in the tick in which it is news."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,6 +34,8 @@ class RemoteMemory(Memory):
     age: float = 0.0
     """s since it arrived, summed tick by tick: a clock that jumps back makes no command young, and keeps none young."""
     command: MITCommand | None = None
+    is_fresh: bool = False
+    """A command that is not stale is in force."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,18 +95,26 @@ class RemotePolicyController:
             if remote.arrival_time != stamp:
                 stamp, age = remote.arrival_time, max(time - remote.arrival_time, 0.0)
             command = remote.command
+        fresh = command is not None and age <= self.stale_command_timeout_ms * 1e-3
         memory = RemoteMemory(
+            notice="" if fresh == memory.is_fresh else self._news(fresh),
             activation_time=memory.activation_time,
             ignored_stamp=memory.ignored_stamp,
             time=time,
             stamp=stamp,
             age=age,
             command=command,
+            is_fresh=fresh,
         )
-        fresh = age <= self.stale_command_timeout_ms * 1e-3
         if command is not None and (fresh or self.stale_command_policy == "hold"):
             return memory, command
         return memory, damped_command(state.joint_position, self.damping)
+
+    def _news(self, fresh: bool) -> str:
+        if fresh:
+            return "remote commands arrive and are in force"
+        doing = "the last one is held" if self.stale_command_policy == "hold" else "the joints are damped"
+        return f"no remote command for {self.stale_command_timeout_ms:g} ms: {doing}"
 
     @staticmethod
     def _counts(remote: RemoteCommand, memory: RemoteMemory) -> bool:

@@ -41,6 +41,7 @@ class _Outcome:
     faults: tuple[FaultReport, ...]
     standby: StandbyState | None
     policy_step: PolicyStep | None
+    notice: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +52,7 @@ class _Result:
     command: MITCommand
     standby: StandbyState | None
     policy_step: PolicyStep | None
+    notice: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +113,7 @@ class Supervisor:
         refusals = tuple(
             text for text in (decision.refusal, *(_superseded(other, intent) for other in superseded)) if text
         )
-        words = [decision.message, *(_describe(fault) for fault in outcome.faults), *refusals]
+        words = [decision.message, *(_describe(fault) for fault in outcome.faults), outcome.notice, *refusals]
         status = "; ".join(word for word in words if word) or memory.status_message
         output = TickOutput(
             command=outcome.command,
@@ -136,13 +138,13 @@ class Supervisor:
             result, is_bug = self._attempt(self.controllers[name], controller_memory, tick_input)
             if not isinstance(result, Fault):
                 step = result.policy_step or policy_step
-                return _Outcome(name, result.memory, result.command, tuple(faults), result.standby, step)
+                return _Outcome(name, result.memory, result.command, tuple(faults), result.standby, step, result.notice)
             policy_step = policy_step or result.policy_step
             fallback = self.controllers[name].fallback or ZERO_TORQUE
             faults.append(FaultReport(name, fallback, result.message, is_bug))
             if name == ZERO_TORQUE:
                 # Cannot happen with this package's controller; a foreign one in its place may do anything.
-                return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), None, policy_step)
+                return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), None, policy_step, "")
             name, controller_memory = fallback, before.controller_memory if fallback == before.controller else None
 
     def _attempt(
@@ -171,7 +173,8 @@ def _checked(update: Any) -> _Result:
         raise TypeError(f"update gave {type(memory).__name__} for a memory")
     if type(command) is not MITCommand:  # a subclass may say of itself what it likes
         raise TypeError(f"update gave a {type(command).__name__}, expected an MITCommand")
-    return _Result(memory, command, getattr(memory, "standby", None), getattr(memory, "policy_step", None))
+    standby, policy_step = getattr(memory, "standby", None), getattr(memory, "policy_step", None)
+    return _Result(memory, command, standby, policy_step, _printable(getattr(memory, "notice", "")))
 
 
 def _has_finished(controller_memory: Any) -> bool:
@@ -184,13 +187,17 @@ def _has_finished(controller_memory: Any) -> bool:
 
 def _readable(fault: Fault) -> Fault:
     """The fault with a message that can be printed and recorded, whatever a foreign controller put there."""
-    message = str(fault.message).encode(errors="backslashreplace").decode()
+    message = _printable(fault.message)
     return fault if message == fault.message else Fault(message, fault.policy_step)
+
+
+def _printable(text: object) -> str:
+    return str(text).encode(errors="backslashreplace").decode()
 
 
 def _explain(error: Exception) -> str:
     try:
-        return f"{type(error).__name__}: {error}".encode(errors="backslashreplace").decode()
+        return _printable(f"{type(error).__name__}: {error}")
     except Exception:  # an exception that cannot even be printed
         return type(error).__name__
 

@@ -30,17 +30,23 @@ class ModeConfig:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `mode` with command-line arguments; returns the exit status."""
+    """Run `mode` with command-line arguments; returns the exit status: 1 if the intent was refused."""
     config = tyro.cli(ModeConfig, prog="humanoid_sim.mode", args=arguments)
     sessions = running_sessions()
     session = config.session
     if session is None:
-        if len(sessions) != 1:
-            running = ", ".join(str(process) for process in sessions) or "none"
-            raise InputError(f"--session: is needed unless exactly one session runs; running: {running}")
+        if not sessions:
+            raise InputError("no session is running; start one with play")
+        if len(sessions) > 1:
+            running = ", ".join(str(process) for process in sessions)
+            raise InputError(f"--session: is needed where several sessions run; running: {running}")
         session = sessions[0]
-    print(send_intent(session, Intent(config.intent)))
-    return 0
+    elif session not in sessions:
+        running = ", ".join(str(process) for process in sessions) or "none"
+        raise InputError(f"--session: {session} is no running session; running: {running}")
+    answer = send_intent(session, Intent(config.intent))
+    print(f"session {session}: {answer}")
+    return 1 if " refused: " in answer else 0
 
 
 if __name__ == "__main__":

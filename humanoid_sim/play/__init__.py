@@ -15,6 +15,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     config = tyro.cli(PlayConfig, prog="humanoid_sim.play", args=arguments)
 
+    from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
+
+    check_environment()  # before MuJoCo is imported, which would fail with a traceback
+
     from humanoid_sim.play.program import play  # noqa: PLC0415
 
     return play(config)

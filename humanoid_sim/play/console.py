@@ -48,16 +48,16 @@ class ConsoleSink(WorkerSink):
         self._controller = ""
         self._time = 0.0
         # Written by the control thread, read by the worker's.
-        self._queued_controller = ""
+        self._queued_status = ("", "")
         self._clock = 0.0
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the time is needed, for the bar."""
         output = record.output
         self._clock = float(record.input.state.time)
-        controller = output.control_mode.controller_name
-        if controller != self._queued_controller or output.faults or output.refusals:
-            self._queued_controller = controller
+        status = (output.control_mode.controller_name, output.control_mode.status_message)
+        if status != self._queued_status or output.faults or output.refusals:
+            self._queued_status = status
             super().tick(record)
 
     def event(self, time: float, text: str) -> None:
@@ -79,8 +79,11 @@ class ConsoleSink(WorkerSink):
             self._mode, self._controller = control.mode, control.controller_name
         else:
             faults = (f"{fault.controller} failed: {fault.message}" for fault in record.output.faults)
-            for text in (*faults, *record.output.refusals):
+            bad = (*faults, *record.output.refusals)
+            for text in bad:
                 self._print(f"[red]{escape(text)}[/red]")
+            if not bad:
+                self._print(f"[dim]{escape(control.status_message)}[/dim]")
 
     def handle_event(self, time: float, text: str) -> None:
         """Print an event."""

@@ -17,7 +17,7 @@ from typing import Literal
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["Choice", "choose_backend", "choose_video_backend", "egl_works", "has_display"]
+__all__ = ["Choice", "check_environment", "choose_backend", "choose_video_backend", "egl_works", "has_display"]
 
 OpenGL = Literal["glfw", "osmesa", "egl", "none"]
 
@@ -57,6 +57,18 @@ def has_display(environ: Mapping[str, str] | None = None, platform: str = sys.pl
     return platform in {"darwin", "win32"} or bool(environ.get("DISPLAY") or environ.get("WAYLAND_DISPLAY"))
 
 
+def check_environment(environ: Mapping[str, str] | None = None) -> str:
+    """What `MUJOCO_GL` asks for, in lower case; empty if it asks for nothing.
+
+    Raises:
+        InputError: if it has a value that MuJoCo does not know; it would fail at import.
+    """
+    request = (os.environ if environ is None else environ).get("MUJOCO_GL", "").lower().strip()
+    if request not in _REQUESTS and request not in _NO_REQUEST:
+        raise InputError(f"environment variable MUJOCO_GL: is '{request}', accepted: glfw, osmesa, egl, disable")
+    return request
+
+
 def choose_backend(
     environ: Mapping[str, str] | None = None,
     *,
@@ -73,11 +85,9 @@ def choose_backend(
         InputError: if `MUJOCO_GL` has a value that MuJoCo does not know; it would fail at import.
     """
     environ = os.environ if environ is None else environ
-    request = environ.get("MUJOCO_GL", "").lower().strip()
+    request = check_environment(environ)
     if request in _REQUESTS:
         return Choice(_REQUESTS[request], f"MUJOCO_GL={request}")
-    if request not in _NO_REQUEST:
-        raise InputError(f"environment variable MUJOCO_GL: is '{request}', accepted: glfw, osmesa, egl, disable")
     if has_display(environ, platform):
         return Choice("glfw", "there is a display")
     if find_library("OSMesa"):

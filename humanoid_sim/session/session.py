@@ -213,6 +213,7 @@ class Session:
             left = round(self._settings.damping_time / self._settings.control_period)
             self.tick((Intent.DAMP,))
             while left > 0 and not self._hurry.is_set() and not rest.update(self._state):
+                self._collect()  # nothing is granted any more, but whoever asks is answered
                 self.tick(())
                 left -= 1
         self.tick((Intent.QUIT,))

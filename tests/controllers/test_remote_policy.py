@@ -315,3 +315,19 @@ def test_a_live_sender_is_heard_and_a_dead_one_is_not(steps):
 def test_invalid_parameters_are_named(parameters, message):
     with pytest.raises(FieldError, match=rf"^RemotePolicyController\.{message}"):
         RemotePolicyController(**{"joints": JOINTS, **parameters})
+
+
+@pytest.mark.parametrize(("policy", "doing"), [("passive", "the joints are damped"), ("hold", "the last one is held")])
+def test_an_operator_is_told_once_when_commands_stop_and_when_they_come(policy, doing):
+    controller = RemotePolicyController(JOINTS, stale_command_policy=policy)
+    memory = controller.activate(tick(1.0))
+    heard, latest = [], None
+    for count in range(40):
+        time = 1.0 + 0.01 * count
+        latest = cmd(0.5, time) if count in (3, 4, 30) else latest
+        memory, _ = controller.update(memory, tick(time, remote=latest))
+        if memory.notice:
+            heard.append((count, memory.notice))
+    assert [count for count, _ in heard] == [3, 14, 30]  # the tenth tick after tick 4 is a rounding beyond 100 ms
+    assert heard[0][1] == heard[2][1] == "remote commands arrive and are in force"
+    assert heard[1][1] == f"no remote command for 100 ms: {doing}"
