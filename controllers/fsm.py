@@ -75,7 +75,7 @@ class Decision:
 
 def merge_safety(statuses: Sequence[SafetyStatus]) -> SafetyStatus:
     """All sources as one: the highest level, flags or-ed, sources and messages of whatever is not OK."""
-    if not statuses:
+    if all(status.is_ok and not status.flags for status in statuses):
         return OK
     level = max(status.level for status in statuses)
     flags = SafetyFlag.NONE

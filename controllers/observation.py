@@ -40,6 +40,11 @@ class ObservationTerm:
     start: int
     stop: int
     source: Source
+    is_plain: bool = field(init=False)
+    """Neither clipped nor scaled: most terms are, and a multiplication by 1 in every tick is not free."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "is_plain", self.term.is_plain)
 
     @property
     def name(self) -> str:
@@ -122,7 +127,8 @@ def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array
     step = np.empty((*batch, layout.step_width), dtype=np.float32)
     with np.errstate(over="ignore", invalid="ignore"):  # the caller checks that the result is finite
         for term in layout.terms:
-            step[..., term.start : term.stop] = term.term.process(term.source(context))
+            value = term.source(context)
+            step[..., term.start : term.stop] = value if term.is_plain else term.term.process(value)
     return step
 
 

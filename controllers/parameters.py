@@ -15,6 +15,9 @@ __all__ = ["LARGEST_COMMAND", "command_problem", "damping_values", "joint_tuple"
 LARGEST_COMMAND = 1e6
 """In each field's own unit: far beyond any motor, and small enough that no sum or product of two overflows."""
 
+_FIRST_GAIN = COMMAND_FIELDS.index("stiffness")
+"""The gains are the last of the command's fields; they are not negative."""
+
 
 def joint_tuple(
     owner: str, joints: Iterable[str], name: str = "joints", *, may_be_empty: bool = False
@@ -86,14 +89,15 @@ def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:
     """What keeps a command from being sent: a shape, a value that is out of bounds or not finite; else ''."""
     if command.position.shape != (len(joints),):
         return f"command has shape {command.position.shape}, expected ({len(joints)},)"
-    for name in COMMAND_FIELDS:
-        values: FloatArray = getattr(command, name)
-        least = 0.0 if name in ("stiffness", "damping") else -LARGEST_COMMAND
-        sound = (values >= least) & (values <= LARGEST_COMMAND)
-        if not sound.all():
-            i = int(np.argmin(sound))
-            return (
-                f"command's {name} of {joints[i]} is {values[i]}, "
-                f"expected a finite number from {least:g} to {LARGEST_COMMAND:g}"
-            )
-    return ""
+    # One array for all fields: this runs in every tick, and small arrays cost by the call.
+    values = np.array([getattr(command, name) for name in COMMAND_FIELDS])
+    sound = np.abs(values) <= LARGEST_COMMAND
+    sound[_FIRST_GAIN:] &= values[_FIRST_GAIN:] >= 0.0
+    if sound.all():
+        return ""
+    row, joint = (int(index[0]) for index in np.nonzero(~sound))
+    least = 0.0 if row >= _FIRST_GAIN else -LARGEST_COMMAND
+    return (
+        f"command's {COMMAND_FIELDS[row]} of {joints[joint]} is {values[row, joint]}, "
+        f"expected a finite number from {least:g} to {LARGEST_COMMAND:g}"
+    )

@@ -137,6 +137,11 @@ class Term:
                     f"{where}: {name} is {getattr(self, name)!r}, expected one of {', '.join(get_args(accepted))}"
                 )
 
+    @property
+    def is_plain(self) -> bool:
+        """Neither clipped nor scaled."""
+        return self.clip is None and bool(np.all(np.equal(self.scale, 1.0)))
+
     def process(self, value: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Clip, then scale, a value of shape (..., width)."""
         if self.clip is not None:
