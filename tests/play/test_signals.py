@@ -26,12 +26,24 @@ SCRIPT = "damp; load_a; wait; start_locomotion; hold 60"
 OPTIONS = ("--policy", "placeholder", "--pace", "realtime")
 
 
+def usual_signals() -> None:
+    """Undo what the test runner may have inherited: a job in the background ignores SIGINT, one under nohup SIGHUP."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 @contextmanager
 def playing(folder: Path, *options: str, stdin: int | None = None) -> Iterator[subprocess.Popen[str]]:
     """A process that plays and records into `r.mcap`; killed at the end if it still runs."""
     command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
     with subprocess.Popen(
-        command, cwd=folder, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        command,
+        cwd=folder,
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        preexec_fn=usual_signals,
     ) as process:
         try:
             yield process
@@ -242,7 +254,9 @@ def unread(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     size = fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
     command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
     os.write(write, b" " * (size - 300))
-    with subprocess.Popen(command, cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, preexec_fn=usual_signals
+    ) as process:
         try:
             yield process
         finally:
