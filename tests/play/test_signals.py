@@ -43,7 +43,7 @@ def playing(folder: Path, *options: str, stdin: int | None = None) -> Iterator[s
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        preexec_fn=usual_signals,
+        preexec_fn=usual_signals,  # noqa: PLW1509 - no thread of the tests runs here
     ) as process:
         try:
             yield process
@@ -255,7 +255,12 @@ def unread(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
     os.write(write, b" " * (size - 300))
     with subprocess.Popen(
-        command, cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, preexec_fn=usual_signals
+        command,
+        cwd=folder,
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=usual_signals,  # noqa: PLW1509
     ) as process:
         try:
             yield process
