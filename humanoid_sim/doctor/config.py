@@ -31,8 +31,8 @@ class DoctorConfig:
     """Velocity command vx,vy,wz in m/s, m/s and rad/s. Default: forward, turning and backward."""
     seconds: float = 4.0
     """Length of the first, brief trials; the best are then tried for longer."""
-    pairs: int = 200
-    """At most so many pairs of changes are tried; 0: single changes only."""
+    pairs: int = 1200
+    """At most so many pairs of changes are tried where one change is not enough; 0: single changes only."""
     top: int = 10
     """Rows of the ranking."""
     base_height: float | None = None

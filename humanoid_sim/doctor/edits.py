@@ -47,6 +47,8 @@ class Edit:
     explanation: str
     """One line that a user can check against the training configuration."""
     change: Change
+    doubt: float = 0.05
+    """Share of the cost that it must save to be believed: of two that do equally well the simpler is the likelier."""
 
     def apply(self, contract: PolicyContract) -> PolicyContract | None:
         """The changed contract; None where the change does not fit."""

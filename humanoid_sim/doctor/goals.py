@@ -173,7 +173,7 @@ class MotionGoal:
 
     def parts(self) -> dict[str, float]:
         """See `Goal.parts`."""
-        joints, position, angle = self._sums / max(self._count, 1)
+        joints, position, angle = (float(mean) for mean in self._sums / max(self._count, 1))
         return {
             "joints": joints / self._JOINTS,
             "position": position / self._POSITION,

@@ -56,6 +56,11 @@ class Hypothesis:
         return tuple(sorted(edit.cause for edit in self.edits))
 
     @property
+    def doubt(self) -> float:
+        """Share of the cost that the edits together must save to be believed."""
+        return sum(edit.doubt for edit in self.edits)
+
+    @property
     def explanation(self) -> str:
         """One line."""
         return "; ".join(edit.explanation for edit in self.edits) or "the contract as it is"

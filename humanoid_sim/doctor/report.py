@@ -37,7 +37,7 @@ def conclusion(ranking: Ranking) -> str:
         )
     if not first.hypothesis.edits:
         return "Nothing wrong found in this space: the contract as it is does best."
-    saved = 1.0 - first.cost / present.cost if present.cost else 0.0
+    saved = (present.cost - first.cost) / max(present.cost, 1.0)
     if present.stays_up and saved < _SLIGHT:
         return (
             f"The robot stays up with the contract as it is. '{first.hypothesis.name}' does {saved:.0%} better, which "

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.base import Fault
@@ -30,6 +33,8 @@ _TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)
 """s, longest first. Where damping is stable the longest gives the figures of the shortest, and costs a tenth."""
 _STABLE = 1.5
 """Largest eigenvalue of `dt · M⁻¹ · K_d` that is accepted here; see `humanoid_sim.simulation.stability`."""
+_RUNAWAY = 100.0
+"""rad/s, faster than any motor; from there on a simulation only gets worse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,17 +86,18 @@ class Rollouts:
             )
         except (FieldError, InputError) as error:
             return Outcome(0.0, trial.seconds, _NOTHING, str(error))
-        return _run(robot, controller, self._goal(loaded, trial, robot), trial)
+        with _quiet_mujoco():
+            return _run(robot, controller, self._goal(loaded, trial, robot), trial)
 
     def _goal(self, loaded: LoadedPolicy, trial: Trial, robot: MujocoRobot) -> Goal:
-        contract, motion = loaded.contract, self.subject.motion
+        contract, motion = loaded.contract, self.subject.motion_under(loaded.contract)
         if contract.task_type == "locomotion" and robot.base_state is not None:
             return VelocityGoal(np.array(trial.command), contract.policy_dt)
         if "reference_joint_pos" in loaded.reference.terms:
             return MotionGoal(contract, loaded.reference, self._base_reference, robot.joints)
         if contract.task_type == "tracking" and motion is not None and motion.body_names:
-            frames = motion.frames
-            return BodiesGoal(TrackingErrors(robot.description, frames, motion.body_names, contract.policy_dt))
+            errors = TrackingErrors(robot.description, motion.frames, motion.body_names, contract.policy_dt)
+            return BodiesGoal(errors)
         return UprightGoal()
 
     @cached_property
@@ -131,6 +137,17 @@ class Rollouts:
         )
 
 
+@contextmanager
+def _quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from announcing on stderr, and in a file MUJOCO_LOG.TXT, what wrong wirings do to its solver."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
 def _run(robot: MujocoRobot, controller: RLPolicyController, goal: Goal, trial: Trial) -> Outcome:
     """One trial: a policy step per control period."""
     robot.activate()
@@ -151,6 +168,8 @@ def _run(robot: MujocoRobot, controller: RLPolicyController, goal: Goal, trial: 
         lost = goal.update(frame, state, robot.base_state)
         if statuses[0].level >= SafetyLevel.FAULT:
             lost = statuses[0].message
+        elif np.abs(state.joint_velocity).max() > _RUNAWAY:
+            lost = lost or "the joints run away"
         if isinstance(result, Fault):
             lost = lost or result.message
         if lost or isinstance(result, Fault):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from threading import local
+
+import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.edits import RobotFacts
@@ -20,16 +20,14 @@ Progress = Callable[[str, int, int], None]
 
 _PROMOTED = 16
 """Causes whose best edit is tried at length."""
-_PAIRED = 24
-"""Causes whose best edit takes part in pairs."""
 _CLOSE = 1.2
 """Ratio of costs within which two edits of one cause are both tried at length."""
 _RIVALS = 2
-_DOUBT = 0.05
-"""Share of the cost that each change must save to rank first: of two that do equally well the simpler is likelier."""
 _WORTH = 0.15
 """Share of the cost that a second change must save: two changes explain anything a little better than one."""
-_PAIRS = 200
+_LONGER = 0.05
+"""Share of the time that it must keep the robot up for longer instead."""
+_PAIRS = 1200
 _PROMOTED_PAIRS = 8
 
 _COMMANDS = ((0.5, 0.0, 0.0), (0.5, 0.0, 0.5), (-0.5, 0.0, 0.0))
@@ -71,10 +69,14 @@ class Verdict:
         return sum(outcome.quality.cost for outcome in self.outcomes) / len(self.outcomes)
 
     @property
+    def doubtful_cost(self) -> float:
+        """The cost, and what the hypothesis must save to be believed: below 1 nobody would notice a difference."""
+        return self.cost + self.hypothesis.doubt * max(self.cost, 1.0)
+
+    @property
     def order(self) -> tuple[float, ...]:
         """Sorts verdicts, best first: at length before briefly, then the time up, then the cost."""
-        doubt = 1.0 + _DOUBT * len(self.hypothesis.edits)
-        return (-float(self.is_thorough), -round(self.time_up, 2), self.cost * doubt)
+        return (-float(self.is_thorough), -round(self.time_up, 2), self.doubtful_cost)
 
 
 @dataclass
@@ -105,7 +107,9 @@ class Ranking:
     def _pays(self, pair: Verdict) -> bool:
         halves = [self.verdicts.get(edit.name) for edit in pair.hypothesis.edits]
         return all(
-            half is None or pair.time_up > half.time_up + 0.05 or pair.cost < (1.0 - _WORTH) * half.cost
+            half is None
+            or pair.time_up > half.time_up + _LONGER
+            or pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost
             for half in halves
         )
 
@@ -135,30 +139,56 @@ def make_plan(
     if contract.task_type != "locomotion":
         long = min(motion_seconds, 5.0 * seconds)
         return Plan((Trial(min(seconds, long)),), (Trial(long), Trial(long, yaw=-1.0)), pairs)
-    commands = [command] if command else list(_COMMANDS)
+    commands = [command] if command else [_within(wanted, contract) for wanted in _COMMANDS]
     headings = (2.0, -1.0, 2.5)
     brief = Trial(seconds, commands[0], headings[0])
     thorough = [Trial(1.5 * seconds, commands[i % len(commands)], heading) for i, heading in enumerate(headings)]
     return Plan((brief,), tuple(thorough), pairs)
 
 
-def search(
-    subject: Subject, robot: RobotFacts, plan: Plan, ranking: Ranking, progress: Progress, workers: int = 2
-) -> None:
+def _within(command: tuple[float, float, float], contract: PolicyContract) -> tuple[float, float, float]:
+    """The nearest command that the policy knows."""
+    if contract.command_ranges is None:
+        return command
+    vx, vy, wz = np.clip(command, contract.command_ranges[:, 0], contract.command_ranges[:, 1])
+    return float(vx), float(vy), float(wz)
+
+
+def search(subject: Subject, robot: RobotFacts, plan: Plan, ranking: Ranking, progress: Progress) -> None:
     """Try the whole space; `ranking` holds what is known whenever this is interrupted."""
     contract = subject.contract
-    everything = [present(contract), *singles(contract, robot)]
-    with _Crew(subject, workers) as crew:
-        _try(crew, everything, plan.brief, False, "single changes", ranking, progress)
-        promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
-        chosen = [everything[0], *_with_rivals(promising[:_PROMOTED], ranking)]
-        _try(crew, chosen, plan.thorough, True, "the best of them", ranking, progress)
-        together = _pairs(contract, promising, ranking, plan.pairs)
-        second = Ranking()
-        _try(crew, together, plan.brief, False, "pairs of changes", second, progress)
-        best = [verdict.hypothesis for verdict in second.best()[:_PROMOTED_PAIRS]]
-        _try(crew, best, plan.thorough, True, "the best pairs", ranking, progress)
+    stage = _Stage(Rollouts(subject), progress)
+    unchanged, changed = present(contract), singles(contract, robot)
+    stage.run("single changes", [unchanged, *changed], plan.brief, False, ranking)
+    promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
+    chosen = [unchanged, *_with_rivals(promising[:_PROMOTED], ranking)]
+    stage.run("the best of them", chosen, plan.thorough, True, ranking)
+    together = Ranking()
+    stage.run("pairs of changes", _pairs(contract, changed, ranking, plan.pairs), plan.brief, False, together)
+    best = [verdict.hypothesis for verdict in together.best()[:_PROMOTED_PAIRS]]
+    stage.run("the best pairs", best, plan.thorough, True, ranking)
     ranking.is_complete = True
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Tries hypotheses one after the other. Most of a trial is Python's, so threads would only wait for each other."""
+
+    rollouts: Rollouts
+    progress: Progress
+
+    def run(
+        self,
+        title: str,
+        hypotheses: Sequence[Hypothesis],
+        trials: tuple[Trial, ...],
+        is_thorough: bool,
+        ranking: Ranking,
+    ) -> None:
+        for done, hypothesis in enumerate(hypotheses, 1):
+            outcomes = tuple(self.rollouts.run(hypothesis.contract, trial) for trial in trials)
+            ranking.add(Verdict(hypothesis, outcomes, is_thorough))
+            self.progress(title, done, len(hypotheses))
 
 
 def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:
@@ -172,55 +202,18 @@ def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypo
     return chosen
 
 
-def _pairs(contract: PolicyContract, promising: Sequence[Hypothesis], ranking: Ranking, count: int) -> list[Hypothesis]:
+def _pairs(
+    contract: PolicyContract, everything: Sequence[Hypothesis], ranking: Ranking, count: int
+) -> list[Hypothesis]:
     """The pairs worth trying: none if nothing is wrong; those with the best if it keeps the robot up, else all."""
     best = ranking.best()[0]
     if not best.hypothesis.edits:
         return []
+    ranked = sorted(everything, key=lambda hypothesis: ranking.verdicts[hypothesis.name].order)
     found: Iterable[Hypothesis]
     if best.stays_up:
-        others = [hypothesis for hypothesis in promising[:_PAIRED] if hypothesis is not best.hypothesis]
+        others = (hypothesis for hypothesis in ranked if hypothesis is not best.hypothesis)
         found = (pair for other in others for pair in pairs(contract, [best.hypothesis, other]))
     else:
-        found = pairs(contract, promising[:_PAIRED])
+        found = pairs(contract, ranked)
     return [pair for _, pair in zip(range(count), found, strict=False)]
-
-
-class _Crew:
-    """Threads that each have simulated robots of their own; physics and inference run outside Python's lock."""
-
-    def __init__(self, subject: Subject, workers: int) -> None:
-        self._subject = subject
-        self._own = local()
-        self._pool = ThreadPoolExecutor(workers)
-
-    def __enter__(self) -> _Crew:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown(wait=True, cancel_futures=True)
-
-    def map(self, contracts: Sequence[PolicyContract], trials: tuple[Trial, ...]) -> Iterator[tuple[Outcome, ...]]:
-        """The outcomes of each contract, in order."""
-        return self._pool.map(lambda contract: self._try(contract, trials), contracts)
-
-    def _try(self, contract: PolicyContract, trials: tuple[Trial, ...]) -> tuple[Outcome, ...]:
-        rollouts: Rollouts | None = getattr(self._own, "rollouts", None)
-        if rollouts is None:
-            rollouts = self._own.rollouts = Rollouts(self._subject)
-        return tuple(rollouts.run(contract, trial) for trial in trials)
-
-
-def _try(
-    crew: _Crew,
-    hypotheses: Sequence[Hypothesis],
-    trials: tuple[Trial, ...],
-    is_thorough: bool,
-    stage: str,
-    ranking: Ranking,
-    progress: Progress,
-) -> None:
-    results = crew.map([hypothesis.contract for hypothesis in hypotheses], trials)
-    for done, (hypothesis, outcomes) in enumerate(zip(hypotheses, results, strict=True), 1):
-        ranking.add(Verdict(hypothesis, outcomes, is_thorough))
-        progress(stage, done, len(hypotheses))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -45,19 +46,25 @@ class Subject:
         return 0.0 if self.motion is None else len(self.motion.frames) * self.contract.policy_dt
 
     def load(self, contract: PolicyContract) -> LoadedPolicy:
-        """The policy under another contract, its motion read as that contract would have it read.
+        """The policy and its motion under another contract.
 
         Raises:
             InputError: the motion does not fit the contract.
         """
+        return load_policy(contract, self.policy, self.motion_under(contract))
+
+    def motion_under(self, contract: PolicyContract) -> Motion | None:
+        """The motion as that contract would have it read; None for a policy that follows none."""
         motion = self.motion
-        if motion is not None and contract.task_type != "locomotion":
-            motion = replace(motion, policy_dt=contract.policy_dt)
-            if self.in_policy_order:
-                motion = replace(motion, joint_names=contract.joint_names)
+        if motion is None:
+            return None
+        if self.in_policy_order:
+            # The graph holds a frame per policy step, whatever the rate, and calls its joints by their places.
+            motion = replace(motion, policy_dt=contract.policy_dt, joint_names=contract.joint_names)
             if contract.reference_quaternion != self.contract.reference_quaternion:
                 motion = _reread_quaternions(motion, contract.reference_quaternion)
-        return load_policy(contract, self.policy, motion)
+            return motion
+        return _resampled(motion, contract.policy_dt)
 
     def base_reference(self) -> MotionReference | None:
         """Where the robot's base should be, whatever a contract says about the anchor body; None if nobody knows."""
@@ -99,6 +106,15 @@ def load_subject(
     chosen = (given or checkpoint.motion) if follows else None
     load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
     return Subject(contract, checkpoint.policy, description, chosen, given is None, base_height)
+
+
+def _resampled(motion: Motion, policy_dt: float) -> Motion:
+    """The motion at another rate, each frame held until the next."""
+    if math.isclose(motion.policy_dt, policy_dt, rel_tol=1e-6):
+        return motion
+    count = max(int(len(motion.frames) * motion.policy_dt / policy_dt), 1)
+    frames = (np.arange(count) * policy_dt / motion.policy_dt + 1e-6).astype(np.intp)
+    return replace(motion, frames=motion.frames[frames], policy_dt=policy_dt)
 
 
 def _reread_quaternions(motion: Motion, order: str) -> Motion:
