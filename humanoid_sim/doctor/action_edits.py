@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.joint_order import joint_indices
-from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, set_fields
+from humanoid_sim.doctor.edits import STRONG_DOUBT, Change, Edit, RobotFacts, set_fields
 from humanoid_sim.mit import FloatArray
 
 __all__ = ["action_scales", "default_poses", "gains", "rates"]
@@ -22,8 +22,6 @@ _RATES = (25.0, 50.0, 100.0)
 """Hz"""
 _EFFORT_SHARE = 0.25
 """mjlab and whole_body_tracking scale an action so that 1 asks for a quarter of the joint's effort limit."""
-_DOUBT = 0.25
-"""Of gains and rate: other ones may suit the robot better without being what the policy was trained with."""
 
 
 def action_scales(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -65,20 +63,20 @@ def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     for factor in _GAIN_FACTORS:
         for title, names in {"gains": both, both[0]: both[:1], both[1]: both[1:]}.items():
             text = f"{' and '.join(names)} are {factor:g} times what the contract says"
-            yield Edit(f"{title} × {factor:g}", "gains", text, _multiplied(names, factor), _DOUBT)
+            yield Edit(f"{title} × {factor:g}", "gains", text, _multiplied(names, factor), STRONG_DOUBT)
     for title, order in _listed_orders(robot).items():
         text = f"the values of {' and '.join(both)} are in {title} order"
-        yield Edit(f"gains listed in {title} order", "gains", text, _listed(both, order), _DOUBT)
+        yield Edit(f"gains listed in {title} order", "gains", text, _listed(both, order), STRONG_DOUBT)
     if robot.stiffness.any():
         text = f"{' and '.join(both)} are those of the robot's description"
-        yield Edit("gains of the robot", "gains", text, _robot_gains(robot), _DOUBT)
+        yield Edit("gains of the robot", "gains", text, _robot_gains(robot), STRONG_DOUBT)
 
 
 def rates(_: PolicyContract, __: RobotFacts) -> Iterator[Edit]:
     """The policy runs at another rate."""
     for rate in _RATES:
         text = f"the policy was trained at {rate:g} Hz"
-        yield Edit(f"rate {rate:g} Hz", "rate", text, set_fields(policy_dt=1.0 / rate), _DOUBT)
+        yield Edit(f"rate {rate:g} Hz", "rate", text, set_fields(policy_dt=1.0 / rate), STRONG_DOUBT)
 
 
 def _multiplied(names: tuple[str, ...], factor: float) -> Change:

@@ -11,9 +11,14 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["Edit", "RobotFacts", "change_terms", "set_fields", "set_term", "terms_of"]
+__all__ = ["DOUBT", "STRONG_DOUBT", "Edit", "RobotFacts", "change_terms", "set_fields", "set_term", "terms_of"]
 
 Change = Callable[[PolicyContract], PolicyContract]
+
+DOUBT = 0.05
+"""Share of the cost that an edit must save to be believed: of two that do equally well the simpler is the likelier."""
+STRONG_DOUBT = 0.25
+"""Of gains, rates and gaits: other ones may suit a robot better without being what its policy was trained with."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,8 +52,7 @@ class Edit:
     explanation: str
     """One line that a user can check against the training configuration."""
     change: Change
-    doubt: float = 0.05
-    """Share of the cost that it must save to be believed: of two that do equally well the simpler is the likelier."""
+    doubt: float = DOUBT
 
     def apply(self, contract: PolicyContract) -> PolicyContract | None:
         """The changed contract; None where the change does not fit."""

@@ -7,7 +7,7 @@ way, one at a time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
 
 import numpy as np
@@ -113,6 +113,8 @@ def _is_known(contract: PolicyContract, known: Iterable[Hypothesis]) -> bool:
 
 def same_value(a: object, b: object) -> bool:
     """Whether two values of a field, or of a term's option, mean the same."""
+    if isinstance(a, Term) and isinstance(b, Term) and _is_relative(a) == _is_relative(b):
+        b = replace(b, relative=a.relative)  # what is not said counts as its usual meaning
     if isinstance(a, Term | PhaseRule):
         return type(a) is type(b) and all(same_value(getattr(a, x.name), getattr(b, x.name)) for x in fields(a))
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
@@ -120,6 +122,10 @@ def same_value(a: object, b: object) -> bool:
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(same_value(x, y) for x, y in zip(a, b, strict=True))
     return bool(a == b)
+
+
+def _is_relative(term: Term) -> bool:
+    return term.relative is not False if term.kind == "joint_pos" else term.relative is True
 
 
 def _same_values(a: np.ndarray, b: np.ndarray) -> bool:

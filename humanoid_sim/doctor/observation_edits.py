@@ -10,7 +10,16 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor.edits import Edit, RobotFacts, change_terms, set_fields, set_term, terms_of
+from humanoid_sim.doctor.edits import (
+    DOUBT,
+    STRONG_DOUBT,
+    Edit,
+    RobotFacts,
+    change_terms,
+    set_fields,
+    set_term,
+    terms_of,
+)
 
 __all__ = ["conventions", "phases", "reference_conventions", "scales", "zeroed"]
 
@@ -160,7 +169,8 @@ def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     for period in _PERIODS:
         changes[f"gait period {period:g} s"] = ("gait period", replace(rule, period=period))
     for name, (cause, changed) in changes.items():
-        yield Edit(name, cause, f"phase: {name}", set_fields(phase=changed))
+        doubt = STRONG_DOUBT if cause == "gait period" else DOUBT
+        yield Edit(name, cause, f"phase: {name}", set_fields(phase=changed), doubt)
 
 
 def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:

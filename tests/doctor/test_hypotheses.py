@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from examples import BREADTH_FIRST, CONTRACTS, FACTS, JOINTS, tracker, walker
+from mistakes import action_scale_one, fields, gravity_flipped, scales_one, term
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, same_contract, singles
+from humanoid_sim.doctor.order_edits import mirrored
+
+FEWEST = 50
+MOST = 90
+"""The space is bounded: a search has to end."""
+
+
+@pytest.fixture(params=sorted(CONTRACTS))
+def contract(request: pytest.FixtureRequest) -> PolicyContract:
+    return CONTRACTS[request.param]()
+
+
+def named(found: tuple[Hypothesis, ...], name: str) -> PolicyContract:
+    (match,) = (hypothesis for hypothesis in found if hypothesis.name == name)
+    return match.contract
+
+
+def cures(wrong: PolicyContract, right: PolicyContract) -> list[str]:
+    """Causes of the single edits that turn one contract into the other."""
+    return [cause for found in singles(wrong, FACTS) if same_contract(found.contract, right) for cause in found.causes]
+
+
+def test_every_single_edit_changes_something_and_no_two_the_same(contract: PolicyContract) -> None:
+    found = singles(contract, FACTS)
+    assert FEWEST <= len(found) <= MOST
+    assert len({hypothesis.name for hypothesis in found}) == len(found)
+    for i, hypothesis in enumerate(found):
+        assert not same_contract(hypothesis.contract, contract), hypothesis.name
+        assert all(not same_contract(hypothesis.contract, other.contract) for other in found[:i]), hypothesis.name
+        assert len(hypothesis.explanation) > 10
+        assert "\n" not in hypothesis.explanation
+
+
+def test_the_present_contract_is_a_hypothesis_without_edits() -> None:
+    unchanged = present(walker())
+    assert unchanged.name == "as it is"
+    assert unchanged.causes == ()
+    assert unchanged.doubt == 0.0
+
+
+def test_what_the_issue_lists_is_in_the_space() -> None:
+    causes = {cause for make in CONTRACTS.values() for h in singles(make(), FACTS) for cause in h.causes}
+    assert causes >= {
+        "joint order",
+        "term order",
+        "projected_gravity sign",
+        "base_ang_vel frame",
+        "base_lin_vel frame",
+        "motion_anchor_pos_b frame",
+        "anchor body",
+        "motion_anchor_ori_b layout",
+        "motion_anchor_ori_b direction",
+        "joint_vel zeroed",
+        "actions zeroed",
+        "observation scales",
+        "imu_quaternion order",
+        "reference quaternion order",
+        "joint_pos relative",
+        "command relative",
+        "actions form",
+        "action scale",
+        "action offset",
+        "history order",
+        "history layout",
+        "reference alignment",
+        "rate",
+        "gains",
+        "default pose",
+    }
+
+
+@pytest.mark.parametrize(
+    ("make", "wrong", "cause"),
+    [
+        (walker, fields(history_layout="per_step"), "history layout"),
+        (walker, term("imu_quaternion", quaternion="xyzw"), "imu_quaternion order"),
+        (walker, term("base_ang_vel", frame="world"), "base_ang_vel frame"),
+        (walker, gravity_flipped, "projected_gravity sign"),
+        (walker, fields(policy_dt=0.04), "rate"),
+        (tracker, fields(policy_dt=0.01), "rate"),
+        (tracker, fields(anchor_body="pelvis"), "anchor body"),
+        (tracker, fields(reference_quaternion="xyzw"), "reference quaternion order"),
+        (tracker, fields(align_reference=False), "reference alignment"),
+        (tracker, term("command", relative=True), "command relative"),
+        (tracker, term("motion_anchor_ori_b", layout="two_rows"), "motion_anchor_ori_b layout"),
+        (tracker, term("motion_anchor_ori_b", layout="columns"), "motion_anchor_ori_b layout"),
+        (tracker, term("motion_anchor_ori_b", inverse=True), "motion_anchor_ori_b direction"),
+        (tracker, term("actions", scale=0.0), "actions zeroed"),
+        (tracker, term("actions", form="scaled"), "actions form"),
+        (tracker, fields(action_offset=0.0), "action offset"),
+        (tracker, fields(joint_names=BREADTH_FIRST, action_joint_names=BREADTH_FIRST), "joint order"),
+    ],
+)
+def test_a_mistake_is_undone_by_an_edit_of_its_own_cause(
+    make: Callable[[], PolicyContract], wrong: Callable[[PolicyContract], PolicyContract], cause: str
+) -> None:
+    right = make()
+    assert cures(wrong(right), right) == [cause]
+
+
+def test_scales_that_were_all_left_at_one_are_found_again() -> None:
+    right = replace(
+        walker(),
+        observation=[replace(item, scale=1.0) if item.name != "base_ang_vel" else item for item in walker().terms],
+    )
+    right = term("joint_vel", scale=0.05)(right)
+    assert cures(scales_one(right), right) == ["observation scales"]
+
+
+def test_the_action_scale_of_mjlab_follows_from_effort_limits_and_gains() -> None:
+    scale = 0.25 * np.array([80.0, 60.0, 80.0, 60.0]) / np.array([40.0, 41.0, 42.0, 43.0])
+    right = replace(tracker(), action_scale=np.round(scale, 4))
+    assert cures(action_scale_one(right), right) == ["action scale"]
+
+
+def test_names_in_another_order_keep_the_values_in_their_places() -> None:
+    changed = named(singles(walker(), FACTS), "joint order the robot's, values stay in place")
+    assert changed.joint_names == JOINTS
+    np.testing.assert_array_equal(changed.joint_stiffness, walker().joint_stiffness)
+    # Place by place: left_knee was third, right_hip is now.
+    assert changed.action_joint_names == ("right_hip", "left_hip", "left_knee")
+    assert changed.terms[3].joints == ("left_knee", "left_hip")
+
+
+def test_an_observation_in_another_order_takes_the_values_along() -> None:
+    changed = named(singles(walker(), FACTS), "joint order the robot's, values move along")
+    assert changed.joint_names == JOINTS
+    assert changed.joint_stiffness.tolist() == [40.0, 42.0, 41.0, 43.0]
+    assert changed.default_joint_pos.tolist() == [-0.1, 0.3, -0.2, 0.4]
+    assert changed.action_joint_names == ("left_hip", "left_knee", "right_hip")
+    assert changed.action_scale.tolist() == [0.6, 0.5, 0.7]
+    shown = changed.terms[3]
+    assert shown.joints == ("left_hip", "right_hip")
+    assert np.asarray(shown.scale).tolist() == [2.0, 1.0]
+
+
+def test_values_listed_in_another_order_find_their_joints() -> None:
+    changed = named(singles(walker(), FACTS), "gains listed in the robot's order")
+    # The list 40, 41, 42, 43 was meant for left_hip, left_knee, right_hip, right_knee.
+    assert dict(zip(changed.joint_names, changed.joint_stiffness.tolist(), strict=True)) == {
+        "left_hip": 40.0,
+        "left_knee": 41.0,
+        "right_hip": 42.0,
+        "right_knee": 43.0,
+    }
+
+
+def test_a_new_default_pose_moves_the_action_with_it() -> None:
+    changed = named(singles(walker(), FACTS), "default pose the robot's initial position")
+    assert changed.default_joint_pos.tolist() == [0.1, 0.1, 0.2, 0.2]
+    assert np.asarray(changed.action_offset).tolist() == [0.2, 0.1, 0.1]
+    absolute = replace(walker(), action_offset=0.0)
+    changed = named(singles(absolute, FACTS), "default pose the robot's initial position")
+    assert np.asarray(changed.action_offset).tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("left_hip", "right_hip"), ("right_knee", "left_knee"), ("L_arm", "R_arm"), ("waist", "waist")],
+)
+def test_mirrored_names(name: str, other: str) -> None:
+    assert mirrored(name) == other
+    assert mirrored(other) == name
+
+
+def test_pairs_are_of_two_causes_and_begin_with_the_most_promising() -> None:
+    contract = tracker()
+    ranked = singles(contract, FACTS)
+    found = list(pairs(contract, ranked))
+    assert len(found) > len(ranked)
+    assert all(len(pair.edits) == len(set(pair.causes)) == 2 for pair in found)
+    places = [sum(next(i for i, h in enumerate(ranked) if h.edits[0] is edit) for edit in pair.edits) for pair in found]
+    assert places == sorted(places)
+
+
+def test_two_mistakes_are_undone_by_a_pair() -> None:
+    right = tracker()
+    wrong = fields(anchor_body="pelvis")(term("actions", form="scaled")(right))
+    found = [pair.causes for pair in pairs(wrong, singles(wrong, FACTS)) if same_contract(pair.contract, right)]
+    assert found == [("actions form", "anchor body")]

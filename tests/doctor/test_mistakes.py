@@ -1,0 +1,74 @@
+"""Every deliberate mistake of the published policies as a wrong contract: it loses the robot or leaves its figures."""
+
+from __future__ import annotations
+
+import pytest
+from mistakes import MISTAKES, MJCF_JOINTS, Mistake
+from published import needs_policies
+from subjects import load_subject
+
+from humanoid_sim.doctor.rollout import Outcome, Rollouts, Trial
+
+pytestmark = needs_policies
+
+TRIALS = {
+    "unitree": Trial(10.0, (0.5, 0.0, 0.0)),
+    "holosoma": Trial(10.0, (0.5, 0.0, 0.0)),
+    "waltz": Trial(18.9),
+}
+BANDS = {
+    # Speed 0.427 and 0.393 ± 0.02 m/s, joints 0.07 rad, position 0.13 m: in the units of `humanoid_sim.doctor.goals`.
+    "unitree": {"velocity": (0.5 - 0.427 - 0.02, 0.5 - 0.427 + 0.02, 0.25)},
+    "holosoma": {"velocity": (0.5 - 0.393 - 0.02, 0.5 - 0.393 + 0.02, 0.25)},
+    "waltz": {"joints": (0.0, 0.07, 0.1), "position": (0.0, 0.13, 0.3)},
+}
+
+
+@pytest.fixture(scope="module")
+def rollouts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Rollouts]:
+    return {name: Rollouts(load_subject(name, tmp_path_factory.mktemp(name))) for name in TRIALS}
+
+
+def within_band(policy: str, outcome: Outcome) -> bool:
+    parts = outcome.quality.parts
+    return not outcome.lost and all(
+        low <= parts[part] * unit <= high for part, (low, high, unit) in BANDS[policy].items()
+    )
+
+
+@pytest.mark.parametrize("policy", sorted(TRIALS))
+def test_the_right_contract_stays_within_its_figures(policy: str, rollouts: dict[str, Rollouts]) -> None:
+    tried = rollouts[policy]
+    assert within_band(policy, tried.run(tried.subject.contract, TRIALS[policy]))
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: f"{mistake.policy}: {mistake.name}")
+def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake: Mistake, rollouts: dict[str, Rollouts]) -> None:
+    tried = rollouts[mistake.policy]
+    outcome = tried.run(mistake.edit(tried.subject.contract), TRIALS[mistake.policy])
+    assert not within_band(mistake.policy, outcome)
+
+
+@pytest.mark.parametrize(
+    ("policy", "name", "earliest", "latest"),
+    [
+        ("unitree", "projected_gravity sign flipped", 0.5, 0.9),
+        ("unitree", "joint_pos not relative", 1.1, 1.7),
+        ("unitree", "last_action zero", 1.0, 1.5),
+        ("waltz", "two rows instead of two columns", 0.2, 0.7),
+        ("waltz", "command relative to default pose", 0.5, 1.2),
+        ("holosoma", "terms in listed order instead of alphabetical", 0.05, 0.3),
+        ("holosoma", "action scale 1", 0.3, 0.7),
+    ],
+)
+def test_robots_fall_when_the_readme_says(
+    policy: str, name: str, earliest: float, latest: float, rollouts: dict[str, Rollouts]
+) -> None:
+    (mistake,) = (mistake for mistake in MISTAKES if (mistake.policy, mistake.name) == (policy, name))
+    assert earliest < mistake.lost_at < latest
+    tried = rollouts[policy]
+    assert earliest < tried.run(mistake.edit(tried.subject.contract), TRIALS[policy]).time_up < latest
+
+
+def test_the_robot_is_the_one_of_the_joint_order(rollouts: dict[str, Rollouts]) -> None:
+    assert rollouts["waltz"].subject.description.joint_names == MJCF_JOINTS
