@@ -26,7 +26,7 @@ _RIVALS = 2
 _WORTH = 0.15
 """Share of the cost that a second change must save: two changes explain anything a little better than one."""
 _LONGER = 0.05
-"""Share of the time that it must keep the robot up for longer instead."""
+"""Share of the time that it must keep the robot up for longer instead, and not less."""
 _PAIRS = 1200
 _PROMOTED_PAIRS = 8
 
@@ -105,18 +105,20 @@ class Ranking:
         return list(found.values())
 
     def _pays(self, pair: Verdict) -> bool:
-        halves = [self.verdicts.get(edit.name) for edit in pair.hypothesis.edits]
-        return all(
-            half is None
-            or pair.time_up > half.time_up + _LONGER
-            or pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost
-            for half in halves
-        )
+        halves = [self.verdicts[edit.name] for edit in pair.hypothesis.edits if edit.name in self.verdicts]
+        return all(_beats(pair, half) for half in halves)
 
     def alternatives(self, verdict: Verdict) -> list[Verdict]:
         """Other edits of the same cause, best first."""
         same = [v for v in self.verdicts.values() if v.hypothesis.causes == verdict.hypothesis.causes]
         return sorted((v for v in same if v is not verdict), key=lambda v: v.order)
+
+
+def _beats(pair: Verdict, half: Verdict) -> bool:
+    """Whether a second change is worth it."""
+    if abs(pair.time_up - half.time_up) > _LONGER:
+        return pair.time_up > half.time_up
+    return pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost
 
 
 def make_plan(
@@ -137,7 +139,7 @@ def make_plan(
         pairs: at most so many are tried.
     """
     if contract.task_type != "locomotion":
-        long = min(motion_seconds, 5.0 * seconds)
+        long = max(min(motion_seconds, 5.0 * seconds), contract.policy_dt)
         return Plan((Trial(min(seconds, long)),), (Trial(long), Trial(long, yaw=-1.0)), pairs)
     commands = [command] if command else [_within(wanted, contract) for wanted in _COMMANDS]
     headings = (2.0, -1.0, 2.5)
@@ -207,7 +209,7 @@ def _pairs(
 ) -> list[Hypothesis]:
     """The pairs worth trying: none if nothing is wrong; those with the best if it keeps the robot up, else all."""
     best = ranking.best()[0]
-    if not best.hypothesis.edits:
+    if best.stays_up and not best.hypothesis.edits:
         return []
     ranked = sorted(everything, key=lambda hypothesis: ranking.verdicts[hypothesis.name].order)
     found: Iterable[Hypothesis]

@@ -1,0 +1,85 @@
+"""`python -m humanoid_sim.policy doctor` on the sample policy of the Lite arms."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from humanoid_sim.doctor import main, program
+from humanoid_sim.errors import InputError
+from humanoid_sim.play.options import SAMPLE_POLICY
+
+CHECKPOINT = str(SAMPLE_POLICY)
+QUICK = ("--robot", "lite", "--motion", "wave", "--seconds", "0.3", "--pairs", "0")
+
+
+@pytest.fixture
+def wrong(tmp_path: Path) -> str:
+    path = tmp_path / "wrong.yaml"
+    path.write_text("override: {terms: {joint_pos: {relative: false}}}\n")
+    return str(path)
+
+
+def test_a_wrong_contract_is_diagnosed_and_what_it_says_to_write_cures_it(
+    wrong: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([CHECKPOINT, *QUICK, "--contract", wrong, "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    first = document["ranking"][0]
+    assert first["causes"] == ["joint_pos relative"]
+    assert "joint_pos" in document["conclusion"]
+    cure = tmp_path / "cure.yaml"
+    cure.write_text(yaml.safe_dump({"override": first["override"]}))
+    assert main([CHECKPOINT, *QUICK, "--contract", str(cure)]) == 0
+    assert "Nothing wrong found in this space" in capsys.readouterr().out
+
+
+def test_ctrl_c_shows_what_is_known(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def impatient(subject, robot, plan, ranking, progress):  # type: ignore[no-untyped-def]
+        def stop(stage: str, done: int, total: int) -> None:
+            if done == 3:
+                raise KeyboardInterrupt
+
+        whole(subject, robot, plan, ranking, stop)
+
+    whole = program.search
+    monkeypatch.setattr(program, "search", impatient)
+    assert main([CHECKPOINT, *QUICK, "--json"]) == 130
+    document = json.loads(capsys.readouterr().out)
+    assert document["complete"] is False
+    assert len(document["ranking"]) >= 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--seconds", "0"), "--seconds: is 0.0"),
+        (("--seconds", "nan"), "--seconds: is nan"),
+        (("--pairs", "-1"), "--pairs: is -1"),
+        (("--top", "0"), "--top: is 0"),
+        (("--command", "0.5,0,0"), "--command: is '0.5,0,0', but"),
+        (("--motion", "nowhere"), "--motion: 'nowhere'"),
+        (("--robot", "nobody"), "unknown robot 'nobody'"),
+    ],
+)
+def test_bad_options_are_one_line(options: tuple[str, ...], message: str) -> None:
+    with pytest.raises(InputError) as error:
+        main([CHECKPOINT, "--robot", "lite", "--motion", "wave", *options])
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom humanoid_sim.doctor import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print(sorted({'mujoco', 'onnxruntime', 'onnx'} & set(sys.modules)))"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.splitlines()[-1] == "[]"
+    assert "--command" in answer.stdout

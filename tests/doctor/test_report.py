@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+
+import pytest
+import yaml
+from examples import FACTS, tracker
+from rich.console import Console
+
+from humanoid_sim.doctor.hypotheses import Hypothesis, present, singles
+from humanoid_sim.doctor.quality import Quality
+from humanoid_sim.doctor.report import conclusion, is_healthy, print_ranking, ranking_document
+from humanoid_sim.doctor.rollout import Outcome
+from humanoid_sim.doctor.search import Ranking, Verdict
+
+CONTRACT = replace(tracker(), anchor_body="pelvis")
+FOUND = {hypothesis.name: hypothesis for hypothesis in singles(CONTRACT, FACTS)}
+CURE = "anchor body torso"
+
+
+def verdict(hypothesis: Hypothesis, up: float, cost: float) -> Verdict:
+    outcome = Outcome(up * 4.0, 4.0, Quality({"position": cost}), "" if up == 1.0 else "sank to 0.46 m")
+    return Verdict(hypothesis, (outcome,), True)
+
+
+def ranking(before: tuple[float, float], after: tuple[float, float]) -> Ranking:
+    result = Ranking(is_complete=True)
+    result.add(verdict(present(CONTRACT), *before))
+    result.add(verdict(FOUND[CURE], *after))
+    result.add(
+        verdict(FOUND["anchor body left_foot"] if "anchor body left_foot" in FOUND else FOUND["rate 25 Hz"], 0.1, 9.0)
+    )
+    return result
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "healthy", "text"),
+    [
+        ((1.0, 2.0), (0.5, 1.0), True, "Nothing wrong found in this space"),
+        ((1.0, 2.0), (1.0, 1.99), True, "Nothing wrong found in this space"),
+        ((1.0, 2.0), (1.0, 1.8), False, "'anchor body torso' does 10% better, which is little"),
+        ((1.0, 2.0), (1.0, 1.0), False, "Most likely: the anchor terms compare torso. With that it does 50% better."),
+        ((0.3, 2.0), (1.0, 2.0), False, "Most likely: the anchor terms compare torso. With that it keeps the robot up"),
+        ((0.3, 2.0), (0.9, 2.0), False, "Nothing in this space keeps the robot up"),
+        ((0.9, 2.0), (0.3, 2.0), False, "Nothing in this space keeps the robot up"),
+    ],
+)
+def test_conclusions(before: tuple[float, float], after: tuple[float, float], healthy: bool, text: str) -> None:
+    result = ranking(before, after)
+    assert is_healthy(result) is healthy
+    assert text in conclusion(result)
+
+
+def test_before_anything_was_tried() -> None:
+    assert not is_healthy(Ranking())
+    assert conclusion(Ranking()) == "Nothing has been tried yet."
+    assert "Nothing has been tried yet." in printed(Ranking())
+
+
+def printed(result: Ranking, rows: int = 10) -> str:
+    stream = io.StringIO()
+    print_ranking(Console(file=stream, width=150), result, CONTRACT, rows)
+    return stream.getvalue()
+
+
+def test_the_table_ends_with_what_to_paste() -> None:
+    text = printed(ranking((0.3, 2.0), (1.0, 2.0)))
+    table, _, rest = text.partition("Most likely")
+    for part in (CURE, "as it is", "4.0 of 4 s", "1.2 of 4 s", "sank to 0.46 m", "anchor_body: torso"):
+        assert part in table
+    pasted = rest[rest.index("override:") :]
+    assert yaml.safe_load(pasted) == {"override": {"anchor_body": "torso"}}
+
+
+def test_nothing_to_paste_where_nothing_helps() -> None:
+    assert "override:\n" not in printed(ranking((0.3, 2.0), (0.9, 2.0)))
+    assert "override:\n" not in printed(ranking((1.0, 2.0), (0.9, 2.0)))
+
+
+def test_the_present_contract_is_always_in_the_table() -> None:
+    text = printed(ranking((0.05, 2.0), (1.0, 2.0)), rows=1)
+    assert "as it is" in text
+    assert "rate 25 Hz" not in text
+
+
+def test_the_document_is_json_and_complete() -> None:
+    result = ranking((0.3, 2.0), (1.0, 2.0))
+    document = json.loads(json.dumps(ranking_document(result, CONTRACT)))
+    assert document["complete"] is True
+    assert document["healthy"] is False
+    first, second, _ = document["ranking"]
+    assert first["rank"] == 1
+    assert first["hypothesis"] == CURE
+    assert first["causes"] == ["anchor body"]
+    assert first["override"] == {"anchor_body": "torso"}
+    assert first["trials"] == [{"time_up": 4.0, "seconds": 4.0, "lost": "", "quality": {"position": 2.0}}]
+    assert second["hypothesis"] == "as it is"
+    assert second["override"] == {}
+    assert second["trials"][0]["lost"] == "sank to 0.46 m"

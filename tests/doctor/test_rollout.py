@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import msgspec
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor.rollout import Rollouts, Trial
+from humanoid_sim.doctor.subject import Subject
+from humanoid_sim.robots.description import load_robot
+
+BIPED = load_robot("lite_biped")
+
+
+def still(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+    return np.zeros(BIPED.joint_count, dtype=np.float32)
+
+
+def standing(**changes: object) -> PolicyContract:
+    """The Lite's legs held by a policy that always answers zeros."""
+    values: dict[str, object] = {
+        "task_type": "locomotion",
+        "joint_names": BIPED.joint_names,
+        "action_joint_names": BIPED.joint_names,
+        "joint_stiffness": 80.0,
+        "joint_damping": 2.0,
+        "default_joint_pos": np.array(BIPED.initial_position),
+        "observation": ("base_ang_vel", "projected_gravity", "velocity_commands", "joint_pos", "joint_vel", "actions"),
+        "command_names": ("twist",),
+        "action_scale": 0.25,
+        "policy_dt": 0.02,
+        "body_names": (),
+    }
+    return PolicyContract(**{**values, **changes})  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def rollouts() -> Rollouts:
+    return Rollouts(Subject(standing(), still, BIPED))
+
+
+def test_what_stands_stays_up_to_the_end(rollouts: Rollouts) -> None:
+    outcome = rollouts.run(standing(), Trial(2.0))
+    assert outcome.lost == ""
+    assert outcome.time_up == 2.0
+    assert outcome.quality.parts["velocity"] < 0.1
+    assert set(outcome.quality.parts) == {"velocity", "turning", "tilt", "height", "shaking", "torque"}
+
+
+def test_what_is_too_soft_falls_early(rollouts: Rollouts) -> None:
+    outcome = rollouts.run(standing(joint_stiffness=5.0), Trial(3.0))
+    assert 0.1 < outcome.time_up < 2.0
+    assert outcome.lost.startswith(("tilted", "sank"))
+
+
+def test_a_trial_can_be_repeated_to_the_bit(rollouts: Rollouts) -> None:
+    soft = standing(joint_stiffness=20.0)
+    first = rollouts.run(soft, Trial(1.0))
+    rollouts.run(standing(), Trial(0.5))
+    again = rollouts.run(soft, Trial(1.0))
+    fresh = Rollouts(rollouts.subject).run(soft, Trial(1.0))
+    assert first == again == fresh
+
+
+def test_the_command_counts(rollouts: Rollouts) -> None:
+    outcome = rollouts.run(standing(), Trial(2.0, (0.5, 0.0, 0.0)))
+    assert outcome.quality.parts["velocity"] == pytest.approx(0.5 / 0.25, rel=0.1)
+
+
+def test_a_contract_that_cannot_run_is_lost_at_once(rollouts: Rollouts) -> None:
+    unknown = standing(observation=("base_ang_vel", "whatever"))
+    outcome = rollouts.run(unknown, Trial(1.0))
+    assert outcome.time_up == 0.0
+    assert "whatever" in outcome.lost
+    odd = rollouts.run(standing(policy_dt=0.0333), Trial(1.0))
+    assert odd.time_up == 0.0
+
+
+def test_damping_that_no_physics_step_can_take_is_said_so(rollouts: Rollouts) -> None:
+    outcome = rollouts.run(standing(joint_damping=1e5), Trial(1.0))
+    assert outcome.lost == "its damping is unstable in simulation"
+
+
+def test_a_policy_that_diverges_is_lost_by_its_fault() -> None:
+    def wild(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+        return np.full(BIPED.joint_count, np.nan, dtype=np.float32)
+
+    outcome = Rollouts(Subject(standing(), wild, BIPED)).run(standing(), Trial(1.0))
+    assert outcome.time_up == 0.0
+    assert "action" in outcome.lost
+
+
+def test_joints_that_run_away_end_a_trial_quietly(
+    capfd: pytest.CaptureFixture[str], tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path_factory.mktemp("log")
+    monkeypatch.chdir(folder)
+
+    def kicking(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+        return np.full(BIPED.joint_count, 90.0 * (-1.0) ** frame, dtype=np.float32)
+
+    contract = standing(action_scale=50.0, joint_stiffness=5000.0)
+    before = mujoco.get_mju_user_warning()
+    joints = tuple(msgspec.structs.replace(joint, effort_limit=float("inf")) for joint in BIPED.joints)
+    strong = msgspec.structs.replace(BIPED, joints=joints)
+    outcome = Rollouts(Subject(contract, kicking, strong)).run(contract, Trial(2.0))
+    assert outcome.lost
+    assert outcome.time_up < 1.0
+    assert mujoco.get_mju_user_warning() is before
+    assert capfd.readouterr().err == ""
+    assert list(folder.iterdir()) == []
+
+
+def test_robots_are_kept_and_used_again(rollouts: Rollouts) -> None:
+    fresh = Rollouts(rollouts.subject)
+    fresh.run(standing(), Trial(0.1))
+    built = len(fresh._robots)
+    for stiffness in (90.0, 100.0):
+        fresh.run(standing(joint_stiffness=stiffness), Trial(0.1))
+    assert len(fresh._robots) == built
+    fresh.run(standing(default_joint_pos=0.1), Trial(0.1))
+    assert len(fresh._robots) > built

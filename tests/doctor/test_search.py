@@ -1,0 +1,198 @@
+"""The order of the search and of its ranking, with trials whose outcomes are made up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from examples import FACTS, tracker, walker
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor import search as module
+from humanoid_sim.doctor.edits import Edit, set_fields
+from humanoid_sim.doctor.hypotheses import Hypothesis, same_contract, singles
+from humanoid_sim.doctor.quality import Quality
+from humanoid_sim.doctor.rollout import Outcome, Trial
+from humanoid_sim.doctor.search import Ranking, Verdict, make_plan, search
+
+Judge = Callable[[PolicyContract], tuple[float, float]]
+"""Share of the time up, and cost."""
+
+
+def verdict(
+    *edits: tuple[str, str], up: float = 1.0, cost: float = 2.0, thorough: bool = True, doubt: float = 0.05
+) -> Verdict:
+    made = tuple(Edit(name, cause, "…", set_fields(), doubt) for name, cause in edits)
+    outcome = Outcome(up * 4.0, 4.0, Quality({"all": cost}), "" if up == 1.0 else "tilted")
+    return Verdict(Hypothesis(made, tracker()), (outcome,), thorough)
+
+
+def ranking(*verdicts: Verdict) -> Ranking:
+    result = Ranking()
+    for item in verdicts:
+        result.add(item)
+    return result
+
+
+def names(result: Ranking) -> list[str]:
+    return [item.hypothesis.name for item in result.best()]
+
+
+def test_time_up_comes_before_quality() -> None:
+    assert names(ranking(verdict(("a", "A"), up=0.5, cost=0.1), verdict(("b", "B"), cost=9.0))) == ["b", "a"]
+
+
+def test_of_equals_the_simpler_comes_first() -> None:
+    assert names(ranking(verdict(("a", "A"), cost=2.0), verdict(cost=2.0))) == ["as it is", "a"]
+    assert names(ranking(verdict(("a", "A"), cost=1.8), verdict(cost=2.0))) == ["a", "as it is"]
+    assert names(ranking(verdict(("a", "A"), cost=1.8, doubt=0.25), verdict(cost=2.0))) == ["as it is", "a"]
+
+
+def test_below_what_anybody_would_notice_differences_do_not_count() -> None:
+    assert names(ranking(verdict(("a", "A"), cost=0.08), verdict(cost=0.1))) == ["as it is", "a"]
+
+
+def test_what_was_tried_at_length_comes_first() -> None:
+    assert names(ranking(verdict(("a", "A"), thorough=False), verdict(("b", "B"), up=0.5))) == ["b", "a"]
+
+
+def test_of_a_cause_only_the_best_edit_is_ranked() -> None:
+    result = ranking(verdict(("a1", "A"), cost=3.0), verdict(("a2", "A"), cost=2.0), verdict(("b", "B"), cost=4.0))
+    assert names(result) == ["a2", "b"]
+    assert [item.hypothesis.name for item in result.alternatives(result.best()[0])] == ["a1"]
+
+
+@pytest.mark.parametrize(("up", "cost", "pays"), [(1.0, 1.9, False), (1.0, 1.0, True), (0.9, 1.0, False)])
+def test_a_pair_has_to_do_better_than_both_halves(up: float, cost: float, pays: bool) -> None:
+    result = ranking(
+        verdict(("a", "A"), cost=2.0), verdict(("b", "B"), up=0.5), verdict(("a", "A"), ("b", "B"), up=up, cost=cost)
+    )
+    assert ("a + b" in names(result)) is pays
+
+
+def test_a_pair_pays_by_time_as_well() -> None:
+    result = ranking(
+        verdict(("a", "A"), up=0.5), verdict(("b", "B"), up=0.4), verdict(("a", "A"), ("b", "B"), cost=30.0)
+    )
+    assert names(result)[0] == "a + b"
+
+
+def test_a_plan_walks_with_commands_that_the_policy_knows() -> None:
+    plan = make_plan(walker(), seconds=2.0)
+    trials = [*plan.brief, *plan.thorough]
+    ranges = walker().command_ranges
+    assert ranges is not None
+    commands = np.array([trial.command for trial in trials])
+    assert ((ranges[:, 0] <= commands) & (commands <= ranges[:, 1])).all()
+    assert len({trial.command for trial in plan.thorough}) == 3
+    assert all(abs(trial.yaw) >= 1.0 for trial in trials)  # where world and body frames differ
+    given = make_plan(walker(), command=(0.3, 0.0, 0.1))
+    assert {trial.command for trial in (*given.brief, *given.thorough)} == {(0.3, 0.0, 0.1)}
+
+
+def test_a_plan_is_no_longer_than_the_motion() -> None:
+    plan = make_plan(tracker(), seconds=4.0, motion_seconds=6.0)
+    assert [trial.seconds for trial in plan.brief] == [4.0]
+    assert {trial.seconds for trial in plan.thorough} == {6.0}
+    assert make_plan(tracker(), seconds=4.0, motion_seconds=3.0).brief[0].seconds == 3.0
+    assert make_plan(tracker(), seconds=4.0, motion_seconds=900.0).thorough[0].seconds == 20.0
+
+
+class Invented:
+    """In the place of `Rollouts`: outcomes by a rule, and a count."""
+
+    def __init__(self, judge: Judge) -> None:
+        self._judge = judge
+        self.trials = 0
+
+    def __call__(self, subject: object) -> Invented:
+        return self
+
+    def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
+        self.trials += 1
+        up, cost = self._judge(contract)
+        return Outcome(up * trial.seconds, trial.seconds, Quality({"all": cost}), "" if up == 1.0 else "fell")
+
+
+class Patient:
+    def __init__(self, contract: PolicyContract) -> None:
+        self.contract = contract
+
+
+@pytest.fixture
+def examine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Ranking]:
+    def run(contract: PolicyContract, judge: Judge, pairs: int = 2000) -> Ranking:
+        monkeypatch.setattr(module, "Rollouts", Invented(judge))
+        result = Ranking()
+        stages: list[str] = []
+
+        def progress(stage: str, done: int, total: int) -> None:
+            assert 1 <= done <= total
+            stages.append(stage)
+
+        plan = make_plan(contract, motion_seconds=10.0, pairs=pairs)
+        search(Patient(contract), FACTS, plan, result, progress)  # type: ignore[arg-type]
+        assert stages[0] == "single changes"
+        return result
+
+    return run
+
+
+def right_only(right: PolicyContract) -> Judge:
+    return lambda contract: (1.0, 1.0) if same_contract(contract, right) else (0.2, 5.0)
+
+
+def test_one_mistake_is_found(examine: Callable[..., Ranking]) -> None:
+    right = tracker()
+    wrong = set_fields(anchor_body="pelvis")(right)
+    result = examine(wrong, right_only(right))
+    assert names(result)[0] == "anchor body torso"
+    assert result.is_complete
+    assert result.present is not None
+    assert result.present.is_thorough
+
+
+def test_two_mistakes_are_found_though_neither_cure_helps_alone(examine: Callable[..., Ranking]) -> None:
+    right = tracker()
+    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
+    assert names(examine(wrong, right_only(right)))[0] == "anchor body torso + reference aligned"
+    assert "+" not in names(examine(wrong, right_only(right), pairs=0))[0]
+
+
+def test_a_right_contract_is_left_alone_without_trying_pairs(examine: Callable[..., Ranking]) -> None:
+    result = examine(tracker(), right_only(tracker()))
+    assert names(result)[0] == "as it is"
+    assert all(len(item.hypothesis.edits) < 2 for item in result.verdicts.values())
+
+
+def test_whatever_is_known_survives_an_interruption(
+    monkeypatch: pytest.MonkeyPatch, examine: Callable[..., Ranking]
+) -> None:
+    contract = tracker()
+    monkeypatch.setattr(module, "Rollouts", Invented(right_only(contract)))
+    result = Ranking()
+
+    def interrupt(stage: str, done: int, total: int) -> None:
+        if done == 10:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        search(Patient(contract), FACTS, make_plan(contract, motion_seconds=9.0), result, interrupt)  # type: ignore[arg-type]
+    assert len(result.verdicts) == 10
+    assert not result.is_complete
+    assert names(result)[0] == "as it is"
+
+
+def test_close_edits_of_one_cause_are_all_tried_at_length(examine: Callable[..., Ranking]) -> None:
+    contract = tracker()
+    scales = {"action scale 1": 2.0, "action scale 0.5": 2.1, "action scale 0.25": 9.0}
+    found = {h.name: h.contract for h in singles(contract, FACTS) if h.name in scales}
+
+    def judge(tried: PolicyContract) -> tuple[float, float]:
+        match = [scales[name] for name, made in found.items() if same_contract(made, tried)]
+        return (1.0, match[0]) if match else (0.2, 5.0)
+
+    thorough = {name for name, item in examine(contract, judge).verdicts.items() if item.is_thorough}
+    assert {"action scale 1", "action scale 0.5"} <= thorough
+    assert "action scale 0.25" not in thorough
