@@ -249,11 +249,11 @@ sys.exit(run_program(main, [*options, "--robot", {quick!r}]))"""
 
 @contextmanager
 def unread(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
-    """A process that plays into a pipe that is nearly full and that nobody reads."""
+    """A process that plays into a pipe that nobody reads and that has room for the introduction, but not for the run."""
     read, write = os.pipe()
     size = fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
     command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
-    os.write(write, b" " * (size - 300))
+    os.write(write, b" " * (size - 1500))
     with subprocess.Popen(
         command,
         cwd=folder,
@@ -270,7 +270,7 @@ def unread(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
             os.close(write)
 
 
-CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 5)
+CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 20)
 
 
 def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder: Path, quick: str) -> None:
