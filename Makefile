@@ -17,7 +17,7 @@ test: $(VENV)/test.done  ## lint, types, and the tests that finish in minutes
 	$(BIN)/mypy
 	$(BIN)/python -m pytest $(ARGS)
 
-test-slow: $(VENV)/test.done  ## the tests that take longer
+test-slow: $(VENV)/slow.done  ## the tests that take longer, or need a cluster, an RL library or a notebook's kernel
 	$(BIN)/python -m pytest -m slow $(ARGS)
 
 test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, which need PyTorch
@@ -60,6 +60,10 @@ $(VENV)/test.done: $(VENV)/play.done
 
 $(VENV)/train.done: $(VENV)/play.done
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train]'
+	touch $@
+
+$(VENV)/slow.done: $(VENV)/test.done $(VENV)/train.done
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[cluster,notebooks,rl]'
 	touch $@
 
 $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
