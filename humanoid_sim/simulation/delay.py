@@ -7,9 +7,12 @@ from typing import Generic, TypeVar
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["DelayLine", "delay_steps"]
+__all__ = ["LONGEST_DELAY", "DelayLine", "delay_steps"]
 
 T = TypeVar("T")
+
+LONGEST_DELAY = 10.0
+"""s; far more than any bus, and few enough steps to keep."""
 
 
 class DelayLine(Generic[T]):
@@ -40,10 +43,11 @@ def delay_steps(name: str, delay: float, physics_timestep: float) -> int:
     """A delay in physics steps; both times in s.
 
     Raises:
-        InputError: negative, not finite, or not a multiple of the physics step; the message names the nearest that is.
+        InputError: negative, longer than `LONGEST_DELAY`, or not a multiple of the physics step; the message names the
+            nearest that is.
     """
-    if not 0.0 <= delay < float("inf"):
-        raise InputError(f"{name}: is {delay} s, expected a finite number >= 0")
+    if not 0.0 <= delay <= LONGEST_DELAY:
+        raise InputError(f"{name}: is {delay:g} s, expected 0 to {LONGEST_DELAY:g} s")
     steps = round(delay / physics_timestep)
     if abs(delay - steps * physics_timestep) > 1e-9:
         raise InputError(

@@ -227,7 +227,7 @@ OPTIONS = [
     ({"state_sampling": "later"}, "state_sampling: is 'later', expected now or on_command"),
     ({"actuation": "servo"}, "actuation: is 'servo', expected qfrc_applied or affine"),
     ({"command_delay": 0.0015}, "command_delay: 0.0015 s is not a multiple of the physics step of 0.001 s; "),
-    ({"state_delay": -1.0}, "state_delay: is -1.0 s, expected a finite number >= 0"),
+    ({"state_delay": -1.0}, "state_delay: is -1 s, expected 0 to 10 s"),
     (
         {"physics_timestep": 0.003},
         "physics timestep: 0.003 s does not divide the control period of 0.005 s; the nearest ",
