@@ -17,14 +17,15 @@ from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.interface import Robot
+from humanoid_sim.session.histogram import DurationHistogram
+from humanoid_sim.session.pace import Pace
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.sink import SessionHeader, Sink, TickRecord
+from humanoid_sim.session.sink_group import SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
 
 __all__ = ["LoopSettings", "SafetyFilter", "Session", "SessionResult"]
 
-_SPIN = 0.0002
-"""s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel."""
 _BACKLOG_LIMIT = 2000
 """Ticks that the slowest sink may lag behind before a run without deadlines waits for it."""
 
@@ -58,6 +59,8 @@ class SessionResult:
     overruns: int
     skipped: int
     """Deadlines that passed while a tick was still running."""
+    jitter: DurationHistogram
+    """How long after its due time each tick began; empty without real time."""
     failures: tuple[str, ...] = ()
     """Sinks that raised on the control thread and were left out from then on, each with its exception."""
 
@@ -114,8 +117,7 @@ class Session:
         self._intents = tuple(intents)
         self._remote = remote
         self._externs = tuple(externs)
-        self._sinks = tuple(sinks)
-        self._failures: list[str] = []
+        self._sinks = SinkGroup(sinks, lambda: self.time)
         self._safety_filter = safety_filter
         self._qpos = qpos
         self._mode_listener = mode_listener
@@ -125,15 +127,18 @@ class Session:
         self._output: TickOutput | None = None
         self._state = MITState.unknown(len(robot.joints))
         self._index = 0
-        self._overruns = 0
-        self._skipped = 0
-        self._deadline: float | None = None
+        self._pace = Pace(settings.control_period, realtime=settings.realtime)
         self._first_time: float | None = None
 
     @property
     def time(self) -> float:
         """s, the robot's clock as of the last reading; other threads may ask."""
         return float(self._state.time)
+
+    @property
+    def state(self) -> MITState:
+        """As last read."""
+        return self._state
 
     @property
     def memory(self) -> SupervisorMemory:
@@ -164,16 +169,14 @@ class Session:
         begin = perf_counter()
         # Left in reverse: the robot is closed before any sink may take its time.
         with contextlib.ExitStack() as sinks, contextlib.closing(self._robot):
-            for sink in self._sinks:
-                sink.start(self._header)
-                sinks.callback(sink.close)
+            self._sinks.start(self._header, sinks)
             self._robot.activate()
             try:
                 self._loop()
                 self._rest()
             except BaseException as error:
                 self._damp_now()
-                self._announce(f"ended by {type(error).__name__}: {error}")
+                self._sinks.event(f"ended by {type(error).__name__}: {error}")
                 raise
         first = self.time if self._first_time is None else self._first_time
         return SessionResult(
@@ -181,9 +184,10 @@ class Session:
             reason=self._stop_reason,
             duration=self.time - first + self._settings.control_period * bool(self._index),
             wall_time=perf_counter() - begin,
-            overruns=self._overruns,
-            skipped=self._skipped,
-            failures=tuple(self._failures),
+            overruns=self._pace.overruns,
+            skipped=self._pace.skipped,
+            jitter=self._pace.jitter,
+            failures=tuple(self._sinks.failures),
         )
 
     def _loop(self) -> None:
@@ -207,7 +211,7 @@ class Session:
         """
         if self._output is None:
             return
-        self._announce(f"ending: {self._stop_reason}")
+        self._sinks.event(f"ending: {self._stop_reason}")
         if self.mode is not Mode.ZERO_TORQUE:
             rest = RestDetector(self._settings.control_period)
             left = round(self._settings.damping_time / self._settings.control_period)
@@ -228,7 +232,7 @@ class Session:
         Args:
             intents: of this tick; None: those of the sources.
         """
-        start = perf_counter()
+        start = self._pace.begin()
         state, safety = self._robot.read()
         if self._externs:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
@@ -242,70 +246,25 @@ class Session:
         if self._mode_listener is not None and (self.mode is not before or self._index == 0):
             told = self._mode_listener(self.mode)
             if told:
-                self._announce(told)
+                self._sinks.event(told)
         qpos = self._qpos() if self._qpos else None
         decided = perf_counter()
         self._robot.write(self._output.command)
         written = perf_counter()
-        overrun = self._next_deadline(start, written)
+        overrun = self._pace.written(start, written)
         duration = (decided if self._settings.simulated else written) - start
         record = TickRecord(self._index, tick_input, self._output, duration, overrun, qpos)
         self._index += 1
-        for sink in self._sinks:
-            try:
-                sink.tick(record)
-            except Exception as error:
-                self._drop(sink, error)
+        self._sinks.tick(record)
         self._wait()
-
-    def _next_deadline(self, start: float, now: float) -> bool:
-        """Set the deadline of the next tick; whether this tick missed its own.
-
-        Without real time there are none, and a tick that took longer than a control period counts instead.
-        """
-        period = self._settings.control_period
-        if self._settings.realtime:
-            self._deadline = (start if self._deadline is None else self._deadline) + period
-            return self._skip_missed(now)
-        overrun = now - start > period
-        self._overruns += overrun
-        return overrun
-
-    def _skip_missed(self, now: float) -> bool:
-        """Move a deadline that has passed on to the next one that has not: a missed one is never caught up."""
-        period = self._settings.control_period
-        if self._deadline is None or now <= self._deadline:
-            return False
-        missed = int((now - self._deadline) / period) + 1
-        self._deadline += missed * period
-        self._overruns += 1
-        self._skipped += missed
-        return True
 
     def _wait(self) -> None:
         """Wait for the deadline; without real time only for sinks that lag far behind."""
-        if not self._settings.realtime or self._deadline is None:
-            while any(sink.backlog > _BACKLOG_LIMIT for sink in self._sinks) and not self._stop_reason:
-                sleep(self._settings.control_period)
+        if self._settings.realtime:
+            self._pace.wait()
             return
-        self._skip_missed(perf_counter())  # the sinks have taken their time as well
-        while (left := self._deadline - perf_counter()) > 0.0:
-            if left > _SPIN:
-                sleep(left - _SPIN)
-
-    def _announce(self, text: str) -> None:
-        for sink in self._sinks:
-            try:
-                sink.event(self.time, text)
-            except Exception as error:
-                self._drop(sink, error)
-
-    def _drop(self, sink: Sink, error: Exception) -> None:
-        """Go on without a sink that raised: a broken viewer must not stop a robot in mid-motion."""
-        failure = f"{type(sink).__name__}: {type(error).__name__}: {error}"
-        self._sinks = tuple(other for other in self._sinks if other is not sink)
-        self._failures.append(failure)
-        self._announce(f"left out from here on: {failure}")
+        while self._sinks.lags(_BACKLOG_LIMIT) and not self._stop_reason:
+            sleep(self._settings.control_period)
 
     def _damp_now(self) -> None:
         """Last resort after an exception; sources and sinks are left out, because one of them may be what broke."""

@@ -24,6 +24,7 @@ from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyS
 from humanoid_sim.mit import Extern
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.loopback import LoopbackRobot
+from humanoid_sim.session import pace
 from humanoid_sim.session.session import LoopSettings, Session
 from humanoid_sim.session.sink import SessionHeader
 from humanoid_sim.stack import build_supervisor
@@ -350,8 +351,9 @@ class FakeClock:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 100.0
         self.slept: list[float] = []
-        monkeypatch.setattr(loop, "perf_counter", self.look)
-        monkeypatch.setattr(loop, "sleep", self.sleep)
+        for module in (loop, pace):
+            monkeypatch.setattr(module, "perf_counter", self.look)
+            monkeypatch.setattr(module, "sleep", self.sleep)
 
     def look(self) -> float:
         self.now += 1e-6
