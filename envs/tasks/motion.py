@@ -1,0 +1,83 @@
+"""Follow a motion that is given as joint positions, with the pose of one body in the world: whole-body tracking."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from humanoid_sim.controllers.context import ANCHOR_POSE
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.rotation import conjugate, multiply
+from humanoid_sim.envs.tasks.sample import StepSample
+from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.schema import RobotDescription
+
+__all__ = ["MotionTask"]
+
+_JOINT_SCALE = 0.3
+"""rad"""
+_POSITION_SCALE = 0.3
+"""m"""
+_ORIENTATION_SCALE = 0.4
+"""rad"""
+_LOST_HEIGHT = 0.35
+"""m between the anchor body and its reference."""
+_LOST_TILT = 1.2
+"""rad between the two, the heading left out."""
+
+
+class MotionTask(Task):
+    """Follow the motion's joints, and its anchor body as far as the motion has one, to the end of the motion.
+
+    ================== ====== ==== ==================================================================================
+    term               weight unit value
+    ================== ====== ==== ==================================================================================
+    joint_position     1.0    1    exp(-e²/0.3² rad²), e² the squared joint position error in rad², mean over joints
+    anchor_position    0.5    1    exp(-e²/0.3² m²), e the distance of the anchor body from its reference, m
+    anchor_orientation 0.5    1    exp(-θ²/0.4² rad²), θ the angle between the anchor body and its reference
+    ================== ====== ==== ==================================================================================
+
+    Terminated where the anchor body is 0.35 m above or below its reference or tilted against it by 1.2 rad, and as
+    every floating base where it falls; truncated with the motion's last frame. Without an anchor body the
+    two anchor terms are 0.
+    """
+
+    WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
+        {"joint_position": 1.0, "anchor_position": 0.5, "anchor_orientation": 0.5, **Task.WEIGHTS}
+    )
+
+    def __init__(
+        self, description: RobotDescription, contract: PolicyContract, reference: MotionReference, **options: Any
+    ) -> None:
+        """As `Task`, with a reference that has `reference_joint_pos`."""
+        super().__init__(description, contract, reference, **options)
+        self._order = joint_indices(contract.joint_names, description.joint_names, "joint_names of the policy")
+        self._has_anchor = "anchor_pos" in reference.terms and bool(contract.anchor_body)
+        self._last_frame = reference.frame_count - 1
+
+    def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
+        target = self.reference.term("reference_joint_pos", sample.frame)
+        error = sample.state.joint_position[..., self._order] - target
+        values = {"joint_position": np.exp((error * error).mean(axis=-1) / -(_JOINT_SCALE**2))}
+        nothing = np.zeros_like(values["joint_position"])
+        if not self._has_anchor:
+            return values | {"anchor_position": nothing, "anchor_orientation": nothing}, nothing != 0.0
+        pose = sample.state.extern[ANCHOR_POSE].value
+        position, quaternion = self.reference.anchor(sample.frame, sample.alignment)
+        offset = position - pose[..., :3]
+        relative = multiply(conjugate(pose[..., 3:]), quaternion)
+        w, x, y, z = (relative[..., i] for i in range(4))
+        angle = 2.0 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
+        tilt = 2.0 * np.arcsin(np.minimum(np.sqrt(x * x + y * y), 1.0))
+        values["anchor_position"] = np.exp((offset * offset).sum(axis=-1) / -(_POSITION_SCALE**2))
+        values["anchor_orientation"] = np.exp(angle * angle / -(_ORIENTATION_SCALE**2))
+        return values, ~((np.abs(offset[..., 2]) <= _LOST_HEIGHT) & (tilt <= _LOST_TILT))
+
+    def _is_over(self, sample: StepSample) -> BoolArray:
+        return np.asarray(sample.step) >= max(self._last_frame, 1)

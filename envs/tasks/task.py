@@ -1,0 +1,197 @@
+"""What every task is, and the terms of every reward: little effort, smooth actions, no joint stops."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.envs.tasks.sample import StepSample
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.schema import RobotDescription
+
+__all__ = ["BoolArray", "Judgement", "Start", "Task"]
+
+BoolArray = npt.NDArray[np.bool_]
+
+_STOP_MARGIN = 0.05
+"""rad from a joint's limit within which it counts as at its stop."""
+_FALLEN_TILT = 1.0
+"""rad, of a floating base."""
+_FALLEN_HEIGHT = 0.6
+"""Share of the height at the start, of a floating base."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Where an episode begins, and what is asked for in it. The base stands on its feet where the robot starts."""
+
+    joint_position: FloatArray
+    """Shape (..., n), rad, robot's order."""
+    joint_velocity: FloatArray
+    """Shape (..., n), rad/s."""
+    base_yaw: FloatArray
+    """Shape (...), rad, about the vertical, on top of the robot's own start; only floating bases turn."""
+    commands: FloatArray
+    """Shape (..., k, 3), the velocity commands one after the other: vx, vy in m/s, yaw rate in rad/s, heading frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """What a task thinks of a policy step; every array is shape (...)."""
+
+    reward: FloatArray
+    """The sum of the terms, dimensionless."""
+    terms: Mapping[str, FloatArray]
+    """What each term adds to the reward: its weight (1/s per unit of the term) times its value times `policy_dt`."""
+    terminated: BoolArray
+    """The robot has failed at the task."""
+    truncated: BoolArray
+    """The task is over: the motion has ended, or the time is up."""
+
+
+class Task(ABC):
+    """One task for one robot and contract. Stateless: all methods are functions of their arguments.
+
+    Rewards are rates: a term of weight 1 that is 1 throughout adds 1 per second, whatever the policy's period is. Terms
+    of every task, and their weights unless others are given:
+
+    ============ ====== ======== ==================================================================================
+    term         weight unit     value
+    ============ ====== ======== ==================================================================================
+    action_rate  -0.02  action²  squared change of the raw action, summed over its values
+    effort       -0.05  1        squared torque as a share of the joint's effort limit, summed over the joints
+    joint_stops  -2.0   rad      how far joints are beyond their limits less 0.05 rad, summed over the joints
+    ============ ====== ======== ==================================================================================
+    """
+
+    WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
+        {"action_rate": -0.02, "effort": -0.05, "joint_stops": -2.0}
+    )
+    """1/s per unit of each term."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        contract: PolicyContract,
+        reference: MotionReference,
+        *,
+        standing_height: float = 0.0,
+        weights: Mapping[str, float] | None = None,
+        episode_seconds: float = 20.0,
+        joint_noise: float = 0.05,
+        velocity_noise: float = 0.1,
+    ) -> None:
+        """Prepare for a robot and a contract.
+
+        Args:
+            description: of the robot.
+            contract: of the policy; its joints are the robot's.
+            reference: of the contract's motion.
+            standing_height: m, of a floating base's origin where the robot starts; 0 for a fixed base.
+            weights: of terms that should have another weight than the task gives them, 1/s per unit of the term.
+            episode_seconds: s after which an episode is truncated; tasks that follow a motion end with it instead.
+            joint_noise: rad by which each joint may start off the contract's default pose.
+            velocity_noise: rad/s by which each joint may start off rest.
+
+        Raises:
+            InputError: a number is not finite, or a weight is for a term that the task does not have.
+        """
+        numbers = {"episode_seconds": episode_seconds, "joint_noise": joint_noise, "velocity_noise": velocity_noise}
+        for name, value in numbers.items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"{name}: is {value}, expected a finite number >= 0")
+        for name, value in (weights or {}).items():
+            if name not in self.WEIGHTS:
+                raise InputError(f"weights: {known_names('reward term', name, self.WEIGHTS)}")
+            if not math.isfinite(value):
+                raise InputError(f"weights: {name} is {value}, expected a finite number")
+        self.weights: Mapping[str, float] = MappingProxyType({**self.WEIGHTS, **(weights or {})})
+        """1/s per unit of each term."""
+        self._rate = {name: weight * contract.policy_dt for name, weight in self.weights.items()}
+        self.contract = contract
+        self.reference = reference
+        self.episode_steps = max(round(episode_seconds / contract.policy_dt), 1)
+        """Policy steps after which an episode is truncated."""
+        self._is_floating = description.is_floating
+        self._fallen_height = _FALLEN_HEIGHT * standing_height
+        self._lower, self._upper = np.array(description.lower), np.array(description.upper)
+        self._soft_lower, self._soft_upper = self._lower + _STOP_MARGIN, self._upper - _STOP_MARGIN
+        self._inverse_effort = 1.0 / np.array(description.effort_limit)
+        order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
+        self._pose = np.clip(contract.default_joint_pos[order], self._lower, self._upper)
+        self._noise = joint_noise, velocity_noise
+
+    @property
+    def draws(self) -> int:
+        """Random numbers that one start takes."""
+        return 2 * len(self._pose) + 1
+
+    def start(self, numbers: FloatArray) -> Start:
+        """The start that uniform random numbers in [0, 1), shape (..., draws), stand for.
+
+        Joints start around the contract's default pose, within their limits; a floating base has any heading.
+        """
+        n = len(self._pose)
+        spread = 2.0 * numbers - 1.0
+        position, velocity = self._noise
+        return Start(
+            joint_position=np.clip(self._pose + position * spread[..., :n], self._lower, self._upper),
+            joint_velocity=velocity * spread[..., n : 2 * n],
+            base_yaw=np.pi * spread[..., 2 * n] if self._is_floating else np.zeros(numbers.shape[:-1]),
+            commands=self._commands(numbers[..., 2 * n + 1 :]),
+        )
+
+    def _commands(self, numbers: FloatArray) -> FloatArray:
+        """Shape (..., 1, 3): to stay where it is, unless a task asks for more."""
+        return np.zeros((*numbers.shape[:-1], 1, 3))
+
+    def command(self, commands: FloatArray, step: int | npt.NDArray[np.integer]) -> FloatArray:
+        """The velocity command in force after `step` policy steps, shape (..., 3); `commands` are the start's."""
+        del step
+        command: FloatArray = commands[..., 0, :]
+        return command
+
+    def judge(self, sample: StepSample) -> Judgement:
+        """Reward, and whether the episode is over."""
+        values, terminated = self._measure(sample)
+        values |= self._care(sample)
+        if self._is_floating:
+            terminated = terminated | self._has_fallen(sample)
+        terms = {name: self._rate[name] * value for name, value in values.items()}
+        reward = sum(terms.values(), start=np.zeros(()))  # one after the other: a batch adds in the same order
+        return Judgement(reward, terms, terminated, self._is_over(sample))
+
+    @abstractmethod
+    def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
+        """The values of the task's own terms, before their weights, and whether the robot has failed at it."""
+
+    def _care(self, sample: StepSample) -> dict[str, FloatArray]:
+        """The values of the terms of every task."""
+        change = sample.action - sample.previous_action
+        share = sample.torque * self._inverse_effort
+        q = sample.state.joint_position
+        beyond = np.maximum(np.maximum(self._soft_lower - q, q - self._soft_upper), 0.0)
+        return {
+            "action_rate": (change * change).sum(axis=-1, dtype=np.float64),
+            "effort": (share * share).sum(axis=-1),
+            "joint_stops": beyond.sum(axis=-1),
+        }
+
+    def _has_fallen(self, sample: StepSample) -> BoolArray:
+        assert sample.base is not None
+        fallen: BoolArray = (sample.base.tilt > _FALLEN_TILT) | (sample.base.height < self._fallen_height)
+        return fallen
+
+    def _is_over(self, sample: StepSample) -> BoolArray:
+        return np.asarray(sample.step) >= self.episode_steps

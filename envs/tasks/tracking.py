@@ -1,0 +1,108 @@
+"""Follow a motion that is given as poses of bodies in the robot's base frame: the Lite's arms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.reference import Frame, MotionReference
+from humanoid_sim.envs.tasks.sample import StepSample
+from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.tracking import rotation_from_6d
+
+__all__ = ["TrackingTask"]
+
+_POSITION_SCALE = 0.1
+"""m"""
+_ORIENTATION_SCALE = 0.4
+"""rad"""
+_LOST = 0.3
+"""m between a body and its reference: further off than any policy that still follows."""
+
+
+class TrackingTask(Task):
+    """Bring the contract's bodies to where the motion has them, frame by frame, to the end of the motion.
+
+    ================ ====== ==== ==================================================================================
+    term             weight unit value
+    ================ ====== ==== ==================================================================================
+    body_position    1.0    1    exp(-e²/0.1² m²), e² the squared position error in m², mean over the bodies
+    body_orientation 0.5    1    exp(-θ²/0.4² rad²), θ² the squared angle of the orientation error, mean over them
+    ================ ====== ==== ==================================================================================
+
+    Terminated where a body is further than 0.3 m from its reference; truncated with the motion's last frame.
+    """
+
+    WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
+        {"body_position": 1.0, "body_orientation": 0.5, **Task.WEIGHTS}
+    )
+
+    def __init__(
+        self, description: RobotDescription, contract: PolicyContract, reference: MotionReference, **options: Any
+    ) -> None:
+        """As `Task`, with a reference that has `motion_body_pos_b` and `motion_body_ori_b`."""
+        super().__init__(description, contract, reference, **options)
+        count = len(contract.body_names)
+        self._last_frame = reference.frame_count - 1
+        self._position = reference.terms["motion_body_pos_b"].astype(np.float64).reshape(-1, count, 3)
+        columns = reference.terms["motion_body_ori_b"].astype(np.float64).reshape(-1, count, 6)
+        self._quaternion = _quaternion(rotation_from_6d(columns))
+
+    def position_error(self, body_position: FloatArray, frame: Frame) -> FloatArray:
+        """Shape (..., b), m, of body positions (..., b, 3) against a frame (...)."""
+        offset = body_position - self._position[self.reference.clamp(frame)]
+        error: FloatArray = np.sqrt((offset * offset).sum(axis=-1))
+        return error
+
+    def orientation_error(self, body_quaternion: FloatArray, frame: Frame) -> FloatArray:
+        """Shape (..., b), rad in [0, π], of body orientations (..., b, 4) against a frame (...).
+
+        From the chord between the two quaternions, 2 sin(θ/4): accurate near zero, unlike the arc cosine of their
+        product.
+        """
+        target = self._quaternion[self.reference.clamp(frame)]
+        side = np.copysign(1.0, (body_quaternion * target).sum(axis=-1))  # q and -q are the same orientation
+        chord = body_quaternion - side[..., None] * target
+        angle: FloatArray = 4.0 * np.arcsin(np.minimum(0.5 * np.sqrt((chord * chord).sum(axis=-1)), 1.0))
+        return angle
+
+    def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
+        distance = self.position_error(sample.body_position, sample.frame)
+        angle = self.orientation_error(sample.body_quaternion, sample.frame)
+        values = {
+            "body_position": np.exp((distance * distance).mean(axis=-1) / -(_POSITION_SCALE**2)),
+            "body_orientation": np.exp((angle * angle).mean(axis=-1) / -(_ORIENTATION_SCALE**2)),
+        }
+        return values, ~(distance.max(axis=-1) <= _LOST)
+
+    def _is_over(self, sample: StepSample) -> BoolArray:
+        return np.asarray(sample.step) >= max(self._last_frame, 1)
+
+
+def _quaternion(rotation: FloatArray) -> FloatArray:
+    """Unit quaternions (..., 4), w x y z, of rotation matrices (..., 3, 3).
+
+    4 q qᵀ is linear in the matrix; its row with the largest diagonal element, normalised, is ±q without cancellation
+    (Shepperd 1978, "Quaternion from rotation matrix").
+    """
+    r = rotation
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
+    xy, xz, yz = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
+    rows = [
+        [1.0 + xx + yy + zz, wx, wy, wz],
+        [wx, 1.0 + xx - yy - zz, xy, xz],
+        [wy, xy, 1.0 - xx + yy - zz, yz],
+        [wz, xz, yz, 1.0 - xx - yy + zz],
+    ]
+    product = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    best = np.argmax(np.diagonal(product, axis1=-2, axis2=-1), axis=-1)
+    row = np.take_along_axis(product, best[..., None, None], axis=-2)[..., 0, :]
+    quaternion: FloatArray = row / np.sqrt((row * row).sum(axis=-1, keepdims=True))
+    return quaternion
