@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import mujoco
 from rich.console import Console
 
 from humanoid_sim.controllers.action import resolve_action
 from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode, SafetyStatus
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.header import session_header
+from humanoid_sim.play.operators import Operator, drive, keys_of, open_operators
 from humanoid_sim.play.options import Outputs, choose_outputs, control_rate, refuse_conflicts
 from humanoid_sim.play.policies import PolicyChoice, choose_policy
+from humanoid_sim.play.robot_parts import RobotParts
 from humanoid_sim.play.schedule import automatic_script, expected_duration
+from humanoid_sim.play.simulated import simulated_robot
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.backend import has_display
@@ -27,19 +26,15 @@ from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.contract_gains import with_contract
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.anchor_errors import AnchorErrors
-from humanoid_sim.session.control_socket import ControlSocket
 from humanoid_sim.session.gravity_source import GravitySource
 from humanoid_sim.session.inject import Injector, parse_injections
-from humanoid_sim.session.keyboard import Keyboard, key_help
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.remote import RemoteInbox
-from humanoid_sim.session.script import OverriddenScript, Script, parse_script
-from humanoid_sim.session.session import LoopSettings, SafetyFilter, Session
+from humanoid_sim.session.script import Script, parse_script
+from humanoid_sim.session.session import LoopSettings, Session
 from humanoid_sim.session.sink import Sink
-from humanoid_sim.session.sources import IntentSource, RemoteSource
-from humanoid_sim.session.velocity import VelocityCommand, parse_velocity, velocity_key_help
-from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.session.sources import RemoteSource
+from humanoid_sim.session.velocity import VelocityCommand, parse_velocity
 from humanoid_sim.stack import build_supervisor
 from humanoid_sim.tracking import TrackingErrors
 
@@ -51,7 +46,7 @@ class Run:
     """The parts of a run that its program needs afterwards."""
 
     description: RobotDescription
-    robot: MujocoRobot
+    parts: RobotParts
     session: Session
     monitor: RunMonitor
     console: ConsoleSink
@@ -63,7 +58,7 @@ class Run:
     anchor: AnchorErrors | None = None
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
-    operators: tuple[Keyboard | ControlSocket, ...] = ()
+    operators: tuple[Operator, ...] = ()
     gravity: GravitySource | None = None
     notices: list[str] = field(default_factory=list)
 
@@ -95,29 +90,17 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         description = with_contract(description, contract)
     control_period, notice = control_rate(config, description, contract.policy_dt)
     use_remote = config.remote != "none"
-    robot = MujocoRobot(
-        description,
-        control_period=control_period,
-        physics_timestep=config.physics_timestep,
-        actuation=config.actuation,
-        command_delay=config.command_delay,
-        state_delay=config.state_delay,
-        state_sampling=config.state_sampling,
-        base_yaw=config.yaw,
-        base_height=config.base_height,
-        anchor_body=contract.anchor_body,
-    )
-    live = {**robot.extern, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
+    parts = simulated_robot(config, description, control_period, contract.anchor_body)
     supervisor = build_supervisor(
         description,
         control_period,
         policy.loaded,
         remote=use_remote,
-        live=live,
+        live={**parts.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]},
         action_limit=config.action_limit,
     )
     gains = resolve_action(contract, description.joint_names)
-    warnings = [*robot.warnings, robot.stability.check(gains.damping, "policy")]
+    warning = parts.check_gains(gains.stiffness, gains.damping)
     golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""
     realtime = _realtime(config, use_remote)
 
@@ -141,34 +124,32 @@ def assemble(config: PlayConfig, console: Console) -> Run:
     # From here on there are files, sockets and a terminal taken over: whatever can fail has been tried above.
     outputs = choose_outputs(config)
     recorder = None if outputs.record is None else McapRecorder(outputs.record)
-    video = None if outputs.video is None else VideoSink(outputs.video, _scene(description))
+    video = None if outputs.video is None else VideoSink(outputs.video, parts.model)
     sinks += [sink for sink in (recorder, video) if sink is not None]
     if config.viewer == "native" or (config.viewer == "auto" and has_display()):
-        sinks.append(NativeViewerSink(_scene(description)))
+        sinks.append(NativeViewerSink(parts.model))
 
-    operators = _operators(config, velocity if policy.walks else None)
-    intents: Sequence[IntentSource] = operators
-    safety: SafetyFilter = injector.safety
-    if steps is not None:
-        script = Script(steps, frames)
-        intents, safety = (OverriddenScript(script, operators),), _watched_by(script, injector.safety)
+    operators = open_operators(config.manual, velocity if policy.walks else None)
+    script = None if steps is None else Script(steps, frames)
+    intents, safety = drive(operators, script, injector.safety)
     session = Session(
-        robot,
+        parts.robot,
         supervisor,
-        LoopSettings(control_period, realtime=realtime, simulated=True, duration=config.duration),
+        LoopSettings(control_period, realtime=realtime, simulated=parts.simulated, duration=config.duration),
         header=header,
         intents=intents,
         remote=remote,
         sinks=sinks,
         safety_filter=safety,
         externs=(velocity,) if policy.walks else (),
-        qpos=lambda: robot.qpos,
-        mode_listener=_support(robot) if description.is_floating else None,
+        qpos=parts.qpos,
+        mode_listener=parts.mode_listener,
     )
     clock.session = session
+    keys = keys_of(config.manual, walks=policy.walks)
     return Run(
         description,
-        robot,
+        parts,
         session,
         monitor,
         shown,
@@ -182,30 +163,8 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         video,
         operators,
         gravity,
-        [text for text in (notice, *warnings, *assumptions(contract), golden, *_keys(config, policy)) if text],
+        [text for text in (notice, *parts.notices, warning, *assumptions(contract), golden, *keys) if text],
     )
-
-
-def _watched_by(script: Script, safety: SafetyFilter) -> SafetyFilter:
-    """The filter, with the script looking on."""
-
-    def watched(statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        filtered = safety(statuses)
-        script.note_safety(filtered)
-        return filtered
-
-    return watched
-
-
-def _operators(config: PlayConfig, velocity: VelocityCommand | None) -> tuple[Keyboard | ControlSocket, ...]:
-    socket = ControlSocket()
-    if not config.manual:
-        return (socket,)
-    try:
-        return socket, Keyboard(velocity)
-    except InputError:
-        socket.close()
-        raise
 
 
 def _errors(policy: PolicyChoice, description: RobotDescription) -> tuple[TrackingErrors | None, AnchorErrors | None]:
@@ -219,32 +178,8 @@ def _errors(policy: PolicyChoice, description: RobotDescription) -> tuple[Tracki
     return tracking, anchor
 
 
-def _keys(config: PlayConfig, policy: PolicyChoice) -> tuple[str, ...]:
-    if not config.manual:
-        return ()
-    return (key_help(), velocity_key_help()) if policy.walks else (key_help(),)
-
-
-def _support(robot: MujocoRobot) -> Callable[[Mode], str]:
-    """Let a free-standing robot go when a policy takes over, and hold it again when it no longer balances."""
-
-    def listen(mode: Mode) -> str:
-        held = mode not in (Mode.LOCOMOTION, Mode.REMOTE)
-        if held == robot.supported:
-            return ""
-        robot.set_support(held)
-        return "support holds the base where it is" if held else "support released"
-
-    return listen
-
-
 def _realtime(config: PlayConfig, use_remote: bool) -> bool:
     """Whether somebody, or a thread that lives in real time, takes part."""
     if config.pace != "auto":
         return config.pace == "realtime"
     return config.manual or use_remote or config.viewer == "native" or (config.viewer == "auto" and has_display())
-
-
-def _scene(description: RobotDescription) -> Callable[[], mujoco.MjModel]:
-    """Makes models for viewers: each draws with its own, so that none can touch the robot's."""
-    return lambda: build_model(description)

@@ -90,7 +90,7 @@ def _signals(run: Run) -> Iterator[list[int]]:
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
         received.append(number)
-        if run.robot.is_closed:
+        if run.parts.robot.is_closed:
             signal.signal(number, before[signal.Signals(number)])
             signal.raise_signal(number)
         run.session.request_stop(signal.Signals(number).name)
@@ -166,8 +166,8 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
                 console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
     if outputs.snapshot is not None:
         with _noting(problems):
-            pose = run.robot.qpos if run.monitor.pose is None else run.monitor.pose
-            save_snapshot(outputs.snapshot, run.robot.model, pose)
+            pose = run.parts.qpos() if run.monitor.pose is None else run.monitor.pose
+            save_snapshot(outputs.snapshot, run.parts.model(), pose)
             with _printing(problems):
                 console.print(f"snapshot   {outputs.snapshot}", markup=False)
     if outputs.summary is not None and outputs.summary.exists():
