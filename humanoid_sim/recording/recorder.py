@@ -18,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
+from humanoid_sim.recording.chunk_index import keep_index_in_file
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.ros_messages import encode_event
 from humanoid_sim.recording.schemas import EVENT, SCHEMA_ENCODING, TICK, schema_text
@@ -142,7 +143,7 @@ class McapRecorder:
         except Exception as error:  # a bug in the encoder; the run is worth more than its recording
             self._fail(f"{type(error).__name__}: {error}")
         finally:
-            run.file.close()
+            run.close()
 
     def _drain_until_stopped(self, run: _RunWriter) -> None:
         next_flush = monotonic() + FLUSH_PERIOD
@@ -183,8 +184,13 @@ class _RunWriter:
     def __init__(self, file: _UnbufferedFile, header: SessionHeader) -> None:
         self.file = file
         self._writer = Writer(file, compression=CompressionType.LZ4)  # type: ignore[arg-type]
-        self._writer.start(profile="ros2", library=f"humanoid_sim {__version__}")
-        write_header(self._writer, header)
+        self._chunk_index = keep_index_in_file(self._writer)
+        try:
+            self._writer.start(profile="ros2", library=f"humanoid_sim {__version__}")
+            write_header(self._writer, header)
+        except OSError:
+            self._chunk_index.close()
+            raise
         self._encoder = TickEncoder(len(header.joint_names))
         self._topics = ViewerTopics(header)
         self._start_time_ns = header.start_time_ns
@@ -218,6 +224,11 @@ class _RunWriter:
         if lost:
             self.event(self._time, f"recording: {lost} ticks left out in all")
         self._writer.finish()
+
+    def close(self) -> None:
+        """Close the file, finished or not."""
+        self._chunk_index.close()
+        self.file.close()
 
     def _report_gap(self, count: int) -> None:
         self.event(self._time, f"recording: {count} ticks left out before tick {self._index + count}")
