@@ -1,0 +1,5 @@
+"""The Robstride private CAN protocol as pure functions between frames and typed messages, for both ends of the bus.
+
+Sources: the manuals of 2026-04-28 (RS00 to RS06), the vendor's samples and Actuator-Control (commit d74dd3f). Where
+they disagree, the docstrings say which one is followed.
+"""

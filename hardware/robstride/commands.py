@@ -1,0 +1,220 @@
+"""Commands to frames, and back for the motors' side."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.hardware.robstride.frames import (
+    DATA_LENGTH,
+    Frame,
+    FrameType,
+    Identifier,
+    join_identifier,
+    split_identifier,
+)
+from humanoid_sim.hardware.robstride.messages import (
+    BaudRate,
+    Command,
+    Enable,
+    GetDeviceId,
+    Ignored,
+    IgnoredReason,
+    Malformed,
+    OperationControl,
+    Protocol,
+    ReadParameter,
+    ReadVersion,
+    SaveParameters,
+    SetActiveReport,
+    SetBaudRate,
+    SetDeviceId,
+    SetProtocol,
+    SetZero,
+    Stop,
+    WriteParameter,
+)
+from humanoid_sim.hardware.robstride.models import MotorModel
+from humanoid_sim.hardware.robstride.parameters import PAYLOAD_LENGTH
+from humanoid_sim.hardware.robstride.scale import Scale, from_unsigned, to_unsigned
+
+__all__ = ["LARGEST_MOTOR_ID", "VERSION_REQUEST", "decode_command", "encode_command"]
+
+LARGEST_MOTOR_ID = 127
+VERSION_REQUEST = b"\x00\xc4"
+"""First bytes of a stop frame that asks for the version instead."""
+_NOTHING = bytes(DATA_LENGTH)
+_COUNT = bytes(range(1, 9))
+"""Data of a save; the first six bytes also precede the setting in types 23 to 25, whose last byte is free."""
+_MIT = struct.Struct(">HHHH")
+_INDEX = struct.Struct("<H")
+
+
+def encode_command(command: Command, model: MotorModel, *, scale: Scale = Scale.REFERENCE) -> Frame:
+    """The frame of a command. Values of `OperationControl` are cut off at the model's ranges.
+
+    Raises:
+        FieldError: an id is not one, or a value is not finite: the reference turns NaN into full negative scale.
+    """
+    _check_id("motor_id", command, command.motor_id)
+    if isinstance(command, OperationControl):
+        return _encode_operation_control(command, model, scale)
+    if not 0 <= command.host_id <= 0xFF:
+        raise FieldError(f"{type(command).__name__}.host_id: is {command.host_id}, expected 0 to 255")
+    kind, data, high = _type_and_data(command)
+    return Frame(join_identifier(kind, high, command.host_id, command.motor_id), data)
+
+
+def _check_id(field: str, command: Command, motor_id: int) -> None:
+    if not 1 <= motor_id <= LARGEST_MOTOR_ID:
+        raise FieldError(f"{type(command).__name__}.{field}: is {motor_id}, expected 1 to {LARGEST_MOTOR_ID}")
+
+
+def _encode_operation_control(command: OperationControl, model: MotorModel, scale: Scale) -> Frame:
+    for name in ("position", "velocity", "effort", "stiffness", "damping"):
+        value = getattr(command, name)
+        if not math.isfinite(value):
+            raise FieldError(f"OperationControl.{name}: is {value}, expected a finite number")
+    data = _MIT.pack(
+        scale.to_raw(command.position, model.position),
+        scale.to_raw(command.velocity, model.velocity),
+        to_unsigned(command.stiffness, model.stiffness),
+        to_unsigned(command.damping, model.damping),
+    )
+    effort = scale.to_raw(command.effort, model.effort)
+    return Frame(FrameType.OPERATION_CONTROL << 24 | effort << 8 | command.motor_id, data)
+
+
+def _type_and_data(command: Command) -> tuple[FrameType, bytes, int]:  # noqa: PLR0911, PLR0912 - one case for each command
+    """Type, data and bits 23..16 of every command but type 1."""
+    match command:
+        case GetDeviceId():
+            return FrameType.GET_DEVICE_ID, _NOTHING, 0
+        case Enable():
+            return FrameType.ENABLE, _NOTHING, 0
+        case Stop():
+            return FrameType.STOP, bytes([command.clear_fault]).ljust(DATA_LENGTH, b"\0"), 0
+        case ReadVersion():
+            return FrameType.STOP, VERSION_REQUEST.ljust(DATA_LENGTH, b"\0"), 0
+        case SetZero():
+            return FrameType.SET_ZERO, b"\x01".ljust(DATA_LENGTH, b"\0"), 0
+        case SetDeviceId():
+            _check_id("new_id", command, command.new_id)
+            return FrameType.SET_DEVICE_ID, _NOTHING, command.new_id
+        case ReadParameter():
+            return FrameType.READ_PARAMETER, _parameter_data(command, bytes(PAYLOAD_LENGTH)), 0
+        case WriteParameter():
+            return FrameType.WRITE_PARAMETER, _parameter_data(command, command.payload), 0
+        case SaveParameters():
+            return FrameType.SAVE_PARAMETERS, _COUNT, 0
+        case SetActiveReport():
+            return FrameType.ACTIVE_REPORT, _COUNT[:6] + bytes([command.is_on, 0]), 0
+        case SetBaudRate():
+            return FrameType.SET_BAUD_RATE, _COUNT[:6] + bytes([command.baud_rate, 0]), 0
+        case SetProtocol():
+            return FrameType.SET_PROTOCOL, _COUNT[:6] + bytes([command.protocol, 0]), 0
+        case _:
+            raise AssertionError(command)
+
+
+def _parameter_data(command: ReadParameter | WriteParameter, payload: bytes) -> bytes:
+    name = type(command).__name__
+    if not 0 <= command.index <= 0xFFFF:
+        raise FieldError(f"{name}.index: is {command.index}, expected 0 to 0xFFFF")
+    if len(payload) != PAYLOAD_LENGTH:
+        raise FieldError(f"{name}.payload: has {len(payload)} bytes, expected {PAYLOAD_LENGTH}")
+    return _INDEX.pack(command.index) + b"\0\0" + payload
+
+
+def decode_command(
+    frame: Frame, motor_id: int, model: MotorModel, *, scale: Scale = Scale.REFERENCE
+) -> Command | Ignored | Malformed:
+    """What a motor with this id is told by a frame; never raises.
+
+    Frames that other hosts send are taken as well: no data in type 0, 3 and 4, one byte in type 6, anything in type 22,
+    and any last byte in types 23 to 25.
+    """
+    if frame.is_error:
+        return Ignored(IgnoredReason.ERROR_FRAME)
+    if frame.is_remote:
+        return Ignored(IgnoredReason.REMOTE_FRAME)
+    if not frame.is_extended:
+        return Ignored(IgnoredReason.STANDARD_ID)
+    parts = split_identifier(frame.arbitration_id)
+    if parts.destination != motor_id:
+        return Ignored(IgnoredReason.UNKNOWN_DEVICE, parts.destination)
+    if parts.type == FrameType.OPERATION_CONTROL:
+        return _decode_operation_control(frame, motor_id, model, scale)
+    return _decode_other(frame.data, parts, motor_id)
+
+
+def _decode_operation_control(
+    frame: Frame, motor_id: int, model: MotorModel, scale: Scale
+) -> OperationControl | Malformed:
+    if len(frame.data) != DATA_LENGTH:
+        return Malformed(motor_id, f"operation control with {len(frame.data)} bytes, expected {DATA_LENGTH}")
+    position, velocity, stiffness, damping = _MIT.unpack(frame.data)
+    return OperationControl(
+        motor_id,
+        scale.from_raw(position, model.position),
+        scale.from_raw(velocity, model.velocity),
+        scale.from_raw(frame.arbitration_id >> 8 & 0xFFFF, model.effort),
+        from_unsigned(stiffness, model.stiffness),
+        from_unsigned(damping, model.damping),
+    )
+
+
+_BAUD_RATES = frozenset(int(rate) for rate in BaudRate)
+_PROTOCOLS = frozenset(int(protocol) for protocol in Protocol)
+_LEAST_BYTES: dict[int, int] = {
+    FrameType.GET_DEVICE_ID: 0,
+    FrameType.ENABLE: 0,
+    FrameType.STOP: 0,
+    FrameType.SET_ZERO: 1,
+    FrameType.SET_DEVICE_ID: 0,
+    FrameType.SAVE_PARAMETERS: 0,
+    FrameType.READ_PARAMETER: DATA_LENGTH,
+    FrameType.WRITE_PARAMETER: DATA_LENGTH,
+    FrameType.SET_BAUD_RATE: 7,
+    FrameType.ACTIVE_REPORT: 7,
+    FrameType.SET_PROTOCOL: 7,
+}
+
+
+def _decode_other(  # noqa: PLR0911, PLR0912 - one case for each command
+    data: bytes, parts: Identifier, motor_id: int
+) -> Command | Ignored | Malformed:
+    host = parts.low
+    least = _LEAST_BYTES.get(parts.type)
+    if least is None:
+        return Ignored(IgnoredReason.UNKNOWN_TYPE, motor_id)
+    if not least <= len(data) <= DATA_LENGTH:
+        return Malformed(motor_id, f"type {parts.type} with {len(data)} bytes, expected {least} to {DATA_LENGTH}")
+    match parts.type:
+        case FrameType.GET_DEVICE_ID:
+            return GetDeviceId(motor_id, host_id=host)
+        case FrameType.ENABLE:
+            return Enable(motor_id, host_id=host)
+        case FrameType.STOP if data[:2] == VERSION_REQUEST:
+            return ReadVersion(motor_id, host_id=host)
+        case FrameType.STOP:
+            return Stop(motor_id, data[:1] == b"\x01", host_id=host)
+        case FrameType.SET_ZERO if data[0] == 1:
+            return SetZero(motor_id, host_id=host)
+        case FrameType.SET_DEVICE_ID:
+            return SetDeviceId(motor_id, parts.high, host_id=host)
+        case FrameType.READ_PARAMETER:
+            return ReadParameter(motor_id, _INDEX.unpack_from(data)[0], host_id=host)
+        case FrameType.WRITE_PARAMETER:
+            return WriteParameter(motor_id, _INDEX.unpack_from(data)[0], data[4:8], host_id=host)
+        case FrameType.SAVE_PARAMETERS:
+            return SaveParameters(motor_id, host_id=host)
+        case FrameType.ACTIVE_REPORT if data[6] <= 1:
+            return SetActiveReport(motor_id, data[6] == 1, host_id=host)
+        case FrameType.SET_BAUD_RATE if data[6] in _BAUD_RATES:
+            return SetBaudRate(motor_id, BaudRate(data[6]), host_id=host)
+        case FrameType.SET_PROTOCOL if data[6] in _PROTOCOLS:
+            return SetProtocol(motor_id, Protocol(data[6]), host_id=host)
+        case _:
+            return Malformed(motor_id, f"type {parts.type} with a setting that is none: {data.hex(' ')}")

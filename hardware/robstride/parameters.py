@@ -1,0 +1,198 @@
+"""The motors' parameters: their numbers, types and units, and how values become the 4 bytes of types 17 and 18.
+
+The set with indices 0x7005 to 0x702E is the same for all models. The function codes 0x20xx and 0x30xx are numbered per
+model; only the fault word is named here.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+
+from humanoid_sim.errors import FieldError, InputError, known_names
+
+__all__ = [
+    "PARAMETERS",
+    "PARAMETERS_BY_INDEX",
+    "PAYLOAD_LENGTH",
+    "CanTimeout",
+    "Parameter",
+    "ParameterType",
+    "default_value",
+    "fault_word",
+    "find_parameter",
+    "pack_value",
+    "report_interval",
+    "unpack_value",
+]
+
+PAYLOAD_LENGTH = 4
+
+
+class ParameterType(Enum):
+    """Type of a value; the enum's value is its `struct` format."""
+
+    U8 = "<B"
+    I8 = "<b"
+    U16 = "<H"
+    I16 = "<h"
+    U32 = "<I"
+    I32 = "<i"
+    F32 = "<f"
+
+    @property
+    def is_float(self) -> bool:
+        """Whether values are not whole numbers."""
+        return self is ParameterType.F32
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter."""
+
+    index: int
+    name: str
+    type: ParameterType
+    unit: str = ""
+    is_writable: bool = True
+    default: float | None = None
+    """Of a motor as it comes; none where the documents do not say, or models differ (`default_value`)."""
+    meaning: str = ""
+
+
+def pack_value(kind: ParameterType, value: float) -> bytes:
+    """A value's 4 bytes: little-endian, left-aligned, the rest zero.
+
+    Raises:
+        FieldError: the value is not finite, does not fit the type, or is no whole number where one is needed.
+    """
+    accepted = "a finite float32" if kind.is_float else f"a whole number of type {kind.name.lower()}"
+    if not math.isfinite(value) or (not kind.is_float and value != int(value)):
+        raise FieldError(f"WriteParameter.payload: is {value}, expected {accepted}")
+    try:
+        packed = struct.pack(kind.value, value if kind.is_float else int(value))
+    except (struct.error, OverflowError):
+        raise FieldError(f"WriteParameter.payload: is {value}, expected {accepted}") from None
+    return packed.ljust(PAYLOAD_LENGTH, b"\0")
+
+
+def unpack_value(kind: ParameterType, payload: bytes) -> int | float:
+    """The value in 4 bytes, of which only as many count as the type has.
+
+    A float may be NaN or infinite: it is what the motor sent.
+    """
+    value: int | float = struct.unpack_from(kind.value, payload)[0]
+    return value
+
+
+_U8, _U16, _U32, _F32 = ParameterType.U8, ParameterType.U16, ParameterType.U32, ParameterType.F32
+
+
+def _parameters() -> tuple[Parameter, ...]:
+    return (
+        Parameter(0x7005, "run_mode", _U8, "", True, 0, "0 operation (MIT), 1 PP, 2 velocity, 3 current, 5 CSP"),
+        Parameter(0x7006, "iq_ref", _F32, "A", True, 0.0, "current of current mode"),
+        Parameter(0x700A, "spd_ref", _F32, "rad/s", True, 0.0, "velocity of velocity mode"),
+        Parameter(0x700B, "limit_torque", _F32, "N·m", True, None, "torque limit"),
+        Parameter(0x7010, "cur_kp", _F32, "", True, 0.17, "current loop"),
+        Parameter(0x7011, "cur_ki", _F32, "", True, 0.012, "current loop"),
+        Parameter(0x7014, "cur_filter_gain", _F32, "", True, 0.1, "current filter, 0 to 1"),
+        Parameter(0x7016, "loc_ref", _F32, "rad", True, 0.0, "position of the position modes"),
+        Parameter(0x7017, "limit_spd", _F32, "rad/s", True, None, "velocity limit of CSP mode"),
+        Parameter(0x7018, "limit_cur", _F32, "A", True, None, "current limit of the velocity and position modes"),
+        Parameter(0x7019, "mechPos", _F32, "rad", False, None, "position of the output, with its turns"),
+        Parameter(0x701A, "iqf", _F32, "A", False, None, "filtered current"),
+        Parameter(0x701B, "mechVel", _F32, "rad/s", False, None, "velocity of the output"),
+        Parameter(0x701C, "VBUS", _F32, "V", False, None, "supply voltage"),
+        Parameter(0x701E, "loc_kp", _F32, "", True, None, "position loop"),
+        Parameter(0x701F, "spd_kp", _F32, "", True, 6.0, "velocity loop"),
+        Parameter(0x7020, "spd_ki", _F32, "", True, 0.02, "velocity loop"),
+        Parameter(0x7021, "spd_filter_gain", _F32, "", True, 0.1, "velocity filter"),
+        Parameter(0x7022, "acc_rad", _F32, "rad/s²", True, None, "acceleration of velocity mode"),
+        Parameter(0x7024, "vel_max", _F32, "rad/s", True, 10.0, "velocity of PP mode"),
+        Parameter(0x7025, "acc_set", _F32, "rad/s²", True, 10.0, "acceleration of PP mode"),
+        Parameter(0x7026, "EPScan_time", _U16, "", True, 1, "report interval: 10 ms + 5 ms for each above 1"),
+        Parameter(
+            0x7028, "canTimeout", _U32, "50 µs", True, 0, "without a command for so long the motor stops; 0: never"
+        ),
+        Parameter(0x7029, "zero_sta", _U8, "", True, 0, "position at power-on: 0 in 0 to 2π, 1 in -π to π"),
+        Parameter(0x702A, "damper", _U8, "", True, None, "newer firmware, not rs-05"),
+        Parameter(0x702B, "add_offset", _F32, "rad", True, None, "newer firmware: shifts zero at the next power-on"),
+        Parameter(0x702C, "alveolous_open", _U8, "", True, None, "newer firmware"),
+        Parameter(0x702D, "iq_test", _U8, "", True, None, "newer firmware"),
+        Parameter(0x702E, "dcc_set", _F32, "", True, None, "newer firmware"),
+    )
+
+
+PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _parameters()})
+"""By the manuals' names."""
+PARAMETERS_BY_INDEX: Mapping[int, Parameter] = MappingProxyType({p.index: p for p in PARAMETERS.values()})
+
+_DEFAULTS_BY_MODEL: Mapping[str, Mapping[str, float]] = {
+    # limit_torque is the peak torque. The rs-02's table says 14 N·m and 16 A, copied from the rs-00's it seems; these
+    # are its data sheet's.
+    "rs-00": {"limit_torque": 14.0, "limit_cur": 16.0, "loc_kp": 40.0, "acc_rad": 20.0},
+    "rs-01": {"limit_torque": 17.0, "limit_cur": 23.0, "loc_kp": 40.0, "acc_rad": 20.0},
+    "rs-02": {"limit_torque": 17.0, "limit_cur": 23.0, "loc_kp": 40.0, "acc_rad": 20.0},
+    "rs-03": {"limit_torque": 60.0, "limit_cur": 43.0, "loc_kp": 60.0, "acc_rad": 20.0},
+    "rs-04": {"limit_torque": 120.0, "limit_cur": 90.0, "loc_kp": 60.0, "acc_rad": 15.0},
+    "rs-05": {"limit_torque": 5.5, "limit_cur": 11.0, "loc_kp": 40.0, "acc_rad": 20.0},
+    "rs-06": {"limit_torque": 36.0, "limit_cur": 57.0, "loc_kp": 40.0, "acc_rad": 20.0},
+}
+
+
+def default_value(parameter: Parameter, model: str) -> float | None:
+    """What a motor of this model has as it comes; none where the documents do not say."""
+    return _DEFAULTS_BY_MODEL[model].get(parameter.name, parameter.default)
+
+
+def find_parameter(name_or_index: str) -> Parameter:
+    """A parameter by its name in any case, or by its index such as `0x7019`.
+
+    Raises:
+        InputError: there is none; the message lists those that exist.
+    """
+    text = name_or_index.strip()
+    for parameter in PARAMETERS.values():
+        if text.lower() in (parameter.name.lower(), f"0x{parameter.index:04x}", str(parameter.index)):
+            return parameter
+    raise InputError(known_names("parameter", name_or_index, PARAMETERS))
+
+
+def fault_word(model: str) -> Parameter:
+    """The 32-bit fault word (`FaultBit`) as a parameter: it shows overvoltage, which no status does."""
+    return Parameter(0x3023 if model == "rs-04" else 0x3022, "fault_word", _U32, "", False)
+
+
+class CanTimeout:
+    """`canTimeout`, in which the manuals count 50 µs ticks."""
+
+    TICK = 50e-6
+    """s"""
+    LONGEST = 100_000
+    """Ticks: the stored one's maximum."""
+
+    @classmethod
+    def to_ticks(cls, seconds: float) -> int:
+        """The nearest whole number of ticks, at least 1 for what is above zero; 0 switches the timeout off.
+
+        Raises:
+            FieldError: not within 0 to 5 s.
+        """
+        if not 0.0 <= seconds <= cls.LONGEST * cls.TICK:
+            raise FieldError(f"CanTimeout.seconds: is {seconds}, expected 0 to {cls.LONGEST * cls.TICK:g} s")
+        return max(round(seconds / cls.TICK), 1 if seconds > 0.0 else 0)
+
+    @classmethod
+    def to_seconds(cls, ticks: int) -> float:
+        """The time of a number of ticks, s."""
+        return ticks * cls.TICK
+
+
+def report_interval(scan_time: int) -> float:
+    """Time between active reports, s, for a value of `EPScan_time` of 1 or more."""
+    return 0.010 + 0.005 * (scan_time - 1)

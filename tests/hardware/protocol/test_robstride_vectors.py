@@ -1,0 +1,345 @@
+"""Every row of the golden vectors, `tests/data/robstride_vectors.csv`, whose columns the protocol's notes describe."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.hardware.robstride.codec import (
+    OperationControlEncoder,
+    decode_command,
+    decode_reply,
+    encode_command,
+    encode_reply,
+)
+from humanoid_sim.hardware.robstride.faults import flag_names
+from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.robstride.messages import (
+    Command,
+    DeviceId,
+    Enable,
+    FaultReport,
+    GetDeviceId,
+    Ignored,
+    Malformed,
+    OperationControl,
+    ParameterReply,
+    ReadParameter,
+    ReadVersion,
+    Reply,
+    SaveParameters,
+    SetActiveReport,
+    SetDeviceId,
+    SetZero,
+    Status,
+    Stop,
+    Version,
+    WriteParameter,
+)
+from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
+from humanoid_sim.hardware.robstride.parameters import ParameterType, pack_value, unpack_value
+from humanoid_sim.hardware.robstride.scale import Scale, from_unsigned
+
+Row = dict[str, str]
+
+_VECTORS = Path(__file__).parents[2] / "data" / "robstride_vectors.csv"
+_ANY_MODEL = MODELS["rs-02"]
+_HOST = 0xFD
+
+
+@cache
+def _all_rows() -> tuple[Row, ...]:
+    with _VECTORS.open(encoding="utf-8", newline="") as file:
+        return tuple(csv.DictReader(file))
+
+
+def _rows(*kinds: str, count: int) -> list[Row]:
+    found = [row for row in _all_rows() if row["kind"] in kinds]
+    assert len(found) == count
+    return found
+
+
+def _model(row: Row) -> MotorModel:
+    return MODELS[row["model"]] if row["model"] else _ANY_MODEL
+
+
+def _host(row: Row) -> int:
+    return int(row["host_id"], 16) if row["host_id"] else _HOST
+
+
+def _frame(row: Row) -> Frame:
+    data = bytes.fromhex(row["data_hex"])
+    flags = row["frame_flags"]
+    return Frame(int(row["arbitration_id_hex"], 16), data, row["is_extended"] == "1", flags == "rtr", flags == "err")
+
+
+def _number(text: str) -> float:
+    return int(text) if text.lstrip("-").isdigit() else float(text)
+
+
+def _operation_control(row: Row) -> OperationControl:
+    values = (float(row[name]) for name in ("position", "velocity", "effort", "kp", "kd"))
+    return OperationControl(int(row["can_id"]), *values)
+
+
+def _command(row: Row) -> Command:
+    motor_id, host_id = int(row["can_id"]), _host(row)
+    match row["kind"]:
+        case "encode_mit":
+            return _operation_control(row)
+        case "cmd_enable":
+            return Enable(motor_id, host_id=host_id)
+        case "cmd_disable":
+            return Stop(motor_id, host_id=host_id)
+        case "cmd_clear_fault":
+            return Stop(motor_id, clear_fault=True, host_id=host_id)
+        case "cmd_get_device_id":
+            return GetDeviceId(motor_id, host_id=host_id)
+        case "cmd_set_device_id":
+            return SetDeviceId(motor_id, int(row["value"]), host_id=host_id)
+        case "cmd_set_zero":
+            return SetZero(motor_id, host_id=host_id)
+        case "cmd_save_parameters":
+            return SaveParameters(motor_id, host_id=host_id)
+        case "cmd_read_version":
+            return ReadVersion(motor_id, host_id=host_id)
+        case "cmd_active_report":
+            return SetActiveReport(motor_id, row["value"] == "1", host_id=host_id)
+        case "cmd_read_parameter":
+            return ReadParameter(motor_id, int(row["param_id_hex"], 16), host_id=host_id)
+        case "cmd_write_parameter":
+            payload = pack_value(ParameterType[row["param_type"].upper()], _number(row["value"]))
+            return WriteParameter(motor_id, int(row["param_id_hex"], 16), payload, host_id=host_id)
+        case kind:
+            raise AssertionError(kind)
+
+
+def test_every_row_is_used_below() -> None:
+    kinds = Counter(row["kind"] for row in _all_rows())
+    assert sum(kinds.values()) == 886
+    assert len(kinds) == 21
+
+
+_COMMANDS = (
+    "encode_mit",
+    *(
+        f"cmd_{name}"
+        for name in (
+            "enable",
+            "disable",
+            "clear_fault",
+            "get_device_id",
+            "set_device_id",
+            "set_zero",
+            "save_parameters",
+            "read_version",
+            "active_report",
+            "read_parameter",
+            "write_parameter",
+        )
+    ),
+)
+
+
+def test_commands_encode_byte_for_byte() -> None:
+    for row in _rows(*_COMMANDS, count=477):
+        assert row["expected"] == "ok"
+        assert encode_command(_command(row), _model(row)) == _frame(row), row["note"]
+
+
+def test_commands_decode_to_themselves_on_the_motor() -> None:
+    for row in _rows(*_COMMANDS[1:], count=277):
+        assert decode_command(_frame(row), int(row["can_id"]), _model(row)) == _command(row)
+
+
+def test_a_motor_takes_the_forms_that_other_hosts_send() -> None:
+    forms = 0
+    for row in _rows(*_COMMANDS[1:], count=277):
+        if row["alt_data_hex"]:
+            data = b"" if row["alt_data_hex"] == "<empty>" else bytes.fromhex(row["alt_data_hex"])
+            frame = Frame(int(row["arbitration_id_hex"], 16), data)
+            assert decode_command(frame, int(row["can_id"]), _model(row)) == _command(row)
+            forms += 1
+    assert forms > 80
+
+
+def test_a_motor_reads_operation_control_as_the_reference_would() -> None:
+    for row in _rows("encode_mit", count=200):
+        command = decode_command(_frame(row), int(row["can_id"]), _model(row))
+        assert isinstance(command, OperationControl)
+        for name, column in (
+            ("position", "dec_position"),
+            ("velocity", "dec_velocity"),
+            ("effort", "dec_effort"),
+            ("stiffness", "dec_kp"),
+            ("damping", "dec_kd"),
+        ):
+            assert getattr(command, name) == pytest.approx(float(row[column]), abs=1e-9)
+
+
+def test_the_encoder_of_a_whole_bus_gives_the_same_frames() -> None:
+    rows = _rows("encode_mit", count=200)
+    encoder = OperationControlEncoder([int(row["can_id"]) for row in rows], [_model(row) for row in rows])
+    names = ("position", "velocity", "effort", "kp", "kd")
+    encoded = encoder.encode(np.array([[float(row[name]) for row in rows] for name in names]))
+    assert encoded.frames == tuple(_frame(row) for row in rows)
+    beyond = [row["note"].startswith(("all beyond", "only", "negative")) for row in rows]
+    np.testing.assert_array_equal(encoded.saturated.any(axis=0), beyond)
+
+
+def test_values_that_are_not_finite_are_refused() -> None:
+    for row in _rows("encode_mit_nonfinite", count=15):
+        command, model = _operation_control(row), _model(row)
+        with pytest.raises(FieldError, match=r"^OperationControl\.\w+: is (nan|inf|-inf)"):
+            encode_command(command, model)
+        encoder = OperationControlEncoder([command.motor_id], [model])
+        values = [command.position, command.velocity, command.effort, command.stiffness, command.damping]
+        with pytest.raises(FieldError, match=f"for motor {command.motor_id}, expected a finite number"):
+            encoder.encode(np.array(values)[:, None])
+
+
+def test_parameter_values_that_do_not_fit_are_refused() -> None:
+    for row in _rows("cmd_write_parameter_invalid", count=21):
+        with pytest.raises(FieldError, match=r"^WriteParameter\.payload: is "):
+            pack_value(ParameterType[row["param_type"].upper()], _number(row["value"]))
+
+
+def test_the_manuals_convention_is_the_vendors_sample_within_a_step() -> None:
+    """Its sample is float32, and has 12.57 rad for 4π: up to 10 steps of position."""
+    for row in _rows("encode_mit", count=200):
+        frame = encode_command(_command(row), _model(row), scale=Scale.MANUAL)
+        vendor_id, vendor_data = int(row["vendor_arbitration_id_hex"], 16), bytes.fromhex(row["vendor_data_hex"])
+        assert abs((frame.arbitration_id >> 8 & 0xFFFF) - (vendor_id >> 8 & 0xFFFF)) <= 1
+        ours, theirs = np.frombuffer(frame.data, ">u2").astype(int), np.frombuffer(vendor_data, ">u2").astype(int)
+        assert (np.abs(ours - theirs) <= [10, 1, 1, 1]).all()
+
+
+def _decoded(row: Row, **options: object) -> Reply | Ignored | Malformed:
+    return decode_reply(_frame(row), {int(row["can_id"]): _model(row)}, _host(row), **options)  # type: ignore[arg-type]
+
+
+def test_statuses_and_active_reports() -> None:
+    for row in _rows("decode_status", "decode_active_report", count=220):
+        status = _decoded(row)
+        assert isinstance(status, Status)
+        assert (status.motor_id, status.host_id) == (int(row["can_id"]), _host(row))
+        assert status.is_report == (row["expected"] == "active_report")
+        for name in ("position", "velocity", "effort", "temperature"):
+            assert getattr(status, name) == pytest.approx(float(row[f"dec_{name}"]), abs=1e-9)
+        assert status.mode == int(row["dec_mode"])
+        assert status.faults == int(row["dec_fault_bits"])
+        assert "|".join(flag_names(status.faults)) == row["dec_faults"]
+
+
+def test_statuses_in_the_manuals_convention() -> None:
+    for row in _rows("decode_status", "decode_active_report", count=220):
+        status = _decoded(row, scale=Scale.MANUAL)
+        assert isinstance(status, Status)
+        for name in ("position", "velocity", "effort"):
+            assert getattr(status, name) == pytest.approx(float(row[f"vendor_{name}"]), abs=1e-9)
+
+
+def test_statuses_encode_to_the_frames_that_they_came_in() -> None:
+    full_scale = 0
+    for row in _rows("decode_status", "decode_active_report", count=220):
+        status = _decoded(row)
+        assert isinstance(status, Status)
+        frame = encode_reply(status, _model(row))
+        assert frame.arbitration_id == _frame(row).arbitration_id
+        raw = np.frombuffer(frame.data, ">u2").astype(int)
+        expected = np.frombuffer(_frame(row).data, ">u2").astype(int)
+        full_scale += int((expected == 65535).sum())
+        expected[:3] = np.minimum(expected[:3], 65534)  # 65535 is never sent in this convention
+        assert (expected - raw >= 0).all()
+        assert (expected - raw <= [1, 1, 1, 0]).all()  # truncation of a decoded value may lose the last step
+    assert full_scale > 0
+
+
+def test_fault_reports() -> None:
+    for row in _rows("fault_report", count=40):
+        report = _decoded(row)
+        faults, warnings = int(row["dec_fault_bits"]), int(row["dec_warning_bits"])
+        assert isinstance(report, FaultReport)
+        assert (report.motor_id, report.faults, report.warnings) == (int(row["can_id"]), faults, warnings)
+        names, _, warning_names = row["dec_faults"].partition("/")
+        assert "|".join(flag_names(report.faults)) == names
+        assert "|".join(flag_names(report.warnings)) == warning_names
+        assert encode_reply(report, _model(row)) == _frame(row)
+
+
+def test_parameter_replies() -> None:
+    outcomes = Counter(row["expected"] for row in _rows("reply_read_parameter", count=44))
+    assert outcomes == {"param_reply": 40, "param_reply_failed": 3, "error:bad_dlc": 1}
+    for row in _rows("reply_read_parameter", count=44):
+        reply = _decoded(row)
+        if row["expected"] == "error:bad_dlc":
+            assert reply == Malformed(int(row["can_id"]), "parameter reply with 7 bytes, expected 8")
+            continue
+        assert isinstance(reply, ParameterReply)
+        assert (reply.motor_id, reply.index) == (int(row["can_id"]), int(row["param_id_hex"], 16))
+        assert reply.is_success == (row["expected"] == "param_reply")
+        assert encode_reply(reply, _model(row)) == _frame(row)
+        if not reply.is_success:
+            continue
+        value = unpack_value(ParameterType[row["param_type"].upper()], reply.payload)
+        expected = np.float32(row["value"]) if row["param_type"] == "f32" else int(row["value"])
+        assert value == expected or (math.isnan(value) and math.isnan(expected))
+
+
+def test_device_ids_are_heard_from_every_motor() -> None:
+    for row in _rows("reply_get_device_id", count=9):
+        reply = decode_reply(_frame(row), {}, _HOST)
+        assert reply == DeviceId(int(row["can_id"]), bytes.fromhex(row["value"]))
+        assert encode_reply(reply, _model(row)) == _frame(row)
+
+
+def test_versions_are_told_from_statuses_by_the_request() -> None:
+    for row in _rows("version_reply", count=3):
+        motor_id, version = int(row["can_id"]), tuple(bytes.fromhex(row["value"]))
+        reply = _decoded(row, awaiting_version={motor_id})
+        assert isinstance(reply, Version)
+        assert (reply.motor_id, reply.version) == (motor_id, version)
+        assert encode_reply(reply, _model(row)) == _frame(row)
+        shorter = Frame(_frame(row).arbitration_id, _frame(row).data[:7])
+        assert decode_reply(shorter, {motor_id: _model(row)}, _host(row), awaiting_version={motor_id}) == reply
+        assert isinstance(_decoded(row), Status)
+
+
+def _class_of(message: Reply | Ignored | Malformed) -> str:
+    match message:
+        case Ignored(reason):
+            return f"ignore:{reason.value}"
+        case Malformed():
+            return "error:bad_dlc" if "bytes, expected" in message.reason else "error"
+        case Status(is_report=is_report):
+            return "active_report" if is_report else "status"
+        case _:
+            return type(message).__name__
+
+
+def test_every_malformed_frame_gets_its_class() -> None:
+    for row in _rows("malformed", count=57):
+        assert _class_of(_decoded(row)) in row["expected"].split("|"), row["note"]
+
+
+def test_a_motor_ignores_what_is_no_command() -> None:
+    ignored = 0
+    for row in _rows("malformed", count=57):
+        message = decode_command(_frame(row), int(row["can_id"]), _ANY_MODEL)
+        if not row["expected"].startswith("ignore:host_command"):
+            assert isinstance(message, Ignored), row["note"]
+            ignored += 1
+    assert ignored == 48
+
+
+def test_gains_read_back_below_what_was_sent_by_less_than_a_step() -> None:
+    for row in _rows("encode_mit", count=200):
+        raw, limit = int(row["raw_kp"]), _model(row).stiffness
+        assert from_unsigned(raw, limit) == pytest.approx(float(row["dec_kp"]), abs=1e-9)
