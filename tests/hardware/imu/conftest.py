@@ -1,0 +1,20 @@
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+# importlib mode leaves sys.path alone.
+sys.path.append(str(Path(__file__).parent))
+
+from emulated_imu import EmulatedImu
+
+
+@pytest.fixture
+def device() -> Iterator[EmulatedImu]:
+    """An emulated device behind a pseudo terminal."""
+    emulated = EmulatedImu()
+    yield emulated
+    emulated.close()

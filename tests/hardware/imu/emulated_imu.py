@@ -1,0 +1,92 @@
+"""A MicroStrain IMU behind a pseudo terminal: answers commands and streams what it is told to feel."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import struct
+import threading
+import time
+import tty
+from collections.abc import Callable, Sequence
+
+from humanoid_sim.hardware.imu.mip import Field, Packet, PacketReader, encode_packet
+
+BASE_RATE = 1000
+
+
+class EmulatedImu:
+    """Starts idle. `damage` changes the bytes of each packet of measurements on their way out."""
+
+    def __init__(self) -> None:
+        self.attitude: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
+        self.rate: Sequence[float] = (0.0, 0.0, 0.0)
+        self.force: Sequence[float] = (0.0, 0.0, -1.0)
+        self.damage: Callable[[bytes], bytes] = lambda data: data
+        self.errors: dict[tuple[int, int], int] = {}
+        """Commands, by descriptor set and descriptor, that are refused, each with its error code."""
+        self.mute = False
+        self.commands: list[tuple[int, int]] = []
+        self.decimation = 0
+        self.format: list[int] = []
+        self._streaming = False
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        self.port = os.ttyname(self._slave)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="emulated imu")
+        self._thread.start()
+
+    def send(self, data: bytes) -> None:
+        """Write bytes to the line."""
+        os.write(self._master, data)
+
+    def unplug(self) -> None:
+        """End the thread and close the line."""
+        if not self._stop.is_set():
+            self._stop.set()
+            self._thread.join()
+            os.close(self._master)
+            os.close(self._slave)
+
+    close = unplug
+
+    def sample(self) -> bytes:
+        """A packet of measurements as the device now feels."""
+        quantities = {0x0A: self.attitude, 0x05: self.rate, 0x04: self.force}
+        fields = [Field(kind, struct.pack(f">{len(quantities[kind])}f", *quantities[kind])) for kind in self.format]
+        return encode_packet(0x80, fields)
+
+    def _run(self) -> None:
+        reader = PacketReader()
+        due = 0.0
+        while not self._stop.is_set():
+            if select.select([self._master], [], [], 0.001)[0]:
+                for packet in reader.feed(os.read(self._master, 256)):
+                    self._obey(packet)
+            if self._streaming and not self.mute and time.monotonic() >= due:
+                due = time.monotonic() + self.decimation / BASE_RATE
+                self.send(self.damage(self.sample()))
+
+    def _obey(self, packet: Packet) -> None:
+        for command in packet.fields:
+            name = (packet.descriptor_set, command.descriptor)
+            self.commands.append(name)
+            if self.mute:
+                continue
+            error = self.errors.get(name, 0)
+            fields = [Field(0xF1, bytes((command.descriptor, error)))]
+            if error:
+                pass
+            elif name == (0x01, 0x02):
+                self._streaming = False
+            elif name == (0x0C, 0x0E):
+                fields.append(Field(0x8E, command.data + struct.pack(">H", BASE_RATE)))
+            elif name == (0x0C, 0x0F):
+                entries = [struct.unpack_from(">BH", command.data, 3 + 3 * i) for i in range(command.data[2])]
+                self.format = [kind for kind, _ in entries]
+                self.decimation = entries[0][1]
+            elif name == (0x01, 0x06):
+                self._streaming = True
+            self.send(encode_packet(packet.descriptor_set, fields))
