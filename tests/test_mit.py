@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rig import fingerprint
-from strategies import any_arrays, any_commands, any_numbers, any_states, valid_commands
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import COMMAND_FIELDS, Extern, MITCommand, MITState, frozen_array, mit_torque
+from humanoid_sim.testing import any_arrays, any_commands, any_numbers, any_states, fingerprint, valid_commands
 
 STATE_ARRAYS = (
     "joint_position",

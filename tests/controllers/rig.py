@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import Extern, MITCommand, MITState
+from humanoid_sim.testing import healthy_state, misbehaviours
 
 JOINTS = ("shoulder", "elbow", "wrist")
 PERIOD = 0.02
@@ -54,44 +55,12 @@ def reference(frames: int = 4) -> MotionReference:
     return MotionReference(frames, {"motion_body_pos_b": rows})
 
 
-@dataclass
-class ScriptedPolicy:
-    """Answers what the test tells it to; calls are recorded."""
-
-    answer: Callable[[np.ndarray, int], Any]
-
-    def __post_init__(self) -> None:
-        self.calls: list[tuple[np.ndarray, int]] = []
-
-    def __call__(self, observation: np.ndarray, frame: int) -> Any:
-        self.calls.append((observation, frame))
-        return self.answer(observation, frame)
-
-
 def good_answer(observation: np.ndarray, frame: int) -> np.ndarray:
     """An action within limits that depends on everything the policy sees."""
     return np.array([np.tanh(observation.sum(dtype=np.float64)), 0.1 * frame])
 
 
-def _raise(observation: np.ndarray, frame: int) -> Any:
-    raise RuntimeError("no such tensor")
-
-
-BAD_ANSWERS: dict[str, Callable[[np.ndarray, int], Any]] = {
-    "NaN": lambda *_: [0.0, np.nan],
-    "infinite": lambda *_: [-np.inf, 0.0],
-    "beyond float32": lambda *_: [1e300, 0.0],
-    "over the limit": lambda *_: [100.5, 0.0],
-    "too short": lambda *_: [0.0],
-    "too long": lambda *_: [0.0, 0.0, 0.0],
-    "a batch": lambda *_: [[0.0, 0.0]],
-    "a scalar": lambda *_: 0.0,
-    "ragged": lambda *_: [[0.0], [0.0, 1.0]],
-    "text": lambda *_: "left",
-    "nothing": lambda *_: None,
-    "raises": _raise,
-    "writes": lambda observation, *_: observation.fill(0.0),
-}
+BAD_ANSWERS = misbehaviours(2)
 
 
 def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Supervisor:
@@ -117,18 +86,7 @@ def supervisor(policy: Callable[..., Any] = good_answer, **replaced: Any) -> Sup
 
 def state(time: float = 0.0, position: Sequence[float] = KNOWN, **changes: Any) -> MITState:
     """A robot at rest and upright."""
-    n = len(position)
-    rest = MITState(
-        time=time,
-        joint_position=np.array(position),
-        joint_velocity=np.zeros(n),
-        joint_effort=np.zeros(n),
-        joint_age=np.zeros(n),
-        imu_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
-        imu_angular_velocity=np.zeros(3),
-        imu_linear_acceleration=np.array([0.0, 0.0, 9.81]),
-    )
-    return replace(rest, **changes) if changes else rest
+    return replace(healthy_state(position, time), **changes)
 
 
 def tick(
@@ -188,16 +146,3 @@ PATHS: dict[str, tuple[Intent, ...]] = {
     "remote_policy_controller": (Intent.DAMP, Intent.LOAD_B, Intent.START_REMOTE),
 }
 """How an operator gets to each controller."""
-
-
-def fingerprint(value: Any) -> Any:
-    """A value that is equal for two things exactly when every bit of them is: -0.0 is not 0.0, NaN equals itself."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return type(value).__name__, tuple(fingerprint(getattr(value, f.name)) for f in fields(value))
-    if isinstance(value, np.ndarray):
-        return value.dtype.str, value.shape, value.tobytes()
-    if isinstance(value, tuple | list):
-        return tuple(fingerprint(item) for item in value)
-    if hasattr(value, "items"):
-        return tuple((key, fingerprint(item)) for key, item in value.items())
-    return type(value).__name__, repr(value)

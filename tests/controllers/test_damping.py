@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from rig import JOINTS, fingerprint, tick
-from strategies import any_tick_inputs
+from rig import JOINTS, tick
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.damping import DampingController
 from humanoid_sim.errors import FieldError
+from humanoid_sim.testing import any_tick_inputs, fingerprint
 
 NAN, INF = np.nan, np.inf
 

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rig import JOINTS, contract, reference, state
-from strategies import any_states
 
 from humanoid_sim.controllers.observation import ObservationContext, joint_indices, pack, resolve_observation
 from humanoid_sim.controllers.phase import PhaseRule
@@ -15,6 +14,7 @@ from humanoid_sim.controllers.reference import build_reference, no_reference
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.testing import any_states
 
 ALL_TERMS = (
     "progress",

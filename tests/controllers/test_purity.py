@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rig import PATHS, Run, fingerprint, supervisor
-from strategies import any_tick_inputs
+from rig import PATHS, Run, supervisor
 
 import humanoid_sim.controllers
+from humanoid_sim.testing import any_tick_inputs, fingerprint
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = Path(humanoid_sim.controllers.__file__).parent

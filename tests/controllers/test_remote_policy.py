@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rig import JOINTS, KNOWN, command, fingerprint, tick
+from rig import JOINTS, KNOWN, command, tick
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import RemoteCommand
 from humanoid_sim.mit import MITCommand
+from humanoid_sim.testing import fingerprint
 
 NAN, INF = np.nan, np.inf
 PASSIVE = "passive"

@@ -7,7 +7,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from rig import BAD_ANSWERS, JOINTS, PERIOD, ScriptedPolicy, contract, fingerprint, good_answer, reference, tick
+from rig import BAD_ANSWERS, JOINTS, PERIOD, contract, good_answer, reference, tick
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.reference import MotionReference, no_reference
@@ -15,6 +15,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import Extern
+from humanoid_sim.testing import ScriptedPolicy, fingerprint
 
 NAN, INF = np.nan, np.inf
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rig import JOINTS, tick
-from strategies import clock_jumps
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.errors import FieldError
+from humanoid_sim.testing import clock_jumps
 
 NAN, INF = np.nan, np.inf
 START = (1.0, -1.0, 0.5)

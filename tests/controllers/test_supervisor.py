@@ -16,14 +16,12 @@ from rig import (
     KNOWN,
     PATHS,
     Run,
-    ScriptedPolicy,
     command,
-    fingerprint,
     good_answer,
     supervisor,
     tick,
 )
-from safety_properties import MODE_NUMBER, SafetyProperties
+from safety_properties import RigProperties
 
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController
@@ -32,6 +30,8 @@ from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput
 from humanoid_sim.mit import MITCommand
+from humanoid_sim.testing import ScriptedPolicy, fingerprint
+from humanoid_sim.testing.properties import MODE_NUMBER
 
 ZERO = "zero_torque_controller"
 DAMPING = "damping_controller"
@@ -426,8 +426,8 @@ def explored():
     policy = ScriptedPolicy(good_answer)
     stack = supervisor(policy)
     start = stack.initial()
-    nodes: dict[tuple[str, str], tuple[Any, SafetyProperties, float]] = {
-        abstract(start): (start, SafetyProperties(), 10.0)
+    nodes: dict[tuple[str, str], tuple[Any, RigProperties, float]] = {
+        abstract(start): (start, RigProperties(stack), 10.0)
     }
     queue, edges, ticks = list(nodes), set(), 0
     while queue:
@@ -436,8 +436,7 @@ def explored():
         for answer, given in abstract_inputs(key[0], key[1] == "finished", time):
             policy.answer = BAD_ANSWERS.get(answer, good_answer)
             after, output = stack.step(memory, given)
-            properties = SafetyProperties()
-            properties.__dict__.update(watched.__dict__)
+            properties = watched.copy()
             properties.check(given, output)
             ticks += 1
             target = abstract(after)

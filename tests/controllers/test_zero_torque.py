@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from rig import JOINTS, command, tick
-from strategies import any_tick_inputs
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import RemoteCommand
 from humanoid_sim.mit import COMMAND_FIELDS
+from humanoid_sim.testing import any_tick_inputs
 
 CONTROLLER = ZeroTorqueController(JOINTS)
 

@@ -7,6 +7,7 @@ than to draw from, so each is built once.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -14,17 +15,18 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
+from humanoid_sim.controllers.context import EXTERN_WIDTHS
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.testing.arrays import any_arrays, any_numbers, moderate_numbers
 
 __all__ = [
-    "any_arrays",
     "any_commands",
     "any_externs",
-    "any_numbers",
     "any_remote_commands",
     "any_states",
     "any_tick_inputs",
+    "button_readings",
     "clock_jumps",
     "healthy_states",
     "intents",
@@ -32,58 +34,29 @@ __all__ = [
     "valid_commands",
 ]
 
-SPECIAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan)
-"""Where floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, not a number."""
+EXTERN_NAMES = ("key_pressed", *EXTERN_WIDTHS, "unheard_of")
+"""Live inputs that observation terms read, and one that none does."""
 
 
 @cache
-def any_numbers() -> SearchStrategy[float]:
-    """Any float at all, the troublesome ones often."""
-    return st.sampled_from(SPECIAL_NUMBERS) | st.floats(-10.0, 10.0) | st.floats()
-
-
-@cache
-def _small_numbers() -> SearchStrategy[float]:
-    return st.floats(-3.0, 3.0, allow_subnormal=False)
-
-
-@cache
-def any_arrays(n: int, numbers: SearchStrategy[float] | None = None) -> SearchStrategy[FloatArray]:
-    """Arrays of shape (n,); one odd value among healthy ones is as likely as a wholly random array."""
-    values = any_numbers() if numbers is None else numbers
-    random = st.lists(values, min_size=n, max_size=n).map(np.array)
-    if numbers is not None:
-        return random
-    one_odd = st.builds(_with_one, st.just(n), st.integers(0, n - 1), values, _small_numbers())
-    return one_odd | random
-
-
-def _with_one(n: int, i: int, odd: float, rest: float) -> FloatArray:
-    array = np.full(n, rest)
-    array[i] = odd
-    return array
-
-
-@cache
-def any_externs() -> SearchStrategy[dict[str, Extern]]:
-    """Live arrays of any name, width, age and timeout; often none."""
-    names = st.sampled_from(["key_pressed", "velocity", "unheard_of"])
+def any_externs(names: tuple[str, ...] = EXTERN_NAMES) -> SearchStrategy[dict[str, Extern]]:
+    """Live arrays of any width, age and timeout under some of `names`; often none."""
     extern = st.builds(
         Extern,
-        value=st.integers(1, 5).flatmap(any_arrays),
+        value=st.integers(1, 7).flatmap(any_arrays),
         arrival_time=any_numbers(),
         timeout=st.sampled_from([np.inf, 0.5, 0.0, -1.0, np.nan]),
     )
-    return st.dictionaries(names, extern, max_size=2)
+    return st.dictionaries(st.sampled_from(names), extern, max_size=2)
 
 
-def any_states(n: int, time: float) -> SearchStrategy[MITState]:
-    """States of any content at `time` s."""
-    return _any_states(n).map(lambda state: replace(state, time=time))
+def any_states(n: int, time: float, extern_names: tuple[str, ...] = EXTERN_NAMES) -> SearchStrategy[MITState]:
+    """States of n joints and of any content at `time` s: joints never heard, impossible quaternions, infinite ages."""
+    return _any_states(n, extern_names).map(lambda state: replace(state, time=time))
 
 
 @cache
-def _any_states(n: int) -> SearchStrategy[MITState]:
+def _any_states(n: int, extern_names: tuple[str, ...]) -> SearchStrategy[MITState]:
     return st.builds(
         MITState,
         time=st.just(0.0),
@@ -94,13 +67,13 @@ def _any_states(n: int) -> SearchStrategy[MITState]:
         imu_quaternion=any_arrays(4),
         imu_angular_velocity=any_arrays(3),
         imu_linear_acceleration=any_arrays(3),
-        extern=any_externs(),
+        extern=any_externs(extern_names),
     )
 
 
-def healthy_states(n: int, time: float) -> SearchStrategy[MITState]:
-    """States of a robot whose joints are all known, at `time` s."""
-    return _healthy_states(n).map(lambda state: replace(state, time=time))
+def healthy_states(n: int, time: float, extern: Mapping[str, Extern] | None = None) -> SearchStrategy[MITState]:
+    """States of an upright robot whose n joints are all known and move, at `time` s, with the live inputs `extern`."""
+    return _healthy_states(n).map(lambda state: replace(state, time=time, extern=extern or {}))
 
 
 @cache
@@ -108,9 +81,9 @@ def _healthy_states(n: int) -> SearchStrategy[MITState]:
     return st.builds(
         MITState,
         time=st.just(0.0),
-        joint_position=any_arrays(n, _small_numbers()),
-        joint_velocity=any_arrays(n, _small_numbers()),
-        joint_effort=any_arrays(n, _small_numbers()),
+        joint_position=any_arrays(n, moderate_numbers()),
+        joint_velocity=any_arrays(n, moderate_numbers()),
+        joint_effort=any_arrays(n, moderate_numbers()),
         joint_age=st.just(np.zeros(n)),
         imu_quaternion=st.just(np.array([1.0, 0.0, 0.0, 0.0])),
         imu_angular_velocity=st.just(np.zeros(3)),
@@ -120,10 +93,9 @@ def _healthy_states(n: int) -> SearchStrategy[MITState]:
 
 @cache
 def clock_jumps() -> SearchStrategy[float]:
-    """s between one tick and the next of a clock that nobody can rely on."""
-    return st.sampled_from([0.0, 0.02, 0.02, 0.1, 1.0, -0.02, -5.0, 1e6, -1e6, 1e300, np.nan, np.inf]) | st.floats(
-        -1, 1
-    )
+    """Seconds from one tick to the next of a clock that nobody can rely on: backwards, years ahead, not a number."""
+    known = [0.0, 0.02, 0.02, 0.1, 1.0, -0.02, -5.0, 1e6, -1e6, 1e300, np.nan, np.inf]
+    return st.sampled_from(known) | st.floats(-1, 1)
 
 
 @cache
@@ -146,6 +118,13 @@ def intents() -> SearchStrategy[tuple[Intent, ...]]:
 
 
 @cache
+def button_readings(count: int) -> SearchStrategy[tuple[bool, ...]]:
+    """What a gamepad of `count` buttons reports: none, some or all of them held down."""
+    held = st.sets(st.integers(0, count - 1), max_size=4) | st.just(set(range(count)))
+    return held.map(lambda down: tuple(i in down for i in range(count)))
+
+
+@cache
 def any_commands(n: int) -> SearchStrategy[MITCommand]:
     """Commands of any content: negative gains, NaN."""
     return st.builds(MITCommand, *[any_arrays(n)] * 5)
@@ -154,8 +133,8 @@ def any_commands(n: int) -> SearchStrategy[MITCommand]:
 @cache
 def valid_commands(n: int) -> SearchStrategy[MITCommand]:
     """Finite commands with gains that are not negative."""
-    gains = any_arrays(n, st.floats(0.0, 100.0, allow_subnormal=False))
-    return st.builds(MITCommand, *[any_arrays(n, _small_numbers())] * 3, gains, gains)
+    gains: SearchStrategy[FloatArray] = any_arrays(n, st.floats(0.0, 100.0, allow_subnormal=False))
+    return st.builds(MITCommand, *[any_arrays(n, moderate_numbers())] * 3, gains, gains)
 
 
 def any_remote_commands(n: int, time: float) -> SearchStrategy[RemoteCommand]:
@@ -169,11 +148,11 @@ def _all_commands(n: int) -> SearchStrategy[MITCommand]:
     return valid_commands(n) | any_commands(n) | valid_commands(n + 1)
 
 
-def any_tick_inputs(n: int, time: float) -> SearchStrategy[TickInput]:
+def any_tick_inputs(n: int, time: float, extern_names: tuple[str, ...] = EXTERN_NAMES) -> SearchStrategy[TickInput]:
     """Everything at once, at `time` s."""
     return st.builds(
         TickInput,
-        state=any_states(n, time),
+        state=any_states(n, time, extern_names),
         safety=safety_statuses(),
         intents=intents(),
         remote=st.none() | any_remote_commands(n, time),

@@ -1,0 +1,194 @@
+"""What the command of each controller must look like, given the controller's own settings."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.remote_policy import RemotePolicyController
+from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.controllers.standby import StandbyController
+from humanoid_sim.messages import RemoteCommand, TickInput
+from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
+from humanoid_sim.testing.fingerprint import fingerprint
+from humanoid_sim.testing.violation import require
+
+__all__ = [
+    "RemoteWatch",
+    "check_complete",
+    "check_damping",
+    "check_policy",
+    "check_standby",
+    "check_zero",
+]
+
+_ROUNDING = 1e-9
+"""s. Times are decimal fractions that binary numbers round."""
+
+
+def check_complete(command: MITCommand, n: int) -> None:
+    """Every command: n joints, all fields finite float64, gains not negative, arrays that nobody can write to."""
+    for name in COMMAND_FIELDS:
+        values = getattr(command, name)
+        require(values.shape == (n,), "command's {} has shape {}, expected ({},)", name, values.shape, n)
+        require(values.dtype == np.float64, "command's {} is of {}, expected float64", name, values.dtype)
+        require(not values.flags.writeable, "command's {} can be written to by whoever is given it", name)
+        require(bool(np.isfinite(values).all()), "command's {} is {}, expected finite numbers", name, values)
+    for name in ("stiffness", "damping"):
+        values = getattr(command, name)
+        require(bool((values >= 0.0).all()), "command's {} is {}, expected no negative gain", name, values)
+
+
+def check_zero(command: MITCommand) -> None:
+    """ZERO_TORQUE: zeros, whichever controller is in its place."""
+    require(
+        fingerprint(command) == fingerprint(MITCommand.zeros(command.joint_count)),
+        "ZERO_TORQUE commands {}, expected zeros in all five fields",
+        command,
+    )
+
+
+def check_damping(controller: object, command: MITCommand, before: MITCommand | None) -> None:
+    """DAMPING: no stiffness; the package's own controller also keeps its gains and the position it captured.
+
+    Args:
+        controller: what is registered as `damping_controller`.
+        command: of this tick.
+        before: of the previous tick, if DAMPING was in control then.
+    """
+    require(not command.stiffness.any(), "DAMPING commands a stiffness of {}, expected zeros", command.stiffness)
+    if type(controller) is not DampingController:
+        return
+    _no_feed_forward("DAMPING", command)
+    _same("DAMPING's damping", command.damping, controller.damping)
+    if before is not None:
+        _same("DAMPING's position, captured at activation,", command.position, before.position)
+
+
+def check_standby(controller: object, command: MITCommand, before: MITCommand | None) -> None:
+    """STANDBY: gains rise together from 0 to their targets, and never fall on the way.
+
+    Args:
+        controller: what is registered as `standby_controller_a` or `_b`.
+        command: of this tick.
+        before: of the previous tick, if this controller was in control then.
+    """
+    if type(controller) is not StandbyController:
+        return
+    _no_feed_forward("STANDBY", command)
+    ramp = _ramp(controller, command)
+    require(0.0 <= ramp <= 1.0, "STANDBY's gains are {:g} of their targets, expected 0 to 1", ramp)
+    for name in ("stiffness", "damping"):
+        wanted = ramp * getattr(controller, f"target_{name}")
+        require(
+            bool((np.abs(getattr(command, name) - wanted) <= 1e-9 * wanted).all()),
+            "STANDBY's {} is {}, expected {:g} of its targets like the other gains",
+            name,
+            getattr(command, name),
+            ramp,
+        )
+    start = 0.0 if before is None else _ramp(controller, before)
+    require(ramp >= start, "STANDBY's gains fell from {:g} to {:g} of their targets", start, ramp)
+    require(before is not None or ramp == 0.0, "STANDBY began with {:g} of its gains, expected none", ramp)
+
+
+def check_policy(controller: object, joints: tuple[str, ...], command: MITCommand) -> None:
+    """LOCOMOTION: the policy's own gains on every joint, and joints that it does not drive at 0."""
+    if type(controller) is not RLPolicyController:
+        return
+    _no_feed_forward("LOCOMOTION", command)
+    contract = controller.contract
+    place = [contract.joint_names.index(name) for name in joints]
+    _same("LOCOMOTION's stiffness", command.stiffness, contract.joint_stiffness[place])
+    _same("LOCOMOTION's damping", command.damping, contract.joint_damping[place])
+    for i, name in enumerate(joints):
+        if name not in contract.action_joint_names:
+            require(command.position[i] == 0.0, "LOCOMOTION moves {}, which its policy does not drive", name)
+
+
+class RemoteWatch:
+    """REMOTE: only commands that arrived since activation, and none that is stale.
+
+    Keeps the age of the newest command in time that has passed since the controller was first shown it.
+    """
+
+    def __init__(self, controller: object) -> None:
+        self._controller = controller if type(controller) is RemotePolicyController else None
+        self._activation_time = math.nan
+        self._ignored: RemoteCommand | None = None
+        self._newest: RemoteCommand | None = None
+        self._age = math.inf
+
+    def follow(self, given: TickInput, *, entered: bool, elapsed: float) -> None:
+        """Take note of a tick in REMOTE.
+
+        Args:
+            given: the tick's input.
+            entered: this is the tick of the transition.
+            elapsed: s since the previous tick.
+        """
+        if entered:
+            self._newest, self._age = None, math.inf
+            self._activation_time, self._ignored = float(given.state.time), given.remote
+            return
+        self._age += max(elapsed, 0.0)
+        remote = given.remote
+        if remote is None or (self._ignored is not None and remote.arrival_time == self._ignored.arrival_time):
+            return
+        if not remote.arrival_time > self._activation_time:
+            return
+        if self._newest is None or remote.arrival_time != self._newest.arrival_time:
+            self._age = 0.0
+        self._newest = remote
+
+    def leave(self) -> None:
+        """Take note of a tick in another mode."""
+        self._newest, self._age = None, math.inf
+
+    def check(self, given: TickInput, command: MITCommand) -> None:
+        """The command in REMOTE is the newest one while it is fresh, or the passive hold."""
+        if self._controller is None:
+            return
+        position = given.state.joint_position
+        zeros = np.zeros(len(position))
+        known = np.where(np.isfinite(position), position, 0.0)
+        if fingerprint(command) == fingerprint(MITCommand(known, zeros, zeros, zeros, self._controller.damping)):
+            return
+        if self._newest is None:
+            require(False, "REMOTE applies {}, but no command has arrived since it was activated", command)
+            return
+        require(
+            fingerprint(command) == fingerprint(self._newest.command),
+            "REMOTE applies {}, expected the newest command {} or the passive hold",
+            command,
+            self._newest.command,
+        )
+        timeout = 1e-3 * self._controller.stale_command_timeout_ms
+        require(
+            self._age <= timeout + _ROUNDING or self._controller.stale_command_policy == "hold",
+            "REMOTE applies a command that is {:g} s old, expected the passive hold after {:g} s",
+            self._age,
+            timeout,
+        )
+
+
+def _ramp(controller: StandbyController, command: MITCommand) -> float:
+    """The share of its target that the largest gain has reached; 1 where all targets are 0."""
+    targets = np.concatenate([controller.target_stiffness, controller.target_damping])
+    i = int(np.argmax(targets))
+    if targets[i] == 0.0:
+        return 0.0
+    return float(np.concatenate([command.stiffness, command.damping])[i] / targets[i])
+
+
+def _no_feed_forward(mode: str, command: MITCommand) -> None:
+    for name in ("velocity", "effort"):
+        require(
+            not getattr(command, name).any(), "{} commands {} {}, expected zeros", mode, name, getattr(command, name)
+        )
+
+
+def _same(what: str, value: FloatArray, wanted: FloatArray) -> None:
+    require(fingerprint(value) == fingerprint(np.asarray(wanted)), "{} is {}, expected {}", what, value, wanted)

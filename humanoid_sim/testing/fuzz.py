@@ -1,0 +1,128 @@
+"""Fuzz a control stack, or a controller by itself, with one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import run_state_machine_as_test
+from hypothesis.strategies import DataObject
+
+from humanoid_sim.controllers.base import Controller, Fault
+from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.messages import TickInput
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.testing.commands import check_complete
+from humanoid_sim.testing.fingerprint import fingerprint
+from humanoid_sim.testing.healthy import healthy_externs
+from humanoid_sim.testing.machine import StackMachine
+from humanoid_sim.testing.policies import ScriptedPolicy
+from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
+from humanoid_sim.testing.violation import SafetyViolationError, require
+
+__all__ = ["DEFAULT_SETTINGS", "fuzz_controller", "fuzz_stack"]
+
+DEFAULT_SETTINGS = settings(
+    max_examples=50,
+    stateful_step_count=40,
+    deadline=None,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.large_base_example, HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+"""Runs of up to 40 steps; whole states and commands are drawn in one step, which is large, and meant.
+
+More examples: `settings(DEFAULT_SETTINGS, max_examples=1000)`. The same ones every time: `derandomize=True`.
+"""
+
+_PERIOD = 0.02
+"""s of the robot's clock from one tick to the next of a healthy session."""
+
+
+def fuzz_stack(build: Callable[[ScriptedPolicy], Supervisor], settings: settings = DEFAULT_SETTINGS) -> None:
+    """Drive a control stack with anything, and check `SafetyProperties` on every tick.
+
+    Args:
+        build: gives the stack under test, new for every run. The policy that it is given behaves or misbehaves as the
+            run has it; a stack that runs a policy of its own may leave it aside.
+        settings: of Hypothesis.
+
+    Raises:
+        SafetyViolationError: with the shortest run that was found to break a property.
+    """
+
+    class Stack(StackMachine):
+        def build(self, policy: ScriptedPolicy) -> Supervisor:
+            return build(policy)
+
+    run_state_machine_as_test(Stack, settings=settings)
+
+
+def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTINGS) -> None:
+    """Hold a controller by itself to what the supervisor expects of every one, whatever its input.
+
+    It never raises. It answers with a memory and a complete command, or with a `Fault` that says why. The same inputs
+    give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, it has no fault.
+
+    Args:
+        controller: the one under test.
+        settings: of Hypothesis.
+
+    Raises:
+        SafetyViolationError: with the shortest example that was found.
+    """
+    n = len(controller.joints)
+
+    @settings
+    @given(st.data(), st.lists(clock_jumps(), max_size=6))
+    def any_session(data: DataObject, jumps: list[float]) -> None:
+        time, memory = 10.0, None
+        for jump in (0.0, *jumps):
+            result = _step(controller, memory, data.draw(any_tick_inputs(n, time + jump)))
+            memory = None if isinstance(result, Fault) else result
+
+    @settings
+    @given(st.lists(healthy_states(n, 10.0), min_size=1, max_size=6))
+    def healthy_session(states: list[MITState]) -> None:
+        memory = None
+        for i, state in enumerate(states):
+            time = float(state.time) + _PERIOD * i
+            externs = healthy_externs(getattr(controller, "extern", {}), time)
+            memory = _step(controller, memory, TickInput(replace(state, time=time, extern=externs)))
+            require(not isinstance(memory, Fault), "on a healthy robot: {}", memory)
+
+    healthy_session()
+    any_session()
+
+
+def _step(controller: Controller, memory: Any, tick: TickInput) -> Any:
+    """One tick as the supervisor runs it, activation included where there is no memory: the next memory, or a fault."""
+    before = fingerprint(tick), fingerprint(memory)
+    memory_and_command = _attempt(controller, memory, tick)
+    again = _attempt(controller, memory, tick)
+    require(before == (fingerprint(tick), fingerprint(memory)), "what it was given changed")
+    same = fingerprint(memory_and_command) == fingerprint(again)
+    require(same, "the same inputs gave {} and {}", memory_and_command, again)
+    if isinstance(memory_and_command, Fault):
+        message = memory_and_command.message
+        require(isinstance(message, str) and bool(message), "a fault whose message is {!r}", message)
+        return memory_and_command
+    try:
+        after, command = memory_and_command
+    except (TypeError, ValueError):
+        raise SafetyViolationError(f"update gave {memory_and_command!r}, expected a memory and a command") from None
+    require(type(command) is MITCommand, "update gave {!r} for a command", command)
+    require(after is not None and not isinstance(after, Fault), "update gave {!r} for a memory", after)
+    check_complete(command, len(controller.joints))
+    return after
+
+
+def _attempt(controller: Controller, memory: Any, tick: TickInput) -> Any:
+    try:
+        if memory is None:
+            memory = controller.activate(tick)
+        return memory if isinstance(memory, Fault) else controller.update(memory, tick)
+    except Exception as error:
+        raise SafetyViolationError(f"raised {type(error).__name__}: {error}") from error

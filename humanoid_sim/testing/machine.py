@@ -1,0 +1,285 @@
+"""A control stack against anything: Hypothesis drives it with hostile inputs, and every tick is checked."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
+from hypothesis.strategies import DataObject
+
+from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
+from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, RLPolicyController
+from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.testing.fingerprint import fingerprint
+from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
+from humanoid_sim.testing.policies import Answer, ScriptedPolicy, misbehaviours, well_behaved
+from humanoid_sim.testing.properties import REMOTE, RL, STANDBY_A, STANDBY_B, SafetyProperties
+from humanoid_sim.testing.strategies import (
+    EXTERN_NAMES,
+    any_externs,
+    any_remote_commands,
+    any_states,
+    any_tick_inputs,
+    button_readings,
+    clock_jumps,
+    healthy_states,
+    intents,
+    safety_statuses,
+    valid_commands,
+)
+from humanoid_sim.testing.violation import require
+
+__all__ = ["StackMachine"]
+
+_POSES = st.sampled_from([Intent.LOAD_A, Intent.LOAD_B])
+_STARTS = st.sampled_from([Intent.START_LOCOMOTION, Intent.START_REMOTE])
+_ANSWERS = st.sampled_from(["well behaved", *sorted(misbehaviours(1))])
+_SMALL_JUMPS = st.sampled_from([0.02, 0.02, 0.02, 0.0, 0.05, 0.11, -0.02, -5.0])
+"""s from one tick of a remote session to the next."""
+_SKEWS = st.sampled_from([0.0, 0.0, -0.01, -0.06, -0.2, 0.01, 3.0, -100.0])
+"""s, arrival time less the time of the tick that first shows the command."""
+_TARGETS = {
+    Intent.LOAD_A: STANDBY_A,
+    Intent.LOAD_B: STANDBY_B,
+    Intent.START_LOCOMOTION: RL,
+    Intent.START_REMOTE: REMOTE,
+}
+_BUTTONS = 8
+_FURTHEST_TIME = 1e9
+"""s. A clock beyond it has no room for hundredths of a second, and the run could not go on from there."""
+
+
+class StackMachine(RuleBasedStateMachine):
+    """One run of a control stack. Healthy rules take it deep, hostile rules attack it there; every tick is checked.
+
+    Subclass it and give `build`; the subclass's `TestCase` is what pytest and unittest collect. To check more than
+    `SafetyProperties`, extend `check` or give another `properties_type`. To attack in ways of your own, add rules that
+    call `feed`.
+    """
+
+    period = 0.02
+    """s of the robot's clock from one tick to the next."""
+    waiting_period = 0.05
+    """s likewise while a pose is waited for: as much as `StandbyController` goes on by in one tick."""
+    position: tuple[float, ...] = ()
+    """rad, where the joints of the healthy robot rest; empty: 0.5 for all."""
+    longest_standby = 20.0
+    """s within which a standby pose must have been reached on a healthy robot."""
+    bindings = JoyBindings()
+    """Of the gamepad."""
+    properties_type: type[SafetyProperties] = SafetyProperties
+    """What watches the run."""
+
+    def build(self, policy: ScriptedPolicy) -> Supervisor:
+        """The stack under test, new for every run. Whatever runs `policy` in LOCOMOTION is fuzzed with bad answers."""
+        raise NotImplementedError(f"{type(self).__name__}.build is not defined: it must return the stack under test")
+
+    def check(self, given: TickInput, output: TickOutput) -> None:
+        """What must hold in every tick; raise to report a violation."""
+        self.properties.check(given, output)
+
+    # --- ticks ---
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.policy = ScriptedPolicy(well_behaved(1))
+        self.stack = self.build(self.policy)
+        self.joint_count = len(self.stack.joints)
+        learned = self.stack.controllers.get(RL)
+        count, limit, self.externs = 1, ACTION_LIMIT, dict[str, int]()
+        if isinstance(learned, RLPolicyController):
+            count, limit, self.externs = learned.contract.action_count, learned.action_limit, dict(learned.extern)
+        self.answers: dict[str, Answer] = {"well behaved": well_behaved(count), **misbehaviours(count, limit)}
+        self.extern_names = tuple(dict.fromkeys((*self.externs, *EXTERN_NAMES)))
+        self.rest = self.position or (0.5,) * self.joint_count
+        self.memory = self.stack.initial()
+        self.remembered = fingerprint(self.memory)
+        self.properties = self.properties_type(self.stack)
+        self.time = 10.0
+        self.remote: RemoteCommand | None = None
+        self.buttons: tuple[bool, ...] = ()
+        self.history: list[tuple[TickInput, str, object]] = []
+
+    def feed(self, given: TickInput, answer: str = "well behaved") -> TickOutput:
+        """One tick, run twice: the same bits must come out, and nothing that went in may change.
+
+        Args:
+            given: the input.
+            answer: how the policy behaves if it is asked: `well behaved`, or one of `misbehaviours`.
+        """
+        self.policy.answer = self.answers[answer]
+        before = fingerprint(given), self.remembered
+        memory, output = self.stack.step(self.memory, given)
+        again, same = self.stack.step(self.memory, given)
+        require(before == (fingerprint(given), fingerprint(self.memory)), "a tick changed what it was given")
+        seen, self.remembered = fingerprint(output), fingerprint(memory)
+        require(seen == fingerprint(same), "the same inputs gave {} and {}", output, same)
+        require(self.remembered == fingerprint(again), "the same inputs gave memories {} and {}", memory, again)
+        self.check(given, output)
+        self.history.append((given, answer, seen))
+        self.memory = memory
+        self.remote = given.remote or self.remote
+        return output
+
+    def tick(self, *wanted: Intent, remote: RemoteCommand | None = None) -> TickOutput:
+        """One period later, on the healthy robot; the last remote command stays the latest."""
+        self.time += self.period
+        return self.feed(self._healthy(*wanted, remote=remote or self.remote))
+
+    def _healthy(self, *wanted: Intent, remote: RemoteCommand | None) -> TickInput:
+        return healthy_tick(self.rest, self.time, *wanted, remote=remote, externs=self.externs)
+
+    # --- the ordinary operator ---
+
+    @rule(wanted=st.none() | st.sampled_from(Intent))
+    def press(self, wanted: Intent | None) -> None:
+        """One intent, or a tick in which nothing is asked for."""
+        self.tick(*([wanted] if wanted else []))
+
+    @rule(buttons=button_readings(_BUTTONS))
+    def play_the_gamepad(self, buttons: tuple[bool, ...]) -> None:
+        """Buttons as they are held down now; DAMP must come through whatever else is pressed."""
+        wanted = pressed_intents(self.bindings, buttons, self.buttons)
+        damp = self.bindings.damp_button
+        newly = buttons[damp] and not (self.buttons and self.buttons[damp])
+        require(not newly or Intent.DAMP in wanted, "button {} is DAMP, and gave {}", damp, wanted)
+        self.buttons = buttons
+        self.tick(*wanted)
+
+    @rule(pose=_POSES, impatient=st.none() | _STARTS)
+    def walk_to_a_pose(self, pose: Intent, impatient: Intent | None) -> None:
+        """DAMP, LOAD, and patience, which an operator may lack at first."""
+        self._walk(pose, impatient)
+
+    @rule(pose=_POSES, begin=_STARTS)
+    def start_a_policy(self, pose: Intent, begin: Intent) -> None:
+        """From a finished pose into LOCOMOTION or REMOTE."""
+        self._begin(pose, begin)
+
+    def _walk(self, pose: Intent, impatient: Intent | None = None) -> bool:
+        """Whether there is such a pose; then it was reached."""
+        self.tick(Intent.DAMP)
+        output = self.tick(pose)
+        if _TARGETS[pose] not in self.stack.controllers:
+            require(bool(output.refusals), "{} has no controller, and was not refused", pose)
+            return False
+        began = self.time
+        if impatient:
+            output = self.tick(impatient)
+        while output.standby is None or not output.standby.is_finished:
+            mode, waited = output.control_mode, self.time - began
+            require(mode.mode is Mode.STANDBY, "{} on a healthy robot ended in {}", pose, mode)
+            require(waited <= self.longest_standby, "{} has not finished after {:g} s", mode.controller_name, waited)
+            self.time += self.waiting_period - self.period
+            output = self.tick()
+        return True
+
+    def _begin(self, pose: Intent, begin: Intent) -> bool:
+        """Whether there is such a controller; then it is in control."""
+        if not self._walk(pose):
+            return False
+        output = self.tick(begin)
+        if _TARGETS[begin] not in self.stack.controllers:
+            require(bool(output.refusals), "{} has no controller, and was not refused", begin)
+            return False
+        name = output.control_mode.controller_name
+        require(name == _TARGETS[begin], "{} on a healthy robot ended in {}", begin, output.control_mode)
+        return True
+
+    @rule(pose=_POSES, data=st.data(), steps=st.lists(st.tuples(_SMALL_JUMPS, st.none() | _SKEWS), max_size=25))
+    def a_remote_session(self, pose: Intent, data: DataObject, steps: list[tuple[float, float | None]]) -> None:
+        """Each step is a jump of the clock, and the skew of a new command's stamp or None for a silent sender."""
+        if not self._begin(pose, Intent.START_REMOTE):
+            return
+        sent: list[MITCommand] = data.draw(st.lists(valid_commands(self.joint_count), min_size=1, max_size=3))
+        for i, (jump, skew) in enumerate(steps):
+            self.time += jump
+            new = None if skew is None else RemoteCommand(sent[i % len(sent)], self.time + skew)
+            self.feed(self._healthy(remote=new or self.remote))
+
+    @rule(pose=_POSES, good=st.integers(0, 10), answer=_ANSWERS)
+    def a_policy_session(self, pose: Intent, good: int, answer: str) -> None:
+        """A policy that behaves for a while, and then as `answer` says."""
+        if not self._begin(pose, Intent.START_LOCOMOTION):
+            return
+        for _ in range(good):
+            mode = self.tick().control_mode
+            require(mode.mode is Mode.LOCOMOTION, "a policy that behaves, on a healthy robot, ended in {}", mode)
+        self.the_policy_misbehaves(answer, 3)
+
+    @rule(data=st.data())
+    def move(self, data: DataObject) -> None:
+        """The healthy robot moves."""
+        self.time += self.period
+        externs = healthy_externs(self.externs, self.time)
+        self.feed(TickInput(data.draw(healthy_states(self.joint_count, self.time, externs)), remote=self.remote))
+
+    # --- the attacks ---
+
+    @precondition(lambda self: self.memory.controller == RL)
+    @rule(answer=_ANSWERS, ticks=st.integers(1, 3))
+    def the_policy_misbehaves(self, answer: str, ticks: int) -> None:
+        """The policy answers what it must not."""
+        for _ in range(ticks):
+            self.time += self.period
+            self.feed(self._healthy(remote=self.remote), answer)
+
+    @rule(data=st.data())
+    def the_state_is_odd(self, data: DataObject) -> None:
+        """Joints that were never heard, NaN, impossible quaternions."""
+        self.time += self.period
+        state = data.draw(any_states(self.joint_count, self.time, self.extern_names))
+        self.feed(TickInput(state, remote=self.remote))
+
+    @rule(data=st.data())
+    def a_remote_command_is_odd(self, data: DataObject) -> None:
+        """Negative gains, NaN, a wrong width, a stamp from anywhere."""
+        self.time += self.period
+        self.feed(self._healthy(remote=data.draw(any_remote_commands(self.joint_count, self.time))))
+
+    @rule(jump=clock_jumps())
+    def the_clock_jumps(self, jump: float) -> None:
+        """Backwards, ahead, to no number at all."""
+        before, self.time = self.time, self.time + jump
+        self.feed(self._healthy(remote=self.remote))
+        if not np.isfinite(self.time) or abs(self.time) > _FURTHEST_TIME:
+            self.time = before
+
+    @rule(safety=safety_statuses(), wanted=intents())
+    def safety_speaks(self, safety: tuple[SafetyStatus, ...], wanted: tuple[Intent, ...]) -> None:
+        """Any status of any source, together with any intents."""
+        self.time += self.period
+        given = healthy_tick(self.rest, self.time, *wanted, safety=safety, remote=self.remote, externs=self.externs)
+        self.feed(given)
+
+    @rule(data=st.data())
+    def live_values_are_odd(self, data: DataObject) -> None:
+        """Missing, late, of another width."""
+        self.time += self.period
+        extern = data.draw(any_externs(self.extern_names))
+        state = data.draw(healthy_states(self.joint_count, self.time, extern))
+        self.feed(TickInput(state, remote=self.remote))
+
+    @rule(data=st.data(), answer=_ANSWERS, jump=clock_jumps())
+    def everything_at_once(self, data: DataObject, answer: str, jump: float) -> None:
+        """Whatever a tick may hold, and a policy that may misbehave."""
+        self.feed(data.draw(any_tick_inputs(self.joint_count, self.time + jump, self.extern_names)), answer)
+
+    @rule(data=st.data(), change=st.sampled_from([-1, 1, 3]))
+    def the_state_has_another_width(self, data: DataObject, change: int) -> None:
+        """More joints than there are, or fewer."""
+        self.time += self.period
+        state = data.draw(healthy_states(max(self.joint_count + change, 0), self.time))
+        self.feed(TickInput(state, intents=data.draw(intents())))
+
+    def teardown(self) -> None:
+        """A whole run repeated from its inputs on a new stack is the same, bit for bit."""
+        policy = ScriptedPolicy(well_behaved(1))
+        stack = self.build(policy)
+        memory = stack.initial()
+        for i, (given, answer, expected) in enumerate(self.history):
+            policy.answer = self.answers[answer]
+            memory, output = stack.step(memory, given)
+            require(fingerprint(output) == expected, "tick {} of the repeated run gave {}", i, output)

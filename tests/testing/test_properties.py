@@ -1,0 +1,240 @@
+"""Each safety property, broken by hand: a check that nothing breaks says nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rig
+
+from humanoid_sim.messages import (
+    ControlMode,
+    FaultReport,
+    Intent,
+    Mode,
+    RemoteCommand,
+    SafetyStatus,
+    StandbyState,
+)
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.testing import SafetyProperties, SafetyViolationError
+
+ZERO, DAMPING, A, RL, REMOTE = (
+    "zero_torque_controller",
+    "damping_controller",
+    "standby_controller_a",
+    "rl_policy_controller",
+    "remote_policy_controller",
+)
+FAULT = (SafetyStatus(2, 8, "can0", "over-current"),)
+
+
+class WatchedRun(rig.Run):
+    """Every tick is checked on the way to where a property is to be broken."""
+
+    def __post_init__(self):
+        super().__post_init__()
+        self.properties = SafetyProperties(self.supervisor)
+
+    def step(self, *intents, **inputs):
+        self.given = rig.tick(self.time, *intents, **inputs)
+        self.memory, output = self.supervisor.step(self.memory, self.given)
+        self.properties.check(self.given, output)
+        self.time += rig.PERIOD
+        return output
+
+    def next(self, *intents, **inputs):
+        """The next tick and its right output, not checked yet."""
+        given = rig.tick(self.time, *intents, **inputs)
+        return given, self.supervisor.step(self.memory, given)[1]
+
+
+def at(name):
+    run = WatchedRun(rig.supervisor())
+    run.walk(*rig.PATHS[name])
+    return run
+
+
+def with_command(output, **changes):
+    return replace(output, command=replace(output.command, **changes))
+
+
+def with_mode(output, mode, name, message=""):
+    return replace(output, control_mode=ControlMode(mode, name, message))
+
+
+def zeros(_):
+    return MITCommand.zeros(3)
+
+
+NAN_3 = np.array([0.0, np.nan, 0.0])
+STANDBY = StandbyState(1, 2, 1.0, True)
+REPORT = FaultReport(RL, DAMPING, "NaN")
+
+BROKEN = {
+    "not finite": (DAMPING, (), {}, lambda o: with_command(o, velocity=NAN_3), "velocity is"),
+    "negative gain": (DAMPING, (), {}, lambda o: with_command(o, damping=[-1.0, 1.0, 1.0]), "no negative gain"),
+    "too wide": (DAMPING, (), {}, lambda o: replace(o, command=MITCommand.zeros(4)), "has shape (4,), expected (3,)"),
+    "torque in ZERO_TORQUE": (ZERO, (), {}, lambda o: with_command(o, effort=[0, 0, 1e-9]), "expected zeros in all"),
+    "stiff DAMPING": (DAMPING, (), {}, lambda o: with_command(o, stiffness=np.ones(3)), "stiffness of [1. 1. 1.]"),
+    "DAMPING pushes": (DAMPING, (), {}, lambda o: with_command(o, effort=np.ones(3)), "DAMPING commands effort"),
+    "other damping": (DAMPING, (), {}, lambda o: with_command(o, damping=np.ones(3)), "expected [1.5 1.6 1.7]"),
+    "DAMPING follows": (DAMPING, (), {}, lambda o: with_command(o, position=np.ones(3)), "captured at activation"),
+    "unknown name": (DAMPING, (), {}, lambda o: with_mode(o, Mode.DAMPING, "damper"), "controller damper is none of"),
+    "wrong mode": (DAMPING, (), {}, lambda o: with_mode(o, Mode.REMOTE, DAMPING), "reports mode REMOTE"),
+    "standby elsewhere": (DAMPING, (), {}, lambda o: replace(o, standby=STANDBY), "DAMPING with standby"),
+    "no standby": (A, (), {}, lambda o: replace(o, standby=None), "STANDBY with standby None"),
+    "moves while unsafe": (
+        RL,
+        (),
+        {"safety": FAULT},
+        lambda o: with_mode(o, Mode.LOCOMOTION, RL),
+        "is in control although safety reports",
+    ),
+    "DAMP is not heard": (
+        RL,
+        (Intent.DAMP,),
+        {},
+        lambda o: with_mode(o, Mode.LOCOMOTION, RL),
+        "DAMP was asked for, and rl_policy_controller is in control",
+    ),
+    "wakes by itself": (ZERO, (), {}, lambda o: with_mode(o, Mode.DAMPING, DAMPING), "to damping_controller by itself"),
+    "no such edge": (
+        DAMPING,
+        (Intent.START_LOCOMOTION,),
+        {},
+        lambda o: with_mode(o, Mode.LOCOMOTION, RL),
+        "which is no edge",
+    ),
+    "another intent": (
+        DAMPING,
+        (Intent.LOAD_B,),
+        {},
+        lambda o: with_mode(replace(o, standby=STANDBY), Mode.STANDBY, A),
+        "without Intent.LOAD_A",
+    ),
+    "goes limp": (
+        DAMPING,
+        (Intent.DAMP,),
+        {},
+        lambda o: with_mode(replace(o, command=zeros(o)), Mode.ZERO_TORQUE, ZERO, "zero_torque takes over"),
+        "went limp",
+    ),
+    "quits unasked": (DAMPING, (), {}, lambda o: replace(o, quit=True), "quit without QUIT"),
+    "quits although DAMP": (
+        DAMPING,
+        (Intent.QUIT, Intent.DAMP),
+        {},
+        lambda o: replace(o, quit=True),
+        "although DAMP came with it",
+    ),
+    "quits while moving": (RL, (Intent.QUIT,), {}, lambda o: replace(o, quit=True), "QUIT was obeyed from rl_policy"),
+    "QUIT says nothing": (RL, (Intent.QUIT,), {}, lambda o: replace(o, refusals=()), "no refusal says why"),
+    "failed and stays": (RL, (), {}, lambda o: replace(o, faults=(REPORT,)), "failed and stays in control"),
+    "failed for nothing": (
+        DAMPING,
+        (),
+        {},
+        lambda o: replace(o, faults=(replace(REPORT, message=""),)),
+        "without saying why",
+    ),
+    "failure not told": (DAMPING, (), {}, lambda o: replace(o, faults=(REPORT,)), "is not in the status message"),
+    "failed twice": (DAMPING, (), {}, lambda o: replace(o, faults=(REPORT, REPORT)), "failed twice in one tick"),
+    "raised": (DAMPING, (), {}, lambda o: replace(o, faults=(replace(REPORT, is_bug=True),)), "raised: NaN"),
+    "other fallback": (
+        DAMPING,
+        (),
+        {},
+        lambda o: replace(o, faults=(replace(REPORT, fallback=ZERO),)),
+        "damping_controller leads",
+    ),
+    "ZERO_TORQUE failed": (
+        DAMPING,
+        (),
+        {},
+        lambda o: replace(o, faults=(replace(REPORT, controller=ZERO),)),
+        "zero_torque_controller failed",
+    ),
+    "gains fall": (A, (), {}, lambda o: with_command(o, stiffness=o.command.stiffness / 2), "STANDBY's"),
+    "gains too high": (
+        A,
+        (),
+        {},
+        lambda o: with_command(o, stiffness=2 * o.command.stiffness, damping=2 * o.command.damping),
+        "expected 0 to 1",
+    ),
+    "gains begin high": (
+        DAMPING,
+        (Intent.LOAD_A,),
+        {},
+        lambda o: with_command(o, stiffness=[5.0, 5.5, 6.0], damping=[0.5, 0.55, 0.6]),
+        "STANDBY began with 0.5 of its gains",
+    ),
+    "policy gains": (RL, (), {}, lambda o: with_command(o, damping=np.ones(3)), "LOCOMOTION's damping"),
+    "pinned joint": (
+        RL,
+        (),
+        {},
+        lambda o: with_command(o, position=o.command.position + 1.0),
+        "LOCOMOTION moves wrist, which its policy does not drive",
+    ),
+    "nobody's command": (REMOTE, (), {}, lambda o: replace(o, command=rig.command()), "no command has arrived since"),
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_a_broken_property_is_found(what):
+    name, intents, inputs, tamper, message = BROKEN[what]
+    run = at(name)
+    given, output = run.next(*intents, **inputs)
+    run.properties.copy().check(given, output)
+    with pytest.raises(SafetyViolationError) as caught:
+        run.properties.check(given, tamper(output))
+    assert message in str(caught.value)
+
+
+def test_arrays_that_can_be_written_to_are_found():
+    run = at(DAMPING)
+    given, output = run.next()
+    object.__setattr__(output.command, "effort", np.zeros(3))
+    with pytest.raises(SafetyViolationError, match="effort can be written to"):
+        run.properties.check(given, output)
+
+
+def test_an_unfinished_pose_is_left_for_safety_only():
+    run = at(DAMPING)
+    run.step(Intent.LOAD_A)
+    given, output = run.next(Intent.START_LOCOMOTION)
+    with pytest.raises(SafetyViolationError, match="began before standby_controller_a had finished"):
+        run.properties.check(given, with_mode(replace(output, standby=None), Mode.LOCOMOTION, RL))
+
+
+@pytest.mark.parametrize("policy", ["passive", "hold"])
+def test_a_stale_remote_command(policy):
+    controller = replace(rig.supervisor().controllers[REMOTE], stale_command_policy=policy)
+    run = WatchedRun(rig.supervisor(**{REMOTE: controller}))
+    run.walk(*rig.PATHS[REMOTE])
+    run.time += rig.PERIOD
+    remote = RemoteCommand(rig.command(), run.time)
+    assert run.step(remote=remote).command.stiffness.any()
+    run.time += 0.2
+    given, output = run.next(remote=remote)
+    stale = replace(output, command=remote.command)
+    if policy == "hold":
+        run.properties.check(given, stale)
+    else:
+        with pytest.raises(SafetyViolationError, match=r"expected the passive hold after 0\.1 s"):
+            run.properties.check(given, stale)
+
+
+def test_a_copy_goes_its_own_way():
+    run = at(REMOTE)
+    copied = run.properties.copy()
+    run.time += rig.PERIOD
+    remote = RemoteCommand(rig.command(), run.time)
+    output = run.step(remote=remote)
+    silent, _ = run.next()
+    run.properties.check(silent, output)
+    with pytest.raises(SafetyViolationError, match="no command has arrived"):
+        copied.check(silent, output)
