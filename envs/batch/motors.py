@@ -1,0 +1,124 @@
+"""The motors of a batch: commands become MuJoCo's controls, at once or late, and the gains become the actuators'."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.envs.batch.counter_random import Words, uniforms
+from humanoid_sim.envs.batch.models import ModelPool
+from humanoid_sim.mit import FloatArray, MITCommand
+
+__all__ = ["BatchMotors"]
+
+IntArray = npt.NDArray[np.int64]
+IndexArray = npt.NDArray[np.intp]
+
+_JITTER_STREAM = 32
+_LONG_AGO = np.iinfo(np.int64).min
+
+
+class BatchMotors:
+    """The MIT law of N robots, `force = ctrl - K_p q - K_d qd` with `ctrl = K_p q_cmd + K_d qd_cmd + tau_ff`.
+
+    What is commanded arrives late by a delay of its own for each environment. The gains are part of the model and do
+    not: new ones hold from the command's own step on, for the targets under way too. Policies never change theirs.
+    """
+
+    def __init__(
+        self,
+        pool: ModelPool,
+        effort_limit: FloatArray,
+        steps: int,
+        *,
+        delay: IntArray,
+        jitter: int,
+        keys: Words,
+        stiffness_factor: FloatArray,
+        damping_factor: FloatArray,
+    ) -> None:
+        """Set up the line of commands under way.
+
+        Args:
+            pool: the N models.
+            effort_limit: shape (n,), N·m.
+            steps: physics steps per command.
+            delay: shape (N,), physics steps.
+            jitter: physics steps, the greatest further delay.
+            keys: shape (2, N), of the jitter.
+            stiffness_factor: shape (N, n), motor's K_p over commanded.
+            damping_factor: shape (N, n), motor's K_d over commanded.
+        """
+        self._pool = pool
+        self._limit = effort_limit
+        self._steps = steps
+        self._delay, self._jitter, self._keys = delay, jitter, keys
+        self._stiffness_factor, self._damping_factor = stiffness_factor, damping_factor
+        count, n = stiffness_factor.shape
+        self._stiffness, self._damping = np.zeros((count, n)), np.zeros((count, n))
+        # The last commands, the newest last: as many as can be under way, and the one in force before them.
+        self._slots = 1 + -(-(int(delay.max()) + jitter) // steps)
+        self._targets = np.zeros((self._slots, count, 3, n))
+        self._controls = np.zeros((self._slots, count, n))
+        self._arrival = np.full((self._slots, count), _LONG_AGO)
+        self._control = np.zeros((count, steps, n))
+        self._clock = np.arange(steps, dtype=np.int64)
+
+    def hold(self, indices: IndexArray, position: FloatArray) -> None:
+        """Forget the commands of some environments; until another arrives they hold a position, shape (k, n), rad."""
+        self._targets[:, indices] = 0.0
+        self._targets[:, indices, 0] = position
+        self._controls[:, indices] = self._stiffness[indices] * position
+        self._arrival[:, indices] = _LONG_AGO
+
+    def send(self, command: MITCommand, step: IntArray, chosen: IndexArray | None) -> FloatArray:
+        """Take a command and give the controls of the physics steps until the next.
+
+        Args:
+            command: shape (N, n), finite.
+            step: shape (N,), commands since each environment's start.
+            chosen: shape (k,), the environments for which time goes on; None for all.
+
+        Returns:
+            Shape (N, steps, n), N·m; the same buffer every time.
+        """
+        self._set_gains(command.stiffness * self._stiffness_factor, command.damping * self._damping_factor)
+        control = self._stiffness * command.position + self._damping * command.velocity + command.effort
+        if self._slots == 1:
+            self._control[:] = control[:, None]
+            return self._control
+        begin = step * self._steps
+        arrival = begin + self._delay + self._draw_jitter(step)
+        moving: slice | IndexArray = slice(None) if chosen is None else chosen
+        for line, newest in (
+            (self._targets, np.stack([command.position, command.velocity, command.effort], axis=1)),
+            (self._controls, control),
+            (self._arrival, arrival),
+        ):
+            line[:-1, moving] = line[1:, moving]
+            line[-1, moving] = newest[moving]
+        self._control[:] = self._controls[0][:, None]
+        now = begin[:, None] + self._clock
+        for since, late in zip(self._arrival[1:], self._controls[1:], strict=True):
+            np.copyto(self._control, late[:, None], where=(since[:, None] <= now)[:, :, None])
+        return self._control
+
+    def torque(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
+        """Shape (N, n), N·m, saturated, of the last of the physics steps, which began at this joint state."""
+        force = self._control[:, -1] - self._stiffness * position - self._damping * velocity
+        return np.clip(force, -self._limit, self._limit)
+
+    def _draw_jitter(self, step: IntArray) -> IntArray:
+        if not self._jitter:
+            return np.zeros(len(step), dtype=np.int64)
+        drawn = uniforms(self._keys, _JITTER_STREAM, step, 1)[:, 0]
+        return np.floor(drawn * (self._jitter + 1)).astype(np.int64)
+
+    def _set_gains(self, stiffness: FloatArray, damping: FloatArray) -> None:
+        changed = ((stiffness != self._stiffness) | (damping != self._damping)).any(axis=1)
+        if not changed.any():
+            return
+        self._stiffness, self._damping = stiffness, damping
+        self._pool.set_gains(np.flatnonzero(changed), stiffness, damping)
+        position, velocity, effort = (self._targets[:, :, i] for i in range(3))
+        self._controls[:] = stiffness * position + damping * velocity + effort

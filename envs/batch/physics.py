@@ -1,0 +1,155 @@
+"""The physical states of a batch and how `mujoco.rollout` advances them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from mujoco import rollout
+
+from humanoid_sim.envs.batch.models import ModelPool
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["BatchPhysics"]
+
+BoolArray = npt.NDArray[np.bool_]
+IndexArray = npt.NDArray[np.intp]
+
+_CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
+_CONTROL_AND_WRENCH = _CONTROL | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+_STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
+
+
+class BatchPhysics:
+    """N states that are advanced together, `steps` physics steps at a time, each as one simulation alone would be.
+
+    The solver starts each step from the acceleration of the one before. MuJoCo's rollout does not return it, but under
+    the Euler integrator it is the change of velocity over the timestep. (Passive joint damping, which MuJoCo integrates
+    implicitly, makes that an approximation; the solver's result then agrees to its tolerance.)
+    """
+
+    def __init__(self, pool: ModelPool, count: int, steps: int, threads: int) -> None:
+        """Allocate.
+
+        Args:
+            pool: the N models.
+            count: N.
+            steps: physics steps at a time.
+            threads: that step.
+        """
+        model = pool.nominal
+        self._pool = pool
+        self._steps = steps
+        self._timestep = float(model.opt.timestep)
+        self._qpos = slice(1, 1 + model.nq)
+        self._qvel = slice(1 + model.nq, 1 + model.nq + model.nv)
+        width = mujoco.mj_stateSize(model, _STATE)
+        self._state = np.zeros((count, width))
+        self._before = np.zeros((count, width))
+        self._path = np.zeros((count, steps, width))
+        self.acceleration = np.zeros((count, model.nv))
+        """Shape (N, nv), of the latest physics step."""
+        self._data = [mujoco.MjData(model) for _ in range(threads)]
+        # A pool of one thread would only hand its work over.
+        self._rollout: rollout.Rollout | None = rollout.Rollout(nthread=threads if threads > 1 else 0)
+
+    @property
+    def time(self) -> FloatArray:
+        """Shape (N,), s since each environment's start."""
+        return self._state[:, 0]
+
+    @property
+    def qpos(self) -> FloatArray:
+        """Shape (N, nq), MuJoCo's generalised position."""
+        return self._state[:, self._qpos]
+
+    @property
+    def qvel(self) -> FloatArray:
+        """Shape (N, nv), MuJoCo's generalised velocity."""
+        return self._state[:, self._qvel]
+
+    @property
+    def previous_qpos(self) -> FloatArray:
+        """Shape (N, nq), one physics step ago."""
+        return self._before[:, self._qpos]
+
+    @property
+    def previous_qvel(self) -> FloatArray:
+        """Shape (N, nv), one physics step ago."""
+        return self._before[:, self._qvel]
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._rollout is None
+
+    def set(self, indices: IndexArray, qpos: FloatArray, qvel: FloatArray) -> None:
+        """Put some environments into a state at time 0, nothing remembered."""
+        self._state[indices] = 0.0
+        self._state[indices, self._qpos] = qpos
+        self._state[indices, self._qvel] = qvel
+        self._before[indices] = self._state[indices]
+        self.acceleration[indices] = 0.0
+
+    def advance(self, control: FloatArray, chosen: IndexArray | None) -> BoolArray:
+        """Take `steps` physics steps.
+
+        Args:
+            control: shape (N, steps, w), actuator controls, or those and the wrenches on all bodies behind them.
+            chosen: shape (k,), the environments that advance; None for all.
+
+        Returns:
+            Shape (k,) or (N,), those of them whose simulation broke: their state is what it was.
+        """
+        assert self._rollout is not None
+        everyone = chosen is None
+        count = len(self._state) if chosen is None else len(chosen)
+        if not count:
+            return np.zeros(0, dtype=np.bool_)
+        initial = self._state.copy() if everyone else self._state[chosen]
+        path = self._path[:count]
+        with _quiet_mujoco():
+            self._rollout.rollout(
+                self._pool.select(chosen),
+                self._data,
+                initial,
+                control if everyone else control[chosen],
+                control_spec=_CONTROL if control.shape[2] == self._pool.nominal.nu else _CONTROL_AND_WRENCH,
+                skip_checks=True,
+                nstep=self._steps,
+                initial_warmstart=self.acceleration if everyone else self.acceleration[chosen],
+                state=path,
+            )
+        last, before = path[:, -1], path[:, -2] if self._steps > 1 else initial
+        # MuJoCo stops an environment at its first warning of a bad state: then its clock is behind.
+        expected = initial[:, 0] + (self._steps - 0.5) * self._timestep
+        broken: BoolArray = ~((last[:, 0] > expected) & np.isfinite(last).all(axis=1))
+        rows: slice | IndexArray = slice(None)
+        if chosen is not None or broken.any():
+            sound = ~broken
+            rows = np.flatnonzero(sound) if chosen is None else chosen[sound]
+            last, before = last[sound], before[sound]
+        self._state[rows] = last
+        self._before[rows] = before
+        self.acceleration[rows] = (last[:, self._qvel] - before[:, self._qvel]) / self._timestep
+        return broken
+
+    def close(self) -> None:
+        """Stop the threads. May be called twice."""
+        if self._rollout is not None:
+            self._rollout.close()
+            self._rollout = None
+
+
+@contextmanager
+def _quiet_mujoco() -> Iterator[None]:
+    """Keep MuJoCo from announcing a broken simulation on stderr and in a file MUJOCO_LOG.TXT: here it is a fault."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)

@@ -1,0 +1,138 @@
+"""How the robots of a batch differ from one another and from their model, drawn from one seed per environment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.envs.batch.counter_random import Words, uniforms
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["Randomisation", "Range", "vary_model"]
+
+Range = tuple[float, float]
+"""Least and greatest of a uniform distribution."""
+
+_SAME: Range = (1.0, 1.0)
+_STREAMS = {"mass": 1, "friction": 2, "joint_friction": 3, "stiffness": 4, "damping": 5, "command_delay": 6}
+"""Stream of random numbers that each quantity is drawn from: what one is set to does not move the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class Randomisation:
+    """What is drawn for each environment. As given here nothing differs: every robot is its model, in time and quiet.
+
+    Factors, delays and friction are drawn when an environment is seeded and stay; jitter and noise are drawn in every
+    step. All of it depends on the environment's seed and step alone, not on the batch.
+    """
+
+    mass: Range = _SAME
+    """Factor on the mass and the inertia of every body, drawn body by body."""
+    friction: Range = _SAME
+    """Factor on the friction of all contacts, one for the environment."""
+    joint_friction: Range = _SAME
+    """Factor on the joints' friction loss, drawn joint by joint."""
+    stiffness: Range = _SAME
+    """Factor between the commanded K_p and the motor's, drawn motor by motor."""
+    damping: Range = _SAME
+    """Factor between the commanded K_d and the motor's, drawn motor by motor."""
+    command_delay: Range = (0.0, 0.0)
+    """s from a command to its effect, rounded to whole physics steps."""
+    command_jitter: float = 0.0
+    """s, greatest further delay, drawn command by command. A command that arrives after a later one is dropped."""
+    joint_position_noise: float = 0.0
+    """rad, standard deviation of what the policy sees; the motors' own loop is closed over the true angles."""
+    joint_velocity_noise: float = 0.0
+    """rad/s, standard deviation."""
+    orientation_noise: float = 0.0
+    """rad, standard deviation about each axis of the IMU."""
+    angular_velocity_noise: float = 0.0
+    """rad/s, standard deviation."""
+    linear_acceleration_noise: float = 0.0
+    """m/s², standard deviation."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InputError: naming the field, its value and what is accepted.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(field.default, tuple):
+                object.__setattr__(self, field.name, _checked_range(field.name, value))
+            elif not _is_number(value) or not 0.0 <= value < math.inf:
+                raise InputError(f"randomisation: {field.name} is {value!r}, expected a finite number >= 0")
+
+    @property
+    def varies_models(self) -> bool:
+        """Whether the environments need models of their own."""
+        return any(getattr(self, name) != _SAME for name in ("mass", "friction", "joint_friction"))
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether what the policy sees differs from what is."""
+        return any(
+            (
+                self.joint_position_noise,
+                self.joint_velocity_noise,
+                self.orientation_noise,
+                self.angular_velocity_noise,
+                self.linear_acceleration_noise,
+            )
+        )
+
+    def draw(self, name: str, keys: Words, width: int) -> FloatArray:
+        """Values of one of the ranges, shape (N, width), for environments with these keys."""
+        low, high = getattr(self, name)
+        if low == high:
+            return np.full((keys.shape[1], width), low)
+        counter = np.zeros(keys.shape[1], dtype=np.int64)
+        drawn: FloatArray = low + (high - low) * uniforms(keys, _STREAMS[name], counter, width)
+        return drawn
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _checked_range(name: str, value: object) -> Range:
+    if (
+        not isinstance(value, Sequence)
+        or len(value) != 2
+        or not all(_is_number(bound) and math.isfinite(bound) for bound in value)
+        or not 0.0 <= value[0] <= value[1]
+    ):
+        raise InputError(
+            f"randomisation: {name} is {value!r}, expected two finite numbers >= 0, the least and the greatest"
+        )
+    return float(value[0]), float(value[1])
+
+
+def vary_model(
+    model: mujoco.MjModel, nominal: mujoco.MjModel, randomisation: Randomisation, key: Words, dof: npt.NDArray[np.intp]
+) -> None:
+    """Give a copy of a model the mass and friction of one environment, in place; nothing is compiled anew.
+
+    Args:
+        model: a copy of `nominal`, perhaps one that was varied before.
+        nominal: the robot as it is described.
+        randomisation: the ranges.
+        key: shape (2, 1), the environment's.
+        dof: shape (n,), the joints' indices into `qvel`.
+    """
+    mass = randomisation.draw("mass", key, nominal.nbody)[0]
+    model.body_mass[:] = nominal.body_mass * mass
+    model.body_inertia[:] = nominal.body_inertia * mass[:, None]
+    friction = float(randomisation.draw("friction", key, 1)[0, 0])
+    model.geom_friction[:] = nominal.geom_friction * friction
+    model.pair_friction[:] = nominal.pair_friction * friction
+    model.dof_frictionloss[:] = nominal.dof_frictionloss
+    model.dof_frictionloss[dof] *= randomisation.draw("joint_friction", key, len(dof))[0]
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # what the solver derives from masses at the zero pose

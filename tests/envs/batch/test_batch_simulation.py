@@ -1,0 +1,320 @@
+"""A batch of robots against robots simulated one by one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY
+from humanoid_sim.envs.batch import BatchSimulation, Randomisation
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, MITState
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+
+PERIOD = 0.02
+
+
+def commands(robot: RobotDescription, count: int, spread: float, seed: int = 0) -> MITCommand:
+    """Targets around the initial position, gains of the description, a little of everything else."""
+    generator = np.random.default_rng(seed)
+    shape = (count, robot.joint_count)
+    return MITCommand(
+        position=robot.initial_position + generator.uniform(-spread, spread, shape),
+        velocity=generator.uniform(-0.1, 0.1, shape),
+        effort=generator.uniform(-0.1, 0.1, shape),
+        stiffness=np.broadcast_to(robot.stiffness, shape),
+        damping=np.broadcast_to(robot.damping, shape),
+    )
+
+
+def row(command: MITCommand, i: int) -> MITCommand:
+    return MITCommand(*(getattr(command, name)[i] for name in COMMAND_FIELDS))
+
+
+def assert_reports(batch: MITState, i: int, alone: MITState, tolerance: float) -> None:
+    for name in (
+        "joint_position",
+        "joint_velocity",
+        "joint_effort",
+        "joint_age",
+        "imu_quaternion",
+        "imu_angular_velocity",
+    ):
+        np.testing.assert_allclose(getattr(batch, name)[i], getattr(alone, name), rtol=0, atol=tolerance, err_msg=name)
+    # Accelerations are velocities divided by the timestep.
+    np.testing.assert_allclose(
+        batch.imu_linear_acceleration[i], alone.imu_linear_acceleration, rtol=0, atol=1e4 * tolerance
+    )
+    assert set(batch.extern) == set(alone.extern)
+    for name, live in alone.extern.items():
+        np.testing.assert_allclose(batch.extern[name].value[i], live.value, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("name", "anchor", "spread", "threads"),
+    [("lite", "", 0.8, 2), ("lite_biped", "pelvis", 0.3, 1)],
+)
+def test_each_robot_moves_as_it_would_alone(name: str, anchor: str, spread: float, threads: int) -> None:
+    robot = load_robot(name)
+    count = 3
+    batch = BatchSimulation(robot, count, control_period=PERIOD, anchor_body=anchor, threads=threads)
+    singles = [
+        MujocoRobot(robot, control_period=PERIOD, actuation="affine", support=False, anchor_body=anchor)
+        for _ in range(count)
+    ]
+    assert batch.extern == singles[0].extern
+    for step in range(12):
+        command = commands(robot, count, spread, seed=step)
+        for i, single in enumerate(singles):
+            assert_reports(batch.state(), i, single.read()[0], 1e-9)
+            single.write(row(command, i))
+        batch.step(command)
+        np.testing.assert_allclose(batch.qpos, [single.qpos for single in singles], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(batch.state().time, 12 * PERIOD)
+    assert batch.steps.tolist() == [12] * count
+    assert not batch.fault.any()
+    batch.close()
+
+
+def test_gains_may_differ_between_robots_and_change() -> None:
+    robot = load_robot("lite")
+    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    singles = [MujocoRobot(robot, control_period=PERIOD, actuation="affine") for _ in range(2)]
+    for step, factors in enumerate([(1.0, 1.0), (0.5, 0.8), (0.5, 0.2), (1.0, 1.0)]):
+        plain = commands(robot, 2, 0.5, seed=step)
+        stiffness = plain.stiffness * np.array(factors)[:, None]
+        command = MITCommand(plain.position, plain.velocity, plain.effort, stiffness, plain.damping)
+        batch.step(command)
+        for i, single in enumerate(singles):
+            single.write(row(command, i))
+            assert_reports(batch.state(), i, single.read()[0], 1e-9)
+    batch.close()
+
+
+@pytest.mark.parametrize("delay", [0.0005, 0.013, 0.02, 0.0475])
+def test_a_late_command_is_as_late_as_on_one_robot(delay: float) -> None:
+    robot = load_robot("lite")
+    batch = BatchSimulation(
+        robot, 2, control_period=PERIOD, threads=1, randomisation=Randomisation(command_delay=(delay, delay))
+    )
+    single = MujocoRobot(robot, control_period=PERIOD, actuation="affine", command_delay=delay)
+    # Gains do not arrive late in the batch, and one robot has none before its first command: effort alone shows when
+    # a command takes effect.
+    none = np.zeros((2, robot.joint_count))
+    for step in range(8):
+        command = MITCommand(none, none, 20.0 * commands(robot, 2, 0.5, seed=step).effort, none, none)
+        batch.step(command)
+        single.write(row(command, 1))
+        assert_reports(batch.state(), 1, single.read()[0], 1e-9)
+    batch.close()
+
+
+def test_until_the_first_command_arrives_the_start_is_held() -> None:
+    robot = load_robot("lite")
+    late = BatchSimulation(
+        robot, 1, control_period=PERIOD, threads=1, randomisation=Randomisation(command_delay=(PERIOD, PERIOD))
+    )
+    punctual = BatchSimulation(robot, 1, control_period=PERIOD, threads=1)
+    start = np.full((1, robot.joint_count), 0.1)
+    late.reset(joint_position=start)
+    punctual.reset(joint_position=start)
+    command = commands(robot, 1, 0.5)
+    held = MITCommand(start, 0.0 * start, 0.0 * start, command.stiffness, command.damping)
+    late.step(command)
+    punctual.step(held)
+    np.testing.assert_allclose(late.qpos, punctual.qpos, rtol=0, atol=1e-12)
+    late.step(held)
+    punctual.step(command)
+    np.testing.assert_allclose(late.qpos, punctual.qpos, rtol=0, atol=1e-12)
+    late.close()
+    punctual.close()
+
+
+def test_robots_outside_the_choice_stand_still_and_miss_nothing() -> None:
+    robot = load_robot("lite_biped")
+    delayed = Randomisation(command_delay=(0.03, 0.03))
+    both = BatchSimulation(robot, 2, control_period=PERIOD, threads=1, randomisation=delayed)
+    one = BatchSimulation(robot, 1, control_period=PERIOD, threads=1, randomisation=delayed)
+    for step in range(6):
+        command = commands(robot, 2, 0.2, seed=step)
+        is_second = step % 2 == 1
+        before = both.qpos[0].copy()
+        both.step(command, where=np.array([not is_second, True]))
+        if is_second:
+            np.testing.assert_array_equal(both.qpos[0], before)
+        else:
+            one.step(MITCommand(*(getattr(command, name)[:1] for name in COMMAND_FIELDS)))
+        np.testing.assert_allclose(both.qpos[0], one.qpos[0], rtol=0, atol=1e-9)
+    assert both.steps.tolist() == [3, 6]
+    both.close()
+    one.close()
+
+
+def test_a_broken_simulation_stands_still_and_disturbs_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would leave its MUJOCO_LOG.TXT
+    robot = load_robot("lite")
+    batch = BatchSimulation(robot, 4, control_period=PERIOD, threads=2)
+    alone = BatchSimulation(robot, 1, control_period=PERIOD, threads=1)
+    start = np.zeros((1, robot.joint_count))
+    start_velocity = np.array([1e12] * robot.joint_count)
+    batch.reset([1], joint_position=start, joint_velocity=start_velocity)
+    for step in range(3):
+        command = commands(robot, 4, 0.5, seed=step)
+        position = command.position.copy()
+        position[2, 3] = np.nan if step == 1 else position[2, 3]
+        before = batch.qpos.copy()
+        batch.step(MITCommand(position, *(getattr(command, name) for name in COMMAND_FIELDS[1:])))
+        alone.step(MITCommand(*(getattr(command, name)[:1] for name in COMMAND_FIELDS)))
+        assert batch.fault.tolist() == [False, True, step >= 1, False]
+        np.testing.assert_array_equal(batch.qpos[1], before[1])
+        np.testing.assert_allclose(batch.qpos[0], alone.qpos[0], rtol=0, atol=1e-9)
+        assert np.isfinite(batch.qpos).all()
+    assert batch.steps.tolist() == [3, 0, 1, 3]
+    batch.reset([1, 2])
+    batch.step(commands(robot, 4, 0.5))
+    assert not batch.fault.any()
+    assert batch.steps.tolist() == [4, 1, 1, 4]
+    batch.close()
+    alone.close()
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_robot_may_be_broken_at_once() -> None:
+    robot = load_robot("lite")
+    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    shape = (2, robot.joint_count)
+    batch.step(MITCommand(*[np.full(shape, np.nan)] * 5))
+    batch.step(commands(robot, 2, 0.5))
+    assert batch.fault.all()
+    assert batch.steps.tolist() == [0, 0]
+    batch.close()
+
+
+def test_a_reset_forgets_everything() -> None:
+    robot = load_robot("lite_biped")
+    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    fresh = batch.state()
+    for step in range(5):
+        batch.step(commands(robot, 2, 0.3, seed=step))
+    moved = batch.qpos[0].copy()
+    batch.reset([1])
+    np.testing.assert_array_equal(batch.qpos[0], moved)
+    assert batch.steps.tolist() == [5, 0]
+    for name in ("time", "joint_position", "joint_velocity", "joint_effort", "imu_linear_acceleration"):
+        np.testing.assert_array_equal(getattr(batch.state(), name)[1], getattr(fresh, name)[1])
+    batch.reset()
+    batch.step(commands(robot, 2, 0.3, seed=7))
+    again = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    again.step(commands(robot, 2, 0.3, seed=7))
+    np.testing.assert_array_equal(batch.qpos, again.qpos)
+    batch.close()
+    again.close()
+
+
+def test_starts() -> None:
+    robot = load_robot("lite_biped")
+    batch = BatchSimulation(robot, 3, control_period=PERIOD, threads=1)
+    turned = MujocoRobot(robot, support=False, base_yaw=0.7)
+    joints = np.linspace(0.0, 0.2, robot.joint_count)
+    batch.reset(
+        [2], joint_position=joints[None], joint_velocity=np.ones((1, robot.joint_count)), base_yaw=np.array([0.7])
+    )
+    np.testing.assert_allclose(batch.qpos[2, :7], turned.qpos[:7], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(batch.state().joint_position[2], joints)
+    np.testing.assert_array_equal(batch.qvel[2], [0.0] * 6 + [1.0] * robot.joint_count)
+    qpos, qvel = np.arange(21.0), np.arange(20.0)
+    batch.reset([0], qpos=qpos[None], qvel=qvel[None])
+    np.testing.assert_array_equal(batch.qpos[0], qpos)
+    np.testing.assert_array_equal(batch.state().extern[BASE_LINEAR_VELOCITY].value[0], qvel[:3])
+    np.testing.assert_array_equal(batch.state().joint_position[1], robot.initial_position)
+    batch.close()
+
+
+def test_a_push_moves_what_it_pushes() -> None:
+    robot = load_robot("lite_biped")
+    batch = BatchSimulation(robot, 3, control_period=PERIOD, threads=1)
+    foot = BatchSimulation(robot, 1, control_period=PERIOD, threads=1, push_body="left_foot")
+    still = commands(robot, 1, 0.0)
+    command = MITCommand(*(getattr(still, name).repeat(3, axis=0) for name in COMMAND_FIELDS))
+    wrench = np.zeros((3, 6))
+    wrench[1, 1] = 50.0
+    batch.step(command, wrench=wrench)
+    velocity = batch.qvel[:, 1]
+    # The pelvis moves at least as fast as the momentum of the whole robot says.
+    assert velocity[1] - velocity[0] > 50.0 * PERIOD / batch.model(0).body_mass.sum()
+    np.testing.assert_array_equal(batch.qvel[2], batch.qvel[0])
+    foot.step(still, wrench=wrench[1:2])
+    assert not np.allclose(foot.qvel[0], batch.qvel[1], atol=1e-3)
+    batch.close()
+    foot.close()
+
+
+def test_body_poses_in_world_and_base() -> None:
+    lite = load_robot("lite")
+    kinematics = ForwardKinematics(lite)
+    batch = BatchSimulation(lite, 4, bodies=kinematics.bodies, threads=1)
+    q = np.random.default_rng(0).uniform(-0.5, 0.5, (4, 14))
+    batch.reset(joint_position=q)
+    position, quaternion = batch.body_poses(in_base=True)
+    expected, rotation = kinematics(q)
+    np.testing.assert_allclose(position, expected, rtol=0, atol=1e-12)
+    matrix = np.empty(9)
+    for i in range(4):
+        for b in range(2):
+            mujoco.mju_quat2Mat(matrix, quaternion[i, b])
+            np.testing.assert_allclose(matrix.reshape(3, 3), rotation[i, b], rtol=0, atol=1e-12)
+    batch.close()
+
+    biped = load_robot("lite_biped")
+    walker = BatchSimulation(biped, 2, bodies=("left_foot", "pelvis"), anchor_body="left_foot", threads=1)
+    walker.reset(base_yaw=np.array([0.0, 1.5]))
+    feet, _ = walker.body_poses()
+    in_base, turns = walker.body_poses(in_base=True)
+    np.testing.assert_allclose(feet[:, 1], walker.qpos[:, :3], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(in_base[:, 1], 0.0, atol=1e-15)
+    np.testing.assert_allclose(turns[:, 1], [[1.0, 0.0, 0.0, 0.0]] * 2, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(in_base[0, 0], in_base[1, 0], rtol=0, atol=1e-12)  # the heading does not show
+    assert np.abs(feet[0, 0] - feet[1, 0]).max() > 0.05
+    np.testing.assert_array_equal(walker.state().extern[ANCHOR_POSE].value[:, :3], feet[:, 0])
+    walker.close()
+
+
+def test_what_is_handed_out_cannot_be_written() -> None:
+    batch = BatchSimulation(load_robot("lite"), 1, threads=1)
+    for array in (batch.qpos, batch.qvel, batch.effort, batch.steps, batch.fault):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 1
+    batch.close()
+
+
+def test_bad_options_are_named() -> None:
+    robot = load_robot("lite")
+    for options, message in (
+        ({"count": 0}, "count: is 0, expected a whole number >= 1"),
+        ({"count": 1, "threads": 0}, "threads: is 0, expected a whole number >= 1"),
+        ({"count": 1, "physics_timestep": 0.003}, "physics timestep: 0.003 s does not divide"),
+        ({"count": 1, "anchor_body": "nose"}, "anchor body: unknown body 'nose'"),
+        ({"count": 1, "bodies": ("nose",)}, "unknown body 'nose'"),
+        ({"count": 1, "push_body": "nose"}, "unknown body 'nose'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            BatchSimulation(robot, **options)  # type: ignore[arg-type]
+
+
+def test_a_wrong_command_and_a_closed_simulation_are_refused() -> None:
+    robot = load_robot("lite")
+    batch = BatchSimulation(robot, 2, threads=2)
+    with pytest.raises(RobotError, match=r"lite: command has shape \(14,\), expected \(2, 14\)"):
+        batch.step(MITCommand.zeros(14))
+    batch.close()
+    batch.close()
+    with pytest.raises(RobotError, match="closed"):
+        batch.step(MITCommand.zeros(2, 14))
