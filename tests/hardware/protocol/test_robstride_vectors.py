@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -86,66 +87,53 @@ def _number(text: str) -> float:
 
 def _operation_control(row: Row) -> OperationControl:
     values = (float(row[name]) for name in ("position", "velocity", "effort", "kp", "kd"))
-    return OperationControl(int(row["can_id"]), *values)
+    return OperationControl(_motor(row), *values)
+
+
+_PLAIN: dict[str, type[Enable | Stop | GetDeviceId | SetZero | SaveParameters | ReadVersion]] = {
+    "cmd_enable": Enable,
+    "cmd_disable": Stop,
+    "cmd_get_device_id": GetDeviceId,
+    "cmd_set_zero": SetZero,
+    "cmd_save_parameters": SaveParameters,
+    "cmd_read_version": ReadVersion,
+}
+"""Commands that say nothing but to which motor, and who asks."""
+_WITH_VALUE: dict[str, Callable[[Row, int], Command]] = {
+    "cmd_clear_fault": lambda row, host: Stop(_motor(row), clear_fault=True, host_id=host),
+    "cmd_set_device_id": lambda row, host: SetDeviceId(_motor(row), int(row["value"]), host_id=host),
+    "cmd_active_report": lambda row, host: SetActiveReport(_motor(row), row["value"] == "1", host_id=host),
+    "cmd_read_parameter": lambda row, host: ReadParameter(_motor(row), _index(row), host_id=host),
+    "cmd_write_parameter": lambda row, host: WriteParameter(_motor(row), _index(row), _payload(row), host_id=host),
+}
+_COMMANDS = ("encode_mit", *_PLAIN, *_WITH_VALUE)
+
+
+def _motor(row: Row) -> int:
+    return int(row["can_id"])
+
+
+def _index(row: Row) -> int:
+    return int(row["param_id_hex"], 16)
+
+
+def _payload(row: Row) -> bytes:
+    return pack_value(ParameterType[row["param_type"].upper()], _number(row["value"]))
 
 
 def _command(row: Row) -> Command:
-    motor_id, host_id = int(row["can_id"]), _host(row)
-    match row["kind"]:
-        case "encode_mit":
-            return _operation_control(row)
-        case "cmd_enable":
-            return Enable(motor_id, host_id=host_id)
-        case "cmd_disable":
-            return Stop(motor_id, host_id=host_id)
-        case "cmd_clear_fault":
-            return Stop(motor_id, clear_fault=True, host_id=host_id)
-        case "cmd_get_device_id":
-            return GetDeviceId(motor_id, host_id=host_id)
-        case "cmd_set_device_id":
-            return SetDeviceId(motor_id, int(row["value"]), host_id=host_id)
-        case "cmd_set_zero":
-            return SetZero(motor_id, host_id=host_id)
-        case "cmd_save_parameters":
-            return SaveParameters(motor_id, host_id=host_id)
-        case "cmd_read_version":
-            return ReadVersion(motor_id, host_id=host_id)
-        case "cmd_active_report":
-            return SetActiveReport(motor_id, row["value"] == "1", host_id=host_id)
-        case "cmd_read_parameter":
-            return ReadParameter(motor_id, int(row["param_id_hex"], 16), host_id=host_id)
-        case "cmd_write_parameter":
-            payload = pack_value(ParameterType[row["param_type"].upper()], _number(row["value"]))
-            return WriteParameter(motor_id, int(row["param_id_hex"], 16), payload, host_id=host_id)
-        case kind:
-            raise AssertionError(kind)
+    kind, host = row["kind"], _host(row)
+    if kind == "encode_mit":
+        return _operation_control(row)
+    if kind in _PLAIN:
+        return _PLAIN[kind](_motor(row), host_id=host)
+    return _WITH_VALUE[kind](row, host)
 
 
 def test_every_row_is_used_below() -> None:
     kinds = Counter(row["kind"] for row in _all_rows())
     assert sum(kinds.values()) == 886
     assert len(kinds) == 21
-
-
-_COMMANDS = (
-    "encode_mit",
-    *(
-        f"cmd_{name}"
-        for name in (
-            "enable",
-            "disable",
-            "clear_fault",
-            "get_device_id",
-            "set_device_id",
-            "set_zero",
-            "save_parameters",
-            "read_version",
-            "active_report",
-            "read_parameter",
-            "write_parameter",
-        )
-    ),
-)
 
 
 def test_commands_encode_byte_for_byte() -> None:
@@ -156,7 +144,7 @@ def test_commands_encode_byte_for_byte() -> None:
 
 def test_commands_decode_to_themselves_on_the_motor() -> None:
     for row in _rows(*_COMMANDS[1:], count=277):
-        assert decode_command(_frame(row), int(row["can_id"]), _model(row)) == _command(row)
+        assert decode_command(_frame(row), _motor(row), _model(row)) == _command(row)
 
 
 def test_a_motor_takes_the_forms_that_other_hosts_send() -> None:
@@ -165,14 +153,14 @@ def test_a_motor_takes_the_forms_that_other_hosts_send() -> None:
         if row["alt_data_hex"]:
             data = b"" if row["alt_data_hex"] == "<empty>" else bytes.fromhex(row["alt_data_hex"])
             frame = Frame(int(row["arbitration_id_hex"], 16), data)
-            assert decode_command(frame, int(row["can_id"]), _model(row)) == _command(row)
+            assert decode_command(frame, _motor(row), _model(row)) == _command(row)
             forms += 1
     assert forms > 80
 
 
 def test_a_motor_reads_operation_control_as_the_reference_would() -> None:
     for row in _rows("encode_mit", count=200):
-        command = decode_command(_frame(row), int(row["can_id"]), _model(row))
+        command = decode_command(_frame(row), _motor(row), _model(row))
         assert isinstance(command, OperationControl)
         for name, column in (
             ("position", "dec_position"),
@@ -186,7 +174,7 @@ def test_a_motor_reads_operation_control_as_the_reference_would() -> None:
 
 def test_the_encoder_of_a_whole_bus_gives_the_same_frames() -> None:
     rows = _rows("encode_mit", count=200)
-    encoder = OperationControlEncoder([int(row["can_id"]) for row in rows], [_model(row) for row in rows])
+    encoder = OperationControlEncoder([_motor(row) for row in rows], [_model(row) for row in rows])
     names = ("position", "velocity", "effort", "kp", "kd")
     encoded = encoder.encode(np.array([[float(row[name]) for row in rows] for name in names]))
     assert encoded.frames == tuple(_frame(row) for row in rows)
@@ -222,14 +210,14 @@ def test_the_manuals_convention_is_the_vendors_sample_within_a_step() -> None:
 
 
 def _decoded(row: Row, **options: object) -> Reply | Ignored | Malformed:
-    return decode_reply(_frame(row), {int(row["can_id"]): _model(row)}, _host(row), **options)  # type: ignore[arg-type]
+    return decode_reply(_frame(row), {_motor(row): _model(row)}, _host(row), **options)  # type: ignore[arg-type]
 
 
 def test_statuses_and_active_reports() -> None:
     for row in _rows("decode_status", "decode_active_report", count=220):
         status = _decoded(row)
         assert isinstance(status, Status)
-        assert (status.motor_id, status.host_id) == (int(row["can_id"]), _host(row))
+        assert (status.motor_id, status.host_id) == (_motor(row), _host(row))
         assert status.is_report == (row["expected"] == "active_report")
         for name in ("position", "velocity", "effort", "temperature"):
             assert getattr(status, name) == pytest.approx(float(row[f"dec_{name}"]), abs=1e-9)
@@ -267,7 +255,7 @@ def test_fault_reports() -> None:
         report = _decoded(row)
         faults, warnings = int(row["dec_fault_bits"]), int(row["dec_warning_bits"])
         assert isinstance(report, FaultReport)
-        assert (report.motor_id, report.faults, report.warnings) == (int(row["can_id"]), faults, warnings)
+        assert (report.motor_id, report.faults, report.warnings) == (_motor(row), faults, warnings)
         names, _, warning_names = row["dec_faults"].partition("/")
         assert "|".join(flag_names(report.faults)) == names
         assert "|".join(flag_names(report.warnings)) == warning_names
@@ -280,10 +268,10 @@ def test_parameter_replies() -> None:
     for row in _rows("reply_read_parameter", count=44):
         reply = _decoded(row)
         if row["expected"] == "error:bad_dlc":
-            assert reply == Malformed(int(row["can_id"]), "parameter reply with 7 bytes, expected 8")
+            assert reply == Malformed(_motor(row), "parameter reply with 7 bytes, expected 8")
             continue
         assert isinstance(reply, ParameterReply)
-        assert (reply.motor_id, reply.index) == (int(row["can_id"]), int(row["param_id_hex"], 16))
+        assert (reply.motor_id, reply.index) == (_motor(row), int(row["param_id_hex"], 16))
         assert reply.is_success == (row["expected"] == "param_reply")
         assert encode_reply(reply, _model(row)) == _frame(row)
         if not reply.is_success:
@@ -296,13 +284,13 @@ def test_parameter_replies() -> None:
 def test_device_ids_are_heard_from_every_motor() -> None:
     for row in _rows("reply_get_device_id", count=9):
         reply = decode_reply(_frame(row), {}, _HOST)
-        assert reply == DeviceId(int(row["can_id"]), bytes.fromhex(row["value"]))
+        assert reply == DeviceId(_motor(row), bytes.fromhex(row["value"]))
         assert encode_reply(reply, _model(row)) == _frame(row)
 
 
 def test_versions_are_told_from_statuses_by_the_request() -> None:
     for row in _rows("version_reply", count=3):
-        motor_id, version = int(row["can_id"]), tuple(bytes.fromhex(row["value"]))
+        motor_id, version = _motor(row), tuple(bytes.fromhex(row["value"]))
         reply = _decoded(row, awaiting_version={motor_id})
         assert isinstance(reply, Version)
         assert (reply.motor_id, reply.version) == (motor_id, version)
@@ -332,7 +320,7 @@ def test_every_malformed_frame_gets_its_class() -> None:
 def test_a_motor_ignores_what_is_no_command() -> None:
     ignored = 0
     for row in _rows("malformed", count=57):
-        message = decode_command(_frame(row), int(row["can_id"]), _ANY_MODEL)
+        message = decode_command(_frame(row), _motor(row), _ANY_MODEL)
         if not row["expected"].startswith("ignore:host_command"):
             assert isinstance(message, Ignored), row["note"]
             ignored += 1

@@ -1,0 +1,277 @@
+"""Laws of the codec: round trips within a step, and a decoder that nothing upsets."""
+
+from __future__ import annotations
+
+import random
+import time
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.hardware.robstride.codec import (
+    OperationControlEncoder,
+    decode_command,
+    decode_reply,
+    encode_command,
+    encode_reply,
+)
+from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.frames import Frame, FrameType, join_identifier
+from humanoid_sim.hardware.robstride.messages import (
+    BaudRate,
+    Command,
+    DeviceId,
+    Enable,
+    FaultReport,
+    GetDeviceId,
+    Ignored,
+    IgnoredReason,
+    Malformed,
+    OperationControl,
+    ParameterReply,
+    Protocol,
+    ReadParameter,
+    ReadVersion,
+    Reply,
+    SaveParameters,
+    SetActiveReport,
+    SetBaudRate,
+    SetDeviceId,
+    SetProtocol,
+    SetZero,
+    Status,
+    Stop,
+    Version,
+    WriteParameter,
+)
+from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
+from humanoid_sim.hardware.robstride.scale import SIGNED_STEPS, UNSIGNED_STEPS, Scale
+
+_HOST = 0xFD
+
+_models = st.sampled_from(list(MODELS.values()))
+_motor_ids = st.integers(1, 127)
+_hosts = st.integers(0, 255)
+_fractions = st.floats(-1.0, 1.0)
+_gains = st.floats(0.0, 1.0)
+_payloads = st.binary(min_size=4, max_size=4)
+_indices = st.integers(0, 0xFFFF)
+
+_plain_commands = st.one_of(
+    st.builds(GetDeviceId, _motor_ids, host_id=_hosts),
+    st.builds(Enable, _motor_ids, host_id=_hosts),
+    st.builds(Stop, _motor_ids, st.booleans(), host_id=_hosts),
+    st.builds(ReadVersion, _motor_ids, host_id=_hosts),
+    st.builds(SetZero, _motor_ids, host_id=_hosts),
+    st.builds(SetDeviceId, _motor_ids, _motor_ids, host_id=_hosts),
+    st.builds(ReadParameter, _motor_ids, _indices, host_id=_hosts),
+    st.builds(WriteParameter, _motor_ids, _indices, _payloads, host_id=_hosts),
+    st.builds(SaveParameters, _motor_ids, host_id=_hosts),
+    st.builds(SetActiveReport, _motor_ids, st.booleans(), host_id=_hosts),
+    st.builds(SetBaudRate, _motor_ids, st.sampled_from(BaudRate), host_id=_hosts),
+    st.builds(SetProtocol, _motor_ids, st.sampled_from(Protocol), host_id=_hosts),
+)
+_plain_replies = st.one_of(
+    st.builds(FaultReport, _motor_ids, _hosts, st.integers(0, 2**32 - 1).map(FaultBit), st.just(WarningBit(1))),
+    st.builds(ParameterReply, _motor_ids, _hosts, _indices, _payloads, st.booleans()),
+    st.builds(Version, _motor_ids, _hosts, st.tuples(*[st.integers(0, 255)] * 4)),
+    st.builds(DeviceId, _motor_ids, st.binary(min_size=8, max_size=8)),
+)
+_frames = st.builds(
+    Frame,
+    st.integers(0, 2**29 - 1)
+    | st.builds(join_identifier, st.sampled_from(FrameType), st.integers(0, 255), _motor_ids, st.just(_HOST)),
+    st.binary(max_size=8),
+    st.booleans(),
+    st.booleans(),
+    st.booleans(),
+)
+
+
+@given(_plain_commands, _models)
+def test_commands_survive_the_bus(command: Command, model: MotorModel) -> None:
+    assert decode_command(encode_command(command, model), command.motor_id, model) == command
+
+
+@given(_plain_replies, _models)
+def test_replies_survive_the_bus(reply: Reply, model: MotorModel) -> None:
+    host = getattr(reply, "host_id", _HOST)
+    frame = encode_reply(reply, model)
+    assert decode_reply(frame, {reply.motor_id: model}, host, awaiting_version={reply.motor_id}) == reply
+
+
+@given(_models, _motor_ids, st.tuples(_fractions, _fractions, _fractions, _gains, _gains), st.sampled_from(Scale))
+def test_operation_control_loses_less_than_a_step(
+    model: MotorModel, motor_id: int, shares: tuple[float, ...], scale: Scale
+) -> None:
+    limits = [model.position, model.velocity, model.effort, model.stiffness, model.damping]
+    sent = OperationControl(motor_id, *(share * limit for share, limit in zip(shares, limits, strict=True)))
+    read = decode_command(encode_command(sent, model, scale=scale), motor_id, model, scale=scale)
+    assert isinstance(read, OperationControl)
+    steps = [SIGNED_STEPS if scale is Scale.REFERENCE else UNSIGNED_STEPS / 2] * 3 + [UNSIGNED_STEPS] * 2
+    for field, limit, count in zip(fields(sent)[1:], limits, steps, strict=True):
+        lost = getattr(sent, field.name) - getattr(read, field.name)
+        assert -1e-9 * limit <= lost <= limit / count * (1.0 + 1e-9), field.name
+
+
+@given(_models, _motor_ids, st.lists(st.floats(-1e300, 1e300), min_size=5, max_size=5))
+def test_any_finite_command_has_a_frame_and_both_encoders_agree(
+    model: MotorModel, motor_id: int, values: list[float]
+) -> None:
+    frame = encode_command(OperationControl(motor_id, *values), model)
+    assert len(frame.data) == 8
+    assert OperationControlEncoder([motor_id], [model]).encode(np.array(values)[:, None]).frames == (frame,)
+    read = decode_command(frame, motor_id, model)
+    assert isinstance(read, OperationControl)
+    assert abs(read.position) <= model.position
+    assert abs(read.velocity) <= model.velocity
+    assert abs(read.effort) <= model.effort
+    assert 0.0 <= read.stiffness <= model.stiffness
+    assert 0.0 <= read.damping <= model.damping
+
+
+@given(
+    _models,
+    _motor_ids,
+    _hosts,
+    st.tuples(_fractions, _fractions, _fractions),
+    st.integers(0, 65535),
+    st.sampled_from(MotorMode),
+    st.integers(0, 63),
+    st.booleans(),
+)
+def test_statuses_lose_less_than_a_step(
+    model: MotorModel,
+    motor_id: int,
+    host: int,
+    shares: tuple[float, float, float],
+    temperature: int,
+    mode: MotorMode,
+    faults: int,
+    is_report: bool,
+) -> None:
+    limits = (model.position, model.velocity, model.effort)
+    position, velocity, effort = (share * limit for share, limit in zip(shares, limits, strict=True))
+    sent = Status(motor_id, host, position, velocity, effort, temperature / 10, mode, StatusFault(faults), is_report)
+    read = decode_reply(encode_reply(sent, model), {motor_id: model}, host)
+    assert isinstance(read, Status)
+    assert (read.temperature, read.mode, read.faults, read.is_report) == (temperature / 10, mode, faults, is_report)
+    for name, limit in zip(("position", "velocity", "effort"), limits, strict=True):
+        lost = getattr(sent, name) - getattr(read, name)
+        assert -1e-9 * limit <= lost <= limit / SIGNED_STEPS * (1.0 + 1e-9), name
+
+
+@given(_frames)
+def test_decoding_never_raises_and_never_invents_a_motor(frame: Frame) -> None:
+    models = {11: MODELS["rs-02"], 127: MODELS["rs-05"]}
+    reply = decode_reply(frame, models, _HOST, awaiting_version={11})
+    if isinstance(reply, Status | FaultReport | ParameterReply | Version):
+        assert reply.motor_id in models
+        assert frame.is_extended
+        assert frame.arbitration_id >> 8 & 0xFF == reply.motor_id
+        assert frame.arbitration_id & 0xFF == _HOST
+    command = decode_command(frame, 11, MODELS["rs-02"])
+    if not isinstance(command, Ignored):
+        assert frame.arbitration_id & 0xFF == 11
+
+
+@pytest.mark.slow
+def test_minutes_of_random_frames_upset_nothing() -> None:
+    """For two minutes, every second one as if from a motor near ours; every kind of outcome must have occurred."""
+    models = dict.fromkeys((11, 12, 13), MODELS["rs-02"])
+    generator = random.Random(20261121)
+    deadline = time.monotonic() + 120.0
+    kinds: set[type] = set()
+    while time.monotonic() < deadline:
+        for _ in range(10_000):
+            identifier = generator.getrandbits(29)
+            if generator.random() < 0.5:
+                identifier = identifier & 0x1FFF0000 | generator.choice((10, 11, 12, 13, 14)) << 8 | _HOST
+            frame = Frame(
+                identifier,
+                generator.randbytes(generator.choice((8, 8, 8, generator.randrange(65)))),
+                generator.random() < 0.9,
+                generator.random() < 0.05,
+                generator.random() < 0.05,
+            )
+            reply = decode_reply(frame, models, _HOST, awaiting_version=models)
+            kinds.add(type(reply))
+            if isinstance(reply, Status | FaultReport | ParameterReply | Version | Malformed):
+                assert reply.motor_id == identifier >> 8 & 0xFF
+            if isinstance(reply, Status | FaultReport | ParameterReply | Version):
+                assert reply.motor_id in models
+            kinds.add(type(decode_command(frame, 0xFD, MODELS["rs-03"])))
+    assert kinds >= {Status, FaultReport, ParameterReply, DeviceId, Ignored, Malformed, OperationControl, Enable, Stop}
+
+
+@pytest.mark.parametrize("data", [b"", b"\0" * 7, b"\0" * 9, b"\0" * 64])
+def test_a_status_of_another_length_is_malformed(data: bytes) -> None:
+    frame = Frame(join_identifier(FrameType.STATUS, 0x80, 11, _HOST), data)
+    expected = Malformed(11, f"status with {len(data)} bytes, expected 8")
+    assert decode_reply(frame, {11: MODELS["rs-02"]}, _HOST) == expected
+
+
+@pytest.mark.parametrize(
+    ("kind", "destination", "expected"),
+    [
+        (FrameType.STATUS, 0x11, Ignored(IgnoredReason.OTHER_HOST, 11)),
+        (FrameType.READ_PARAMETER, 0x7E, Ignored(IgnoredReason.OTHER_HOST, 11)),
+        (FrameType.READ_PARAMETER, 12, Ignored(IgnoredReason.HOST_COMMAND, 12)),
+        (FrameType.ACTIVE_REPORT, 12, Ignored(IgnoredReason.HOST_COMMAND, 12)),
+        (FrameType.ENABLE, 12, Ignored(IgnoredReason.HOST_COMMAND, 12)),
+        (FrameType.GET_DEVICE_ID, 12, Ignored(IgnoredReason.HOST_COMMAND, 12)),
+        (8, _HOST, Ignored(IgnoredReason.UNKNOWN_TYPE, 11)),
+    ],
+)
+def test_who_a_frame_concerns(kind: int, destination: int, expected: Ignored) -> None:
+    models = {11: MODELS["rs-02"], 12: MODELS["rs-02"]}
+    assert decode_reply(Frame(join_identifier(kind, 0, 11, destination), bytes(8)), models, _HOST) == expected
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (Enable(0), "Enable.motor_id: is 0, expected 1 to 127"),
+        (Enable(128), "Enable.motor_id: is 128, expected 1 to 127"),
+        (Enable(1, host_id=256), "Enable.host_id: is 256, expected 0 to 255"),
+        (SetDeviceId(1, 0), "SetDeviceId.new_id: is 0, expected 1 to 127"),
+        (ReadParameter(1, 0x10000), "ReadParameter.index: is 65536, expected 0 to 0xFFFF"),
+        (WriteParameter(1, 0x7005, b"\0"), "WriteParameter.payload: has 1 bytes, expected 4"),
+    ],
+)
+def test_commands_that_have_no_frame(command: Command, message: str) -> None:
+    with pytest.raises(FieldError) as raised:
+        encode_command(command, MODELS["rs-02"])
+    assert str(raised.value) == message
+
+
+def test_the_bus_encoder_refuses_an_id_that_is_none() -> None:
+    with pytest.raises(FieldError, match="is 128, expected 1 to 127"):
+        OperationControlEncoder([128], [MODELS["rs-02"]])
+
+
+def test_settings_that_do_not_exist_are_malformed_on_the_motor() -> None:
+    def told(kind: FrameType, setting: int) -> Any:
+        return decode_command(
+            Frame(join_identifier(kind, 0, _HOST, 5), bytes([1, 2, 3, 4, 5, 6, setting, 0])), 5, model
+        )
+
+    model = MODELS["rs-02"]
+    assert isinstance(told(FrameType.SET_BAUD_RATE, 5), Malformed)
+    assert isinstance(told(FrameType.SET_PROTOCOL, 3), Malformed)
+    assert isinstance(told(FrameType.ACTIVE_REPORT, 2), Malformed)
+    assert told(FrameType.SET_BAUD_RATE, 1) == SetBaudRate(5, BaudRate.KBIT_1000)
+
+
+def test_a_zero_command_is_zero_here_and_half_a_step_below_in_the_manuals_reading() -> None:
+    model = MODELS["rs-02"]
+    frame = encode_command(OperationControl(11, 0.0, 0.0, 0.0, 0.0, 0.0), model)
+    ours, manual = (decode_command(frame, 11, model, scale=scale) for scale in Scale)
+    assert ours == OperationControl(11, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert isinstance(manual, OperationControl)
+    assert manual.effort == pytest.approx(-17.0 / 65535)

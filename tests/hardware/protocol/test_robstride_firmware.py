@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version, version_text
+from humanoid_sim.hardware.robstride.models import MODELS, POSITION_RANGE, motor_model
+
+
+@pytest.mark.parametrize(
+    ("model", "version", "position_range", "gain_factor", "has_reports", "as_status"),
+    [
+        ("rs-00", "0.0.2.6", 12.5, 1.0, False, True),
+        ("rs-00", "0.0.2.7", POSITION_RANGE, 1.0, False, True),
+        ("rs-00", "0.0.3.0", POSITION_RANGE, 1.0, True, True),
+        ("rs-00", "0.0.3.3", POSITION_RANGE, 1.0, True, False),
+        ("rs-01", "0.1.2.1", 12.5, 1.4167, False, True),
+        ("rs-01", "0.1.3.3", POSITION_RANGE, 1.4167, True, False),
+        ("rs-01", "0.1.3.4", POSITION_RANGE, 1.0, True, False),
+        ("rs-02", "0.2.2.11", 12.5, 1.4167, False, False),
+        ("rs-02", "0.2.3.5", POSITION_RANGE, 1.4167, True, False),
+        ("rs-02", "0.2.3.6", POSITION_RANGE, 1.0, True, False),
+        ("rs-03", "0.3.0.5", 12.5, 1.0, False, True),
+        ("rs-04", "0.4.1.2", POSITION_RANGE, 1.0, True, True),
+        ("rs-05", "0.5.0.0", POSITION_RANGE, 1.0, True, False),
+        ("rs-06", "0.0.0.0", POSITION_RANGE, 1.0, True, False),
+    ],
+)
+def test_what_a_version_means(
+    model: str, version: str, position_range: float, gain_factor: float, has_reports: bool, as_status: bool
+) -> None:
+    firmware = firmware_of(MODELS[model], parse_version(version))
+    assert firmware.position_range == position_range
+    assert firmware.gain_factor == gain_factor
+    assert firmware.has_active_reports == has_reports
+    assert firmware.reports_as_status == as_status
+    assert firmware.applied_to(MODELS[model]).position == position_range
+
+
+def test_versions_as_text() -> None:
+    assert parse_version("0.2.3.6") == (0, 2, 3, 6)
+    assert version_text((0, 2, 2, 11)) == "0.2.2.11"
+
+
+@pytest.mark.parametrize("text", ["", "0.2.3", "0.2.3.x", "0.2.3.256", "0.2.3.6.1", "-1.2.3.4", "²...0"])
+def test_texts_that_are_no_version(text: str) -> None:
+    with pytest.raises(InputError, match="expected four numbers of 0 to 255"):
+        parse_version(text)
+
+
+def test_an_unknown_model_is_told_what_exists() -> None:
+    with pytest.raises(InputError, match=r"^unknown motor model 'rs-09'; known: rs-00, rs-01"):
+        motor_model("rs-09")
