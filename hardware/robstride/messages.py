@@ -91,7 +91,7 @@ class Stop(HostCommand):
 
 @dataclass(frozen=True, slots=True)
 class ReadVersion(HostCommand):
-    """Type 4 with `00 C4`, answered by `Version`, which only this request tells from a status."""
+    """Type 4 with `00 C4`, answered by `Version`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.frames import (
@@ -33,7 +33,8 @@ __all__ = ["VERSION_MARK", "decode_reply", "encode_reply"]
 
 VERSION_MARK = b"\x00\xc4\x56"
 """First bytes of a version reply. As a status they would mean -12.49 rad."""
-_VERSION_BYTES = 4
+_VERSION_END = len(VERSION_MARK) + 4
+"""Where the version ends: with the frame in the Chinese manuals, a byte before its end in the English ones."""
 _STATUS = struct.Struct(">HHHH")
 _FAULTS = struct.Struct("<II")
 _PARAMETER = struct.Struct("<Hxx4s")
@@ -62,17 +63,18 @@ def decode_reply(  # noqa: PLR0911 - one for each reason to ignore a frame
     models: Mapping[int, MotorModel],
     host_id: int,
     *,
-    awaiting_version: Container[int] = frozenset(),
     scale: Scale = Scale.REFERENCE,
 ) -> Reply | Ignored | Malformed:
     """What a received frame says to a host; never raises.
+
+    Only its request tells a version for certain from a status that begins with the same three bytes: a motor at
+    -12.49 rad that moves at a third of its velocity range. Such a frame is taken for a version, asked for or not: a
+    status missed in that one spot ages a joint by a period, while a version taken for a position is a jump.
 
     Args:
         frame: as received.
         models: the configured motors by id; frames of others are ignored, but for `DeviceId`, so that scans hear all.
         host_id: the receiver's own; answers to other hosts are ignored.
-        awaiting_version: motors that were asked for their version and have not answered: nothing in the frame tells a
-            version from a status for certain.
         scale: convention of the signed fields.
     """
     if frame.is_error:
@@ -83,7 +85,7 @@ def decode_reply(  # noqa: PLR0911 - one for each reason to ignore a frame
         return Ignored(IgnoredReason.STANDARD_ID)
     parts = split_identifier(frame.arbitration_id)
     if parts.type in _REPLIES or (parts.type in _BOTH and parts.destination == host_id):
-        return _decode_addressed(frame.data, parts, models, host_id, awaiting_version, scale)
+        return _decode_addressed(frame.data, parts, models, host_id, scale)
     if parts.type == FrameType.GET_DEVICE_ID and parts.destination == BROADCAST_ID:
         return _decode_device_id(frame.data, parts)
     if parts.type not in _DEFINED:
@@ -108,7 +110,6 @@ def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply
     parts: Identifier,
     models: Mapping[int, MotorModel],
     host_id: int,
-    awaiting_version: Container[int],
     scale: Scale,
 ) -> Reply | Ignored | Malformed:
     kind, high, motor_id, destination = parts
@@ -119,10 +120,9 @@ def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply
     model = models.get(motor_id)
     if model is None:
         return Ignored(IgnoredReason.UNKNOWN_DEVICE, motor_id)
-    if kind == FrameType.STATUS and data[:3] == VERSION_MARK and motor_id in awaiting_version:
-        version = data[3 : 3 + _VERSION_BYTES]
-        if len(version) == _VERSION_BYTES:  # 7 bytes in the Chinese manuals, 8 in the English ones
-            return Version(motor_id, destination, (version[0], version[1], version[2], version[3]))
+    if kind == FrameType.STATUS and data.startswith(VERSION_MARK) and _VERSION_END <= len(data) <= DATA_LENGTH:
+        first, second, third, fourth = data[len(VERSION_MARK) : _VERSION_END]
+        return Version(motor_id, destination, (first, second, third, fourth))
     if len(data) != DATA_LENGTH:
         return _bad_length(data, parts)
     if kind in (FrameType.STATUS, FrameType.ACTIVE_REPORT):

@@ -102,7 +102,7 @@ def test_commands_survive_the_bus(command: Command, model: MotorModel) -> None:
 def test_replies_survive_the_bus(reply: Reply, model: MotorModel) -> None:
     host = getattr(reply, "host_id", _HOST)
     frame = encode_reply(reply, model)
-    assert decode_reply(frame, {reply.motor_id: model}, host, awaiting_version={reply.motor_id}) == reply
+    assert decode_reply(frame, {reply.motor_id: model}, host) == reply
 
 
 @given(_models, _motor_ids, st.tuples(_fractions, _fractions, _fractions, _gains, _gains), st.sampled_from(Scale))
@@ -169,7 +169,7 @@ def test_statuses_lose_less_than_a_step(
 @given(_frames)
 def test_decoding_never_raises_and_never_invents_a_motor(frame: Frame) -> None:
     models = {11: MODELS["rs-02"], 127: MODELS["rs-05"]}
-    reply = decode_reply(frame, models, _HOST, awaiting_version={11})
+    reply = decode_reply(frame, models, _HOST)
     if isinstance(reply, Status | FaultReport | ParameterReply | Version):
         assert reply.motor_id in models
         assert frame.is_extended
@@ -199,7 +199,7 @@ def test_minutes_of_random_frames_upset_nothing() -> None:
                 generator.random() < 0.05,
                 generator.random() < 0.05,
             )
-            reply = decode_reply(frame, models, _HOST, awaiting_version=models)
+            reply = decode_reply(frame, models, _HOST)
             kinds.add(type(reply))
             if isinstance(reply, Status | FaultReport | ParameterReply | Version | Malformed):
                 assert reply.motor_id == identifier >> 8 & 0xFF

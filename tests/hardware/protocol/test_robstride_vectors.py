@@ -288,16 +288,15 @@ def test_device_ids_are_heard_from_every_motor() -> None:
         assert encode_reply(reply, _model(row)) == _frame(row)
 
 
-def test_versions_are_told_from_statuses_by_the_request() -> None:
+def test_versions_are_never_taken_for_a_position() -> None:
     for row in _rows("version_reply", count=3):
         motor_id, version = _motor(row), tuple(bytes.fromhex(row["value"]))
-        reply = _decoded(row, awaiting_version={motor_id})
+        reply = _decoded(row)
         assert isinstance(reply, Version)
         assert (reply.motor_id, reply.version) == (motor_id, version)
         assert encode_reply(reply, _model(row)) == _frame(row)
         shorter = Frame(_frame(row).arbitration_id, _frame(row).data[:7])
-        assert decode_reply(shorter, {motor_id: _model(row)}, _host(row), awaiting_version={motor_id}) == reply
-        assert isinstance(_decoded(row), Status)
+        assert decode_reply(shorter, {motor_id: _model(row)}, _host(row)) == reply
 
 
 def _class_of(message: Reply | Ignored | Malformed) -> str:
