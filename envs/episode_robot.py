@@ -1,0 +1,86 @@
+"""A simulated robot that can be put anywhere, and tells what only a simulation knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.envs.tasks.frames import seen_from
+from humanoid_sim.envs.tasks.sample import BaseSample
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import base_body
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+
+__all__ = ["BodyPoses", "EpisodeRobot", "PlantState"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlantState:
+    """All that the next physics step depends on, beside the command and the support."""
+
+    qpos: FloatArray
+    """Shape (nq,), MuJoCo's generalised position."""
+    qvel: FloatArray
+    """Shape (nv,), generalised velocity."""
+    acceleration: FloatArray | None = None
+    """Shape (nv,), of the physics step before: where the solver begins, and what the IMU feels. None: zeros."""
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> PlantState:
+        """A copy of a simulation's."""
+        return cls(data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
+
+
+class EpisodeRobot(MujocoRobot):
+    """A `MujocoRobot` without support whose episodes start anywhere."""
+
+    def place(self, start: PlantState) -> None:
+        """As `activate`, but in a state of the caller's choice, and with a floating base let go."""
+        self.activate()
+        data = self.data
+        data.qpos[:], data.qvel[:] = start.qpos, start.qvel
+        if start.acceleration is not None:
+            data.qacc[:] = data.qacc_warmstart[:] = start.acceleration
+        self._joint_line.restart(self._step, self._joint_sample())
+        self._body_line.restart(self._step, self._senses.read(data))
+
+    @property
+    def effort(self) -> FloatArray:
+        """Shape (n,), N·m, of the latest physics step, saturated; a view that the next step changes."""
+        return self._plant.effort
+
+    @property
+    def base_sample(self) -> BaseSample | None:
+        """Pose and motion of a floating base now; None for a fixed one."""
+        base = self.base_state
+        if base is None:
+            return None
+        return BaseSample(base.position, base.quaternion, base.linear_velocity, base.angular_velocity)
+
+
+class BodyPoses:
+    """Poses of bodies in the robot's base frame, at a simulation's present `qpos`. Not thread-safe."""
+
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription, bodies: tuple[str, ...]) -> None:
+        """Find the bodies; the contract's body names are the model's."""
+        self._model, self._data = model, mujoco.MjData(model)
+        self._ids = [model.body(name).id for name in bodies]
+        self._base = base_body(model, description)
+        mujoco.mj_kinematics(model, self._data)
+        unturned = np.array([1.0, 0.0, 0.0, 0.0])
+        self._only_shifted = not description.is_floating and bool((self._data.xquat[self._base] == unturned).all())
+
+    def read(self, data: mujoco.MjData) -> tuple[FloatArray, FloatArray]:
+        """Shape (b, 3), m, and (b, 4), w x y z."""
+        if not self._ids:
+            return np.empty((0, 3)), np.empty((0, 4))
+        own = self._data
+        own.qpos[:] = data.qpos
+        mujoco.mj_kinematics(self._model, own)  # poses in `data` are one physics step older
+        position, quaternion, base = own.xpos[self._ids], own.xquat[self._ids], self._base
+        if self._only_shifted:
+            return position - own.xpos[base], quaternion
+        return seen_from(own.xpos[base], own.xquat[base], position, quaternion)

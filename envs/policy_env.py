@@ -1,0 +1,285 @@
+"""A policy's view of one robot as a Gymnasium environment: what it is trained on, and what it is deployed on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.base import RL_POLICY
+from humanoid_sim.controllers.context import VELOCITY_COMMAND
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, RLPolicyMemory
+from humanoid_sim.envs.episode_robot import BodyPoses, EpisodeRobot, PlantState
+from humanoid_sim.envs.policy_side import PolicyMemory
+from humanoid_sim.envs.recorded_start import recorded_start
+from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
+from humanoid_sim.envs.setting import make_setting
+from humanoid_sim.envs.spaces import action_space, observation_space
+from humanoid_sim.envs.tasks.sample import StepSample
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
+from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.policy.motion import Motion
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.mujoco_robot import StateSampling
+from humanoid_sim.simulation.plant import Actuation
+
+__all__ = ["PolicyEnv"]
+
+Array = npt.NDArray[Any]
+Step = tuple[Array, float, bool, bool, dict[str, Any]]
+
+
+class PolicyEnv(gymnasium.Env[Array, Array]):
+    """One step is one policy step: the action's command, held for the contract's `policy_dt`.
+
+    The action is the policy's raw action and the observation what the policy observes, made by the functions of the
+    deployed controller, so a checkpoint that runs here runs in `play` and on the robot, and the other way round. An
+    action that is not finite, or beyond `action_limit`, is a fault there; here it ends the episode: `terminated`, no
+    reward, and `info["fault"]` says what was wrong. So do a simulation that is no longer sound and an observation
+    beyond its bounds. Nothing holds a floating base: a fall is a fall.
+
+    `info` has `frame`, the reference frame that the observation shows, `terms`, what each term adds to the reward, and
+    `fault` where there was one.
+
+    `reset` takes these options:
+
+    - `command`: vx, vy in m/s and yaw rate in rad/s, held for the whole episode in place of those that the task draws.
+    - `recording`: path of a recording of `play`; starts in the state in which its LOCOMOTION began.
+    - `state`, `memory`: a `PlantState`, and the policy controller's memory that belongs to it.
+    """
+
+    metadata = {"render_modes": RENDER_MODES, "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(
+        self,
+        contract: str | Path | PolicyContract = "lite_tracking",
+        robot: str | Path | RobotDescription = "lite",
+        motion: str | Path | Motion | None = None,
+        *,
+        task: str = "auto",
+        actuation: Actuation = "affine",
+        physics_timestep: float | None = None,
+        command_delay: float = 0.0,
+        state_delay: float = 0.0,
+        state_sampling: StateSampling = "now",
+        action_limit: float = ACTION_LIMIT,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str | None = None,
+        **task_options: Any,
+    ) -> None:
+        """Build the robot.
+
+        Args:
+            contract: of the policy, or the file that has it; see `make_setting`. Paths and names keep specs picklable.
+            robot: a description, or what `load_robot` takes.
+            motion: what a tracking policy follows; see `make_setting`.
+            task: `tracking`, `motion`, `velocity`, `balance`, or `auto` for the one that the contract was made for.
+            actuation: `affine`, stepped natively, or `qfrc_applied`, the reference; they agree to 1e-9.
+            physics_timestep: s; None for the robot's.
+            command_delay: s from a step's beginning to its command's arrival.
+            state_delay: s from a state to its being observed.
+            state_sampling: `now` or `on_command`; see `MujocoRobot`.
+            action_limit: largest magnitude of a raw action.
+            render_mode: `rgb_array`, `human` or None.
+            width: pixels of a picture.
+            height: pixels of a picture.
+            camera: of the model; None looks at the robot from the front.
+            task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
+
+        Raises:
+            InputError: one line that says what cannot be read, or what does not fit.
+        """
+        check_render_mode(render_mode)
+        self.setting = setting = make_setting(
+            contract,
+            robot,
+            motion,
+            task=task,
+            physics_timestep=physics_timestep,
+            action_limit=action_limit,
+            **task_options,
+        )
+        self.robot = EpisodeRobot(
+            setting.description,
+            control_period=setting.contract.policy_dt,
+            physics_timestep=setting.physics_timestep,
+            actuation=actuation,
+            command_delay=command_delay,
+            state_delay=state_delay,
+            state_sampling=state_sampling,
+            support=False,
+            anchor_body=setting.contract.anchor_body,
+        )
+        bounds = observation_space(setting.side, setting.description)
+        self.observation_space, self.action_space = bounds, action_space(setting.side, setting.description)
+        self.fault_count = 0
+        """Episodes that a fault has ended so far."""
+        self.metadata = self.metadata | {"render_fps": round(1.0 / setting.contract.policy_dt)}
+        self.render_mode = render_mode
+        self._pictures = Pictures(setting.description, width, height, camera)
+        self._window: Window | None = None
+        self._bodies = BodyPoses(self.robot.model, setting.description, _tracked(setting.contract))
+        self._low, self._high = bounds.low, bounds.high
+        self._memory: PolicyMemory | None = None
+        self._observation = np.zeros_like(self._low)
+        self._commands: FloatArray = np.zeros((1, 3))
+        self._velocity: FloatArray = np.zeros(3)
+        self._steps = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode; the same seed gives the same start.
+
+        Raises:
+            InputError: an option is unknown, or does not hold what it should.
+        """
+        super().reset(seed=seed)
+        options = {} if options is None else dict(options)
+        setting = self.setting
+        start = setting.task.start(self.np_random.random(setting.task.draws))
+        plant, self._commands, memory = (
+            PlantState(*setting.generalised(start)),
+            start.commands,
+            options.pop("memory", None),
+        )
+        if "recording" in options:
+            plant, recorded = recorded_start(options.pop("recording"), setting.description)
+            if VELOCITY_COMMAND in recorded.extern:
+                self._commands = recorded.extern[VELOCITY_COMMAND].value[None]
+        plant = options.pop("state", plant)
+        if "command" in options:
+            self._commands = _command(options.pop("command"))
+        if options:
+            known = ("command", "recording", "state", "memory")
+            raise InputError(f"reset: {known_names('option', next(iter(options)), known)}")
+        self._steps = 0
+        self._velocity = setting.task.command(self._commands, 0)
+        self.robot.place(plant)
+        state, _ = self._read()
+        before = setting.side.activate(state) if memory is None else _policy_memory(memory)
+        observation, self._memory = setting.side.observe(before, state)
+        self._observation = np.clip(observation, self._low, self._high)
+        self._show(state, MITCommand.zeros(len(self.robot.joints)))
+        return observation, {"frame": int(self._memory.frame)}
+
+    def step(self, action: Array) -> Step:
+        """One policy step.
+
+        Raises:
+            InputError: the action has another shape than the space's.
+            gymnasium.error.ResetNeeded: there was no reset yet.
+        """
+        if self._memory is None:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        side, task = self.setting.side, self.setting.task
+        with np.errstate(over="ignore"):  # becomes infinite, and is refused
+            raw = np.array(action, dtype=np.float32)
+        if raw.shape != self.action_space.shape:
+            raise InputError(f"action: has shape {raw.shape}, expected {self.action_space.shape}")
+        if not side.accepts(raw):
+            return self._lost(self._refusal(raw))
+
+        previous, asked = self._memory.last_action, self._velocity
+        memory, command = side.act(self._memory, raw)
+        self.robot.write(command)
+        self._steps += 1
+        self._velocity = task.command(self._commands, self._steps)
+        state, problem = self._read()
+        if problem:
+            return self._lost(problem)
+        observation, self._memory = side.observe(memory, state)
+        inside = (observation >= self._low) & (observation <= self._high)
+        if not inside.all():
+            i = int(np.argmin(inside))
+            return self._lost(f"observation {side.layout.locate(i)} is {observation[i]}, beyond any robot's")
+
+        position, quaternion = self._bodies.read(self.robot.data)
+        judgement = task.judge(
+            StepSample(
+                state=state,
+                action=raw,
+                previous_action=previous,
+                torque=self.robot.effort,
+                frame=memory.frame,
+                step=self._steps,
+                body_position=position,
+                body_quaternion=quaternion,
+                command=asked,
+                base=self.robot.base_sample,
+                alignment=memory.alignment,
+            )
+        )
+        self._observation = observation.copy()
+        self._show(state, command)
+        info = {"frame": memory.frame, "terms": judgement.terms}
+        return observation, float(judgement.reward), bool(judgement.terminated), bool(judgement.truncated), info
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """The picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
+        return self._pictures.draw(self.robot.qpos) if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close windows and contexts. May be called twice."""
+        self._pictures.close()
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+        self.robot.close()
+
+    def _read(self) -> tuple[MITState, str]:
+        """The robot's state with the velocity command in it, and what is wrong with the simulation."""
+        state, (safety,) = self.robot.read()
+        if self.setting.side.takes_command:
+            live = Extern(self._velocity, float(state.time))
+            state = replace(state, extern={**state.extern, VELOCITY_COMMAND: live})
+        return state, "" if safety.is_ok else safety.message
+
+    def _lost(self, fault: str) -> Step:
+        self.fault_count += 1
+        assert self._memory is not None
+        info: dict[str, Any] = {"frame": self._memory.frame, "terms": {}, "fault": fault}
+        return self._observation.copy(), 0.0, True, False, info
+
+    def _refusal(self, action: Array) -> str:
+        i = int(np.argmin(np.abs(action) <= self.setting.side.action_limit))
+        joint = self.setting.contract.action_joint_names[i]
+        return f"action of {joint} is {action[i]}, expected a magnitude <= {self.setting.side.action_limit:g}"
+
+    def _show(self, state: MITState, command: MITCommand) -> None:
+        if self.render_mode != "human":
+            return
+        if self._window is None:
+            self._window = Window(self.setting.description, self.setting.contract.policy_dt)
+        mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, f"step {self._steps}")
+        self._window.show(TickInput(state), TickOutput(command, mode), self.robot.qpos)
+
+
+def _tracked(contract: PolicyContract) -> tuple[str, ...]:
+    """Bodies whose poses the task compares: those of motions in the base's frame; others are joints and an anchor."""
+    return contract.body_names if "motion_body_pos_b" in contract.observation_names else ()
+
+
+def _policy_memory(memory: PolicyMemory | RLPolicyMemory) -> PolicyMemory:
+    if isinstance(memory, PolicyMemory):
+        return memory
+    if not isinstance(memory, RLPolicyMemory):
+        raise InputError(f"reset: memory is a {type(memory).__name__}, expected an RLPolicyMemory")
+    return PolicyMemory(memory.frame, memory.last_action, memory.history, memory.walked, memory.alignment)
+
+
+def _command(value: Any) -> FloatArray:
+    """Shape (1, 3)."""
+    command = np.asarray(value, dtype=np.float64)
+    if command.shape != (3,) or not np.isfinite(command).all():
+        raise InputError(f"reset: command is {value!r}, expected vx, vy and yaw rate: three finite numbers")
+    return command[None]

@@ -1,0 +1,70 @@
+"""The environments by name, for `gymnasium.make` and `gymnasium.make_vec`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+from types import ModuleType
+from typing import Any
+
+__all__ = ["ENVIRONMENTS", "register_environments", "register_with_gymnasium"]
+
+_SINGLE, _VECTOR = "humanoid_sim.envs.policy_env:PolicyEnv", "humanoid_sim.envs.vector_env:PolicyVectorEnv"
+_MODES = "humanoid_sim.envs.modes_env:ModesEnv"
+
+ENVIRONMENTS: dict[str, dict[str, Any]] = {
+    "humanoid_sim/LiteTracking-v0": {
+        "entry_point": _SINGLE,
+        "vector_entry_point": _VECTOR,
+        "kwargs": {"contract": "lite_tracking", "robot": "lite", "motion": "wave"},
+    },
+    "humanoid_sim/BipedVelocity-v0": {
+        "entry_point": _SINGLE,
+        "vector_entry_point": _VECTOR,
+        "kwargs": {"contract": "lite_biped_velocity", "robot": "lite_biped"},
+    },
+    "humanoid_sim/Policy-v0": {"entry_point": _SINGLE, "vector_entry_point": _VECTOR},
+    "humanoid_sim/LiteModes-v0": {"entry_point": _MODES, "kwargs": {"robot": "lite", "policy": "lite_tracking"}},
+}
+"""What `gymnasium.register` is told, by id."""
+
+
+def register_environments() -> None:
+    """Register every environment that is not registered yet. Imports Gymnasium, and nothing that simulates."""
+    from gymnasium.envs.registration import register, registry  # noqa: PLC0415 - only who uses Gymnasium waits for it
+
+    for name, arguments in ENVIRONMENTS.items():
+        if name not in registry:
+            register(name, **arguments)
+
+
+def register_with_gymnasium() -> None:
+    """Register now if Gymnasium is imported, else as soon as it is: importing it here would slow every program down."""
+    if "gymnasium" in sys.modules:
+        register_environments()
+    else:
+        sys.meta_path.insert(0, _AfterGymnasium())
+
+
+class _AfterGymnasium(MetaPathFinder):
+    """Sees Gymnasium's import go by, once, and registers when it is complete."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname != "gymnasium":
+            return None
+        sys.meta_path.remove(self)
+        spec = find_spec(fullname)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_register(module: ModuleType) -> None:
+                execute(module)
+                register_environments()
+
+            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
+        return spec
