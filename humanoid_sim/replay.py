@@ -18,7 +18,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.input_files import is_file
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
-from humanoid_sim.recording.reader import Recording, open_recording
+from humanoid_sim.recording.reader import Entry, Recording, open_recording
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
 from humanoid_sim.session.sink import TickRecord
 
@@ -133,17 +133,17 @@ def _load(recording: Recording, settings: dict[str, Any], path: Path | None) -> 
     return Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width)
 
 
-def _with_progress(recording: Recording) -> Iterator[TickRecord]:
-    """The ticks, with a bar on stderr while they pass if a person is watching."""
+def _with_progress(recording: Recording) -> Iterator[Entry]:
+    """The entries, with a bar on stderr while they pass if a person is watching."""
     from rich.console import Console  # noqa: PLC0415
 
     console = Console(stderr=True)
     columns = ("replaying", BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=recording.size)
-        for record in recording.ticks():
-            yield record
-            if record.index % 256 == 0:
+        for count, entry in enumerate(recording.entries()):
+            yield entry
+            if count % 256 == 0:
                 progress.update(task, completed=recording.position)
 
 

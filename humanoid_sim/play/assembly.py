@@ -29,6 +29,7 @@ from humanoid_sim.session.anchor_errors import AnchorErrors
 from humanoid_sim.session.gravity_source import GravitySource
 from humanoid_sim.session.inject import Injector, parse_injections
 from humanoid_sim.session.monitor import RunMonitor
+from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.remote import RemoteInbox
 from humanoid_sim.session.script import Script, parse_script
 from humanoid_sim.session.session import LoopSettings, Session
@@ -129,7 +130,10 @@ def assemble(config: PlayConfig, console: Console) -> Run:
     if config.viewer == "native" or (config.viewer == "auto" and has_display()):
         sinks.append(NativeViewerSink(parts.model))
 
-    operators = open_operators(config.manual, velocity if policy.walks else None)
+    reactivation = Reactivation()
+    operators = open_operators(
+        config.manual, velocity if policy.walks else None, reactivation, lambda text: shown.event(clock(), text)
+    )
     script = None if steps is None else Script(steps, frames)
     intents, safety = drive(operators, script, injector.safety)
     session = Session(
@@ -144,6 +148,7 @@ def assemble(config: PlayConfig, console: Console) -> Run:
         externs=(velocity,) if policy.walks else (),
         qpos=parts.qpos,
         mode_listener=parts.mode_listener,
+        reactivation=reactivation,
     )
     clock.session = session
     keys = keys_of(config.manual, walks=policy.walks)

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from humanoid_sim.messages import PolicyStep, TickInput, TickOutput
 from humanoid_sim.recording.compare import Difference, first_difference
-from humanoid_sim.recording.reader import Recording
+from humanoid_sim.recording.reader import Entry, Recording
+from humanoid_sim.session.reactivation import is_fresh_start
 from humanoid_sim.session.sink import SessionHeader, TickRecord
 
 __all__ = ["ControlStack", "InferenceReport", "RecordedPolicy", "RepeatReport", "StackBuilder", "repeat_run"]
@@ -120,15 +121,17 @@ def repeat_run(
     recording: Recording,
     build: StackBuilder,
     infer: Callable[[TickRecord, PolicyStep], None] | None = None,
-    ticks: Iterator[TickRecord] | None = None,
+    entries: Iterator[Entry] | None = None,
 ) -> RepeatReport:
     """Repeat a run up to its end or the first difference.
+
+    Where an operator had the robot reactivated, the control stack begins again as it did then.
 
     Args:
         recording: the run.
         build: makes its control stack.
         infer: called for every policy step that is reached.
-        ticks: the recording's ticks, if the caller wants to see them pass; read from it otherwise.
+        entries: the recording's, if the caller wants to see them pass; read from it otherwise.
 
     Raises:
         InputError: if the recording cannot be read, or its header does not describe a control stack.
@@ -137,7 +140,10 @@ def repeat_run(
     stack = build(recording.header, policy)
     memory = stack.initial()
     report = RepeatReport()
-    for record in recording.ticks() if ticks is None else ticks:
+    for record in recording.entries() if entries is None else entries:
+        if not isinstance(record, TickRecord):
+            memory = stack.initial() if is_fresh_start(record.text) else memory
+            continue
         if record.index != report.ticks:
             report.gap = record.index - report.ticks
         else:

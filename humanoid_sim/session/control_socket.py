@@ -1,7 +1,7 @@
 """Intents from another process on the same machine: a local socket that a running session listens on.
 
-One datagram is one intent's name; the answer is what the session made of it in its next tick. The socket lies in a
-folder that only its user can enter, and never crosses a network.
+One datagram is one intent's name, or `reactivate`; the answer is what the session made of it in its next tick. The
+socket lies in a folder that only its user can enter, and never crosses a network.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from pathlib import Path
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
+from humanoid_sim.session.reactivation import REACTIVATE, Reactivation
 
-__all__ = ["ControlSocket", "running_sessions", "send_intent"]
+__all__ = ["ControlSocket", "running_sessions", "send_intent", "send_reactivate"]
 
 _LONGEST = 64
 """Bytes; no intent's name is longer."""
@@ -46,10 +47,13 @@ def _folder() -> Path:
 
 
 class ControlSocket:
-    """An `IntentSource` fed by `send_intent`."""
+    """An `IntentSource` fed by `send_intent` and `send_reactivate`."""
 
-    def __init__(self) -> None:
+    def __init__(self, reactivation: Reactivation | None = None) -> None:
         """Open the socket of this process.
+
+        Args:
+            reactivation: what `reactivate` asks for.
 
         Raises:
             InputError: if it cannot be opened.
@@ -64,6 +68,8 @@ class ControlSocket:
             self._socket.close()
             raise InputError(f"{self._path}: cannot listen for intents: {error.strerror or error}") from None
         self._waiting: list[str] = []
+        self._reactivation = reactivation
+        self._reactivating: list[str] = []
 
     @property
     def finished(self) -> bool:
@@ -74,15 +80,22 @@ class ControlSocket:
         """Answer the senders of the last tick, then take what has arrived since."""
         if self._waiting and output is not None:
             control = output.control_mode
-            self._answer(f"{control.mode.name} ({control.controller_name}): {control.status_message}")
+            self._answer(self._waiting, f"{control.mode.name} ({control.controller_name}): {control.status_message}")
+        if self._reactivating and self._reactivation is not None and self._reactivation.answer:
+            self._answer(self._reactivating, self._reactivation.answer)
         intents: list[Intent] = []
         for _ in range(_MOST):
             try:
                 message, sender = self._socket.recvfrom(_LONGEST)
             except OSError:  # nothing more
                 break
+            word = message.decode(errors="replace")
+            if word == REACTIVATE and self._reactivation is not None:
+                self._reactivation.request()
+                self._reactivating += [sender] if sender else []
+                continue
             try:
-                intents.append(Intent(message.decode(errors="replace")))
+                intents.append(Intent(word))
             except ValueError:
                 continue
             if sender:
@@ -91,17 +104,18 @@ class ControlSocket:
 
     def close(self) -> None:
         """Close and remove the socket."""
-        self._answer("the session has ended")
+        self._answer(self._waiting, "the session has ended")
+        self._answer(self._reactivating, "the session has ended")
         self._socket.close()
         self._path.unlink(missing_ok=True)
 
-    def _answer(self, text: str) -> None:
-        for sender in self._waiting:
+    def _answer(self, waiting: list[str], text: str) -> None:
+        for sender in waiting:
             try:
                 self._socket.sendto(text.encode(), sender)
             except OSError:  # the sender did not wait
                 continue
-        self._waiting.clear()
+        waiting.clear()
 
 
 def running_sessions() -> list[int]:
@@ -134,6 +148,18 @@ def send_intent(process: int, intent: Intent, timeout: float = 2.0) -> str:
     Raises:
         InputError: if there is no such session, or it does not answer.
     """
+    return _send(process, intent.value, timeout)
+
+
+def send_reactivate(process: int, timeout: float = 30.0) -> str:
+    """Have a session verify and enable its robot afresh, and wait for what becomes of it; otherwise like `send_intent`.
+
+    The time allows for a bus with many motors, each of which is asked for its identity.
+    """
+    return _send(process, REACTIVATE, timeout)
+
+
+def _send(process: int, word: str, timeout: float) -> str:
     folder = _folder()
     reply = folder / f"{os.getpid()}.reply"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
@@ -141,7 +167,7 @@ def send_intent(process: int, intent: Intent, timeout: float = 2.0) -> str:
         client.settimeout(timeout)
         try:
             client.bind(str(reply))
-            client.sendto(intent.value.encode(), str(folder / f"{process}{_SUFFIX}"))
+            client.sendto(word.encode(), str(folder / f"{process}{_SUFFIX}"))
             return client.recv(4096).decode(errors="replace")
         except TimeoutError:
             raise InputError(f"session {process}: did not answer within {timeout:g} s") from None

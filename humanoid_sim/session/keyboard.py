@@ -1,4 +1,4 @@
-"""The operator at a terminal: single keys become intents."""
+"""The operator at a terminal: single keys become intents, changes of the velocity command, or a fresh start."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import sys
 import termios
 import threading
 import tty
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import MappingProxyType
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
+from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.sources import IntentQueue
-from humanoid_sim.session.velocity import VelocityCommand
+from humanoid_sim.session.velocity import VELOCITY_KEYS, VelocityCommand, velocity_key_help
 
-__all__ = ["KEYS", "KeyReader", "Keyboard", "key_help"]
+__all__ = ["KEYS", "REACTIVATE_KEY", "KeyReader", "Keyboard", "key_help"]
 
 KEYS = MappingProxyType(
     {
@@ -32,6 +33,7 @@ KEYS = MappingProxyType(
     }
 )
 """Key to intent. The space bar damps: it is the key that a startled hand finds."""
+REACTIVATE_KEY = "e"
 
 _POLL = 0.1
 """s between two looks at whether to stop."""
@@ -64,17 +66,25 @@ class KeyReader:
 
 def key_help() -> str:
     """One line that names the keys."""
-    return "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, q QUIT"
+    return "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT"
 
 
 class Keyboard:
     """Reads keys on a thread of its own and queues their intents. Restores the terminal on `close`."""
 
-    def __init__(self, velocity: VelocityCommand | None = None) -> None:
+    def __init__(
+        self,
+        velocity: VelocityCommand | None = None,
+        *,
+        reactivation: Reactivation | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
         """Take over the terminal.
 
         Args:
             velocity: the command that the velocity keys change, if the robot walks.
+            reactivation: what the key for it asks for.
+            tell: shows the operator a line; called on the reading thread, once, at the first key that means nothing.
 
         Raises:
             InputError: if standard input is no terminal.
@@ -82,6 +92,8 @@ class Keyboard:
         self._queue = IntentQueue()
         self._reader = KeyReader()
         self._velocity = velocity
+        self._reactivation = reactivation
+        self._tell: Callable[[str], None] | None = tell
         self._stop = threading.Event()
         try:
             self._fd = sys.stdin.fileno()
@@ -123,6 +135,19 @@ class Keyboard:
             text = keys.decode(errors="replace")
             for intent in self._reader.intents(text):
                 self._queue.put(intent)
-            if self._velocity is not None and _ESCAPE not in text:
-                for key in text.lower():
-                    self._velocity.press(key)
+            if _ESCAPE not in text:
+                self._press(text.lower())
+
+    def _press(self, keys: str) -> None:
+        """Do what keys mean that are no intents; at the first that means nothing, tell the operator which do."""
+        if self._velocity is not None:
+            for key in keys:
+                self._velocity.press(key)
+        if self._reactivation is not None and REACTIVATE_KEY in keys:
+            self._reactivation.request()
+        known = {*KEYS, REACTIVATE_KEY, *(VELOCITY_KEYS if self._velocity is not None else ())}
+        unknown = [key for key in keys if key not in known]
+        if unknown and self._tell is not None:
+            help_lines = (key_help(), velocity_key_help()) if self._velocity is not None else (key_help(),)
+            self._tell(f"the key {unknown[0]!r} means nothing; {'; '.join(help_lines)}")
+            self._tell = None

@@ -19,6 +19,7 @@ from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.interface import Robot
 from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.pace import Pace
+from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.sink import SessionHeader, Sink, TickRecord
 from humanoid_sim.session.sink_group import SinkGroup
@@ -93,6 +94,7 @@ class Session:
         safety_filter: SafetyFilter = _unfiltered,
         qpos: Callable[[], FloatArray] | None = None,
         mode_listener: Callable[[Mode], str] | None = None,
+        reactivation: Reactivation | None = None,
     ) -> None:
         """Put the parts together; nothing moves before `run`.
 
@@ -109,6 +111,7 @@ class Session:
             qpos: MuJoCo's generalised position, for viewers.
             mode_listener: told of each new mode before its first command is written; what it answers, if anything, is
                 recorded as an event.
+            reactivation: an operator's wish to begin afresh.
         """
         self._robot = robot
         self._supervisor = supervisor
@@ -121,6 +124,7 @@ class Session:
         self._safety_filter = safety_filter
         self._qpos = qpos
         self._mode_listener = mode_listener
+        self._reactivation = reactivation
         self._stop_reason = ""
         self._hurry = threading.Event()
         self._memory: SupervisorMemory = supervisor.initial()
@@ -194,6 +198,8 @@ class Session:
         """Ticks until something ends the run."""
         period, limit = self._settings.control_period, self._settings.duration
         while not self._stop_reason:
+            if self._reactivation is not None and self._reactivation.is_asked:
+                self._begin_afresh(self._reactivation)
             self.tick()
             if self._first_time is None:
                 self._first_time = self.time
@@ -203,6 +209,14 @@ class Session:
                 self._stop_reason = f"duration of {limit:g} s reached"
             elif any(source.finished for source in self._intents):
                 self._stop_reason = "script finished"
+
+    def _begin_afresh(self, reactivation: Reactivation) -> None:
+        """Activate the robot again, if the mode allows it, and put the control stack back to its start."""
+        told = reactivation.serve(self._robot, self.mode)
+        if is_fresh_start(told):
+            self._memory, self._output = self._supervisor.initial(), None
+            self._pace.restart()
+        self._sinks.event(told)
 
     def _rest(self) -> None:
         """DAMPING until the joints are at rest, then QUIT; from ZERO_TORQUE QUIT at once.

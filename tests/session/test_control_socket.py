@@ -14,8 +14,11 @@ import rig
 from humanoid_sim import mode
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, TickOutput
-from humanoid_sim.session.control_socket import ControlSocket, running_sessions, send_intent
+from humanoid_sim.messages import Intent, Mode, TickOutput
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.loopback import LoopbackRobot
+from humanoid_sim.session.control_socket import ControlSocket, running_sessions, send_intent, send_reactivate
+from humanoid_sim.session.reactivation import Reactivation
 
 
 @pytest.fixture(autouse=True)
@@ -110,6 +113,23 @@ def test_closing_answers_whoever_still_waits() -> None:
     control.close()
     thread.join()
     assert answers == ["the session has ended"]
+
+
+def test_reactivate_is_answered_once_the_session_has_served_it(folder: Path) -> None:
+    reactivation = Reactivation()
+    control = ControlSocket(reactivation)
+    answers: list[str] = []
+    thread = threading.Thread(target=lambda: answers.append(send_reactivate(os.getpid(), timeout=5.0)))
+    thread.start()
+    while not reactivation.is_asked:
+        assert control.poll(0.0, None) == []
+    assert control.poll(0.02, None) == []
+    assert answers == []
+    told = reactivation.serve(LoopbackRobot(load_robot("lite")), Mode.DAMPING)
+    control.poll(0.04, None)
+    thread.join()
+    control.close()
+    assert answers == [told] == ["reactivated: the robot is verified and enabled afresh"]
 
 
 def test_a_folder_that_others_may_enter_is_refused(folder: Path) -> None:

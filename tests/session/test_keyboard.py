@@ -6,14 +6,17 @@ import pty
 import sys
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
-from humanoid_sim.session.keyboard import KEYS, Keyboard, KeyReader, key_help
+from humanoid_sim.session.keyboard import KEYS, REACTIVATE_KEY, Keyboard, KeyReader, key_help
+from humanoid_sim.session.reactivation import Reactivation
+from humanoid_sim.session.velocity import VELOCITY_KEYS, VelocityCommand, velocity_key_help
 
 
 @dataclass
@@ -138,3 +141,49 @@ def test_the_help_names_every_intent() -> None:
     for intent in KEYS.values():
         assert intent.name in key_help()
     assert set(KEYS.values()) == set(Intent)
+    assert f"{REACTIVATE_KEY} reactivate" in key_help()
+    assert REACTIVATE_KEY not in {*KEYS, *VELOCITY_KEYS}
+
+
+def until(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def test_a_key_that_means_nothing_says_once_which_do(terminal: Terminal) -> None:
+    told: list[str] = []
+    keyboard = Keyboard(tell=told.append)
+    terminal.type("d\x1b[A")
+    heard(keyboard, 1)
+    assert told == []
+    terminal.type("w")  # a velocity key, where nothing walks
+    until(lambda: told)
+    terminal.type("xyzd")
+    heard(keyboard, 1)
+    keyboard.close()
+    assert told == [f"the key 'w' means nothing; {key_help()}"]
+
+
+def test_where_the_robot_walks_the_velocity_keys_mean_something(terminal: Terminal) -> None:
+    told: list[str] = []
+    keyboard = Keyboard(VelocityCommand(np.zeros(3)), tell=told.append)
+    terminal.type("wsjk0d")
+    heard(keyboard, 1)
+    terminal.type("!")
+    until(lambda: told)
+    keyboard.close()
+    assert told == [f"the key '!' means nothing; {key_help()}; {velocity_key_help()}"]
+
+
+def test_one_key_asks_for_a_fresh_start(terminal: Terminal) -> None:
+    reactivation = Reactivation()
+    keyboard = Keyboard(reactivation=reactivation)
+    terminal.type("\x1be")  # alt e
+    terminal.type("d")
+    heard(keyboard, 1)
+    assert not reactivation.is_asked
+    terminal.type("e")
+    until(lambda: reactivation.is_asked)
+    keyboard.close()

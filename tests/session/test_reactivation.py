@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from fakes import FakeRobot, FakeSink, FakeSource, session
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
+
+DONE = "reactivated: the robot is verified and enabled afresh"
+
+
+def asked_at(tick: int, reactivation: Reactivation, **intents: Any) -> tuple[FakeSink, dict[str, Any]]:
+    """Options of a session in which an operator asks for it during a tick."""
+    sink = FakeSink(on_tick=lambda record: reactivation.request() if record.index == tick else None)
+    return sink, {"sinks": [sink], "reactivation": reactivation, "duration": 0.4, **intents}
+
+
+def test_the_stack_begins_again_without_torque() -> None:
+    reactivation, robot = Reactivation(), FakeRobot()
+    sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
+    session(robot, **options).run()
+    assert robot.log.count("activate") == 2
+    assert reactivation.answer == DONE
+    assert not reactivation.is_asked
+    assert sink.events == [DONE, "ending: duration of 0.4 s reached"]
+    modes = [record.output.control_mode.mode for record in sink.records]
+    assert modes[:6] == [Mode.ZERO_TORQUE] + [Mode.DAMPING] * 5
+    assert set(modes[6:]) == {Mode.ZERO_TORQUE}
+    assert sink.records[6].output.control_mode.status_message == "started"
+    assert [record.index for record in sink.records] == list(range(len(sink.records)))
+
+
+def test_in_motion_it_is_refused() -> None:
+    reactivation, robot = Reactivation(), FakeRobot()
+    sink, options = asked_at(5, reactivation, intents=[FakeSource({0: (Intent.DAMP,), 1: (Intent.LOAD_A,)})])
+    session(robot, **options).run()
+    assert robot.log.count("activate") == 1
+    refusal = "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"
+    assert sink.events[0] == reactivation.answer == refusal
+    assert not is_fresh_start(refusal)
+    assert sink.records[8].output.control_mode.mode is Mode.STANDBY
+
+
+def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_session_running() -> None:
+    reactivation, robot = Reactivation(), FakeRobot()
+    sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
+    robot.on_read = lambda _: setattr(robot, "activation_error", RobotError("left_elbow_pitch: no motor 14"))
+    session(robot, **options).run()
+    assert sink.events[0] == reactivation.answer == "REACTIVATE failed: left_elbow_pitch: no motor 14"
+    assert is_fresh_start(reactivation.answer)
+    assert sink.records[6].output.control_mode.mode is Mode.ZERO_TORQUE
+    assert len(sink.records) > 15
+
+
+def test_a_sticky_fault_is_gone_if_the_activation_cleared_it() -> None:
+    """As BUS_OFF: the robot reports it until it is activated again."""
+    reactivation, robot = Reactivation(), FakeRobot()
+    fault = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.BUS_OFF, "can0", "the bus is off")
+    sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.LOAD_A, Intent.DAMP)})])
+    options["safety_filter"] = lambda statuses: (fault,) if robot.log.count("activate") == 1 else statuses
+    session(robot, **options).run()
+    assert [record.input.safety for record in sink.records[4:8]] == [(fault,), (fault,), (), ()]
+
+
+def test_activation_takes_its_time_and_misses_no_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    from time import sleep  # noqa: PLC0415
+
+    reactivation, robot = Reactivation(), FakeRobot()
+    sink, options = asked_at(3, reactivation)
+    monkeypatch.setattr(robot, "activate", lambda: sleep(0.1))
+    result = session(robot, realtime=True, **options).run()
+    assert sink.events[0] == DONE
+    assert (result.overruns, result.skipped) == (0, 0)
