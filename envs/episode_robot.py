@@ -27,11 +27,14 @@ class PlantState:
     """Shape (nv,), generalised velocity."""
     acceleration: FloatArray | None = None
     """Shape (nv,), of the physics step before: where the solver begins, and what the IMU feels. None: zeros."""
+    effort: FloatArray | None = None
+    """Shape (n,), N·m, of the physics step before, which only reports show. None: zeros."""
 
     @classmethod
-    def of(cls, data: mujoco.MjData) -> PlantState:
-        """A copy of a simulation's."""
-        return cls(data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
+    def of(cls, robot: MujocoRobot) -> PlantState:
+        """A copy of a simulated robot's."""
+        data, (state, _) = robot.data, robot.read()
+        return cls(data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy(), state.joint_effort)
 
 
 class EpisodeRobot(MujocoRobot):
@@ -44,7 +47,8 @@ class EpisodeRobot(MujocoRobot):
         data.qpos[:], data.qvel[:] = start.qpos, start.qvel
         if start.acceleration is not None:
             data.qacc[:] = data.qacc_warmstart[:] = start.acceleration
-        self._joint_line.restart(self._step, self._joint_sample())
+        position, velocity, effort = self._joint_sample()
+        self._joint_line.restart(self._step, (position, velocity, effort if start.effort is None else start.effort))
         self._body_line.restart(self._step, self._senses.read(data))
 
     @property

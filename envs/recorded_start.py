@@ -41,7 +41,7 @@ def recorded_start(path: str | Path, description: RobotDescription) -> tuple[Pla
             robot.set_support(mode not in _FREE)
         if mode is Mode.LOCOMOTION:
             _check(recording, robot, tick)
-            return PlantState.of(robot.data), tick.input.state
+            return PlantState.of(robot), tick.input.state
         robot.write(tick.output.command)
     raise InputError(f"{path}: never comes to LOCOMOTION, so there is no start to take from it")
 

@@ -1,0 +1,181 @@
+"""A policy in the environment and the same policy in `play`: one trajectory, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+import yaml
+from onnx import TensorProto, helper, numpy_helper
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.controllers.base import RL_POLICY
+from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.envs.episode_robot import PlantState
+from humanoid_sim.envs.policy_env import PolicyEnv
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent, Mode, TickInput
+from humanoid_sim.play import main
+from humanoid_sim.play.options import SAMPLE_POLICY, motion_path
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.policy.onnx_policy import load_checkpoint
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.stack import build_supervisor, load_policy
+
+BIPED_CONTRACT = asset_path("policies", "lite_biped_velocity.contract.yaml")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder; the sockets of `play` go there too."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path
+
+
+def hasty(folder: Path, name: str) -> str:
+    """A shipped robot that reaches its standby poses in 0.4 s; its path."""
+    document = yaml.safe_load(asset_path("robots", f"{name}.yaml").read_text(encoding="utf-8"))
+    document["mjcf"] = str((asset_path("robots") / document["mjcf"]).resolve())
+    for pose in ("a", "b"):
+        standby = document[f"standby_controller_{pose}"]
+        standby["segment_durations"] = [0.2] * len(standby["segment_durations"])
+    path = folder / f"{name}.yaml"
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return str(path)
+
+
+def policy_ticks(path: Path) -> list[TickRecord]:
+    ticks = open_recording(path).ticks()
+    return [tick for tick in ticks if tick.output.control_mode.mode is Mode.LOCOMOTION and tick.output.policy_step]
+
+
+def assert_same_trajectory(
+    env: PolicyEnv, options: dict[str, Any], policy: Callable[..., Any], ticks: list[TickRecord]
+) -> None:
+    observation, info = env.reset(options=options)
+    for tick in ticks:
+        step = tick.output.policy_step
+        assert step is not None
+        state, _ = env.robot.read()
+        for name in ("joint_position", "joint_velocity", "joint_effort", "imu_quaternion", "imu_angular_velocity"):
+            assert getattr(state, name).tobytes() == getattr(tick.input.state, name).tobytes(), name
+        assert env.robot.qpos.tobytes() == tick.qpos.tobytes()  # type: ignore[union-attr]
+        assert observation.tobytes() == step.observation.tobytes()
+        assert info["frame"] == step.frame
+        action = policy(observation, info["frame"])
+        assert action.tobytes() == step.action.tobytes()
+        observation, _, _, _, info = env.step(action)
+        assert "fault" not in info
+
+
+@pytest.mark.parametrize("actuation", ["affine", "qfrc_applied"])
+def test_the_sample_policy_from_a_recording(folder: Path, actuation: Any) -> None:
+    robot = hasty(folder, "lite")
+    options = ("--viewer", "none", "--record", "r.mcap", "--robot", robot, "--actuation", actuation)
+    assert main([*options, "--script", "damp; load_a; wait; start_locomotion; hold 2; damp"]) == 0
+    ticks = policy_ticks(folder / "r.mcap")
+    assert len(ticks) >= 100
+    env = PolicyEnv("lite_tracking", robot, "wave", actuation=actuation)
+    assert_same_trajectory(env, {"recording": "r.mcap"}, load_checkpoint(SAMPLE_POLICY).policy, ticks)
+
+
+def test_a_free_standing_robot_from_a_recording(folder: Path) -> None:
+    robot = hasty(folder, "lite_biped")
+    weights = np.random.default_rng(0).normal(0.0, 0.02, (51, 14)).astype(np.float32)
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
+        "policy",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, 51])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 14])],
+        [numpy_helper.from_array(weights, "weights")],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), "walk.onnx")
+    options = ("--viewer", "none", "--record", "r.mcap", "--robot", robot, "--policy", "walk.onnx")
+    script = (
+        "--script",
+        "damp; load_a; wait; start_locomotion; hold 1.2; damp",
+        "--yaw",
+        "1",
+        "--command",
+        "0.3,0,0.2",
+    )
+    main([*options, *script, "--contract", str(BIPED_CONTRACT)])  # it may fall: nobody trained it
+    ticks = policy_ticks(folder / "r.mcap")
+    assert len(ticks) >= 50
+    policy = load_checkpoint(Path("walk.onnx"), BIPED_CONTRACT).policy
+    env = PolicyEnv(BIPED_CONTRACT, robot, actuation="qfrc_applied")
+    assert_same_trajectory(env, {"recording": "r.mcap"}, policy, ticks)
+    assert np.ptp([tick.input.state.joint_position[3] for tick in ticks]) > 0.01  # it does move
+
+
+class Taker:
+    """A sink that keeps the ticks."""
+
+    def __init__(self) -> None:
+        self.ticks: list[TickRecord] = []
+        self.backlog = 0
+
+    def start(self, header: SessionHeader) -> None: ...
+
+    def tick(self, record: TickRecord) -> None:
+        self.ticks.append(record)
+
+    def event(self, time: float, text: str) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def test_the_state_and_the_memory_of_a_running_session(folder: Path) -> None:
+    description = load_robot(hasty(folder, "lite"))
+    checkpoint = load_checkpoint(SAMPLE_POLICY)
+    loaded = load_policy(checkpoint.contract, checkpoint.policy, read_motion(motion_path("reach")))
+    robot = MujocoRobot(description, actuation="affine")
+    supervisor = build_supervisor(description, robot.control_period, loaded)
+    taker, settings = Taker(), LoopSettings(robot.control_period, realtime=False, simulated=True)
+    header = SessionHeader("lite", robot.joints, robot.control_period, 0)
+    session = Session(robot, supervisor, settings, header=header, sinks=[taker], qpos=lambda: robot.qpos)
+    for intents in ((Intent.DAMP,), (Intent.LOAD_A,), *[()] * 90, (Intent.START_LOCOMOTION,), *[()] * 43):
+        if intents == (Intent.START_LOCOMOTION,):
+            state, _ = robot.read()
+            controller = supervisor.controllers[RL_POLICY]
+            assert isinstance(controller, RLPolicyController)
+            begin, plant = len(taker.ticks), PlantState.of(robot)
+        session.tick(intents)
+    middle, later = PlantState.of(robot), session.memory.controller_memory
+    assert later.held_ticks == controller.decimation  # the next tick infers
+    for _ in range(41):
+        session.tick(())
+    ticks = [tick for tick in taker.ticks[begin:] if tick.output.policy_step]
+
+    env = PolicyEnv("lite_tracking", description, "reach")
+    memory = controller.activate(TickInput(state))
+    assert_same_trajectory(env, {"state": plant, "memory": memory}, checkpoint.policy, ticks)
+    assert_same_trajectory(env, {"state": middle, "memory": later}, checkpoint.policy, ticks[-11:])
+
+
+def test_recordings_that_hold_no_start_are_refused(folder: Path) -> None:
+    robot = hasty(folder, "lite")
+    options = ("--viewer", "none", "--record", "r.mcap", "--overwrite", "--robot", robot)
+    env = PolicyEnv("lite_tracking", robot, "wave")
+    main([*options, "--script", "damp; hold 0.1"])
+    with pytest.raises(InputError, match=r"r\.mcap: never comes to LOCOMOTION"):
+        env.reset(options={"recording": "r.mcap"})
+    main([*options, "--script", "damp; load_a; wait; start_locomotion; hold 0.1; damp", "--command-delay", "0.001"])
+    with pytest.raises(
+        InputError, match=r"r\.mcap: its joint_position at LOCOMOTION is not repeated, .* without delays"
+    ):
+        env.reset(options={"recording": "r.mcap"})
+    biped = PolicyEnv("lite_biped_velocity", "lite_biped")
+    with pytest.raises(InputError, match=r"r\.mcap: is of the robot 'lite', the environment's 'lite_biped'"):
+        biped.reset(options={"recording": "r.mcap"})
+    with pytest.raises(InputError, match=r"missing\.mcap"):
+        env.reset(options={"recording": "missing.mcap"})
