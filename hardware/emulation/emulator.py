@@ -1,0 +1,243 @@
+"""Motors on their buses, as one simulation of events: frames in, with their times; frames out, with theirs.
+
+Nothing here waits or knows what time it is: `advance` says how far to go. `humanoid_sim.hardware.emulation.host` runs
+it in real time on python-can channels.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Iterable
+from itertools import count
+from typing import NamedTuple
+
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.frame_faults import FrameFaults
+from humanoid_sim.hardware.emulation.motor_faults import begin_motor_fault, end_motor_fault
+from humanoid_sim.hardware.emulation.motors import Motors, Told
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.wire import HOST, OTHER_HOST, Transmission, Wire
+from humanoid_sim.hardware.robstride.codec import encode_command
+from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.robstride.messages import OperationControl
+from humanoid_sim.robots.description import RobotDescription
+
+__all__ = ["Arrival", "BusLoad", "Emulator"]
+
+_BUS_OFF = Frame(0x040, bytes(8), is_error=True)
+"""CAN_ERR_BUSOFF of linux/can/error.h."""
+
+
+class Arrival(NamedTuple):
+    """A frame that the computer receives."""
+
+    time: float
+    """s, emulator's clock: when it had come over the bus, or later where a fault delays it."""
+    bus: int
+    frame: Frame
+
+
+class BusLoad(NamedTuple):
+    """What a bus has carried so far."""
+
+    frames: int
+    busy: float
+    """s for which it was occupied."""
+
+
+class Emulator:
+    """A robot's motors on one bus, or on as many as the robot has. Not thread-safe."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        bus_count: int = 1,
+        *,
+        settings: EmulationSettings | None = None,
+        faults: Iterable[Fault] = (),
+        told: Told | None = None,
+    ) -> None:
+        """Power everything on.
+
+        Args:
+            description: the robot.
+            bus_count: 1, all motors on one bus, or the number of the robot's buses.
+            settings: how motors and buses are; None for the defaults.
+            faults: to come.
+            told: is called with the time, s, and a line for a person when a motor or a fault changes.
+
+        Raises:
+            InputError: the number of buses does not fit the robot, or see `Motors`.
+        """
+        settings = settings or EmulationSettings()
+        self.motors = Motors(description, settings, told)
+        self.time = 0.0
+        """s, how far the simulation has come."""
+        driven = [joint.motor for joint in self.motors.plant.joints if joint.motor is not None]
+        buses = 1 + max(motor.bus for motor in driven)
+        if bus_count not in (1, buses):
+            accepted = "1" if buses == 1 else f"1 or {buses}"
+            raise InputError(f"{description.name}: {bus_count} channels, but its motors are on {accepted}")
+        self._bus_of = [motor.bus if bus_count > 1 else 0 for motor in driven]
+        self._on_bus = [[i for i, bus in enumerate(self._bus_of) if bus == b] for b in range(bus_count)]
+        self._wires = [Wire(settings.bitrate) for _ in range(bus_count)]
+        self._reply_delay = settings.reply_delay
+        self._is_off = [False] * bus_count
+        self._frame_faults = FrameFaults(settings.seed)
+        self._host_faults: list[list[str]] = [[] for _ in range(bus_count)]
+        self._arrivals: list[tuple[float, int, Arrival]] = []
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self._serial = count()
+        self._told = told
+        for fault in faults:
+            self.inject(fault)
+
+    @property
+    def bus_count(self) -> int:
+        """Channels."""
+        return len(self._wires)
+
+    def load(self, bus: int) -> BusLoad:
+        """What a bus has carried so far."""
+        return BusLoad(self._wires[bus].frames, self._wires[bus].busy)
+
+    def waiting(self, bus: int) -> int:
+        """Frames of the computer that have not got onto a bus yet: what its driver's queue would hold."""
+        return self._wires[bus].waiting(HOST)
+
+    def host_fault(self, bus: int) -> str:
+        """What is wrong with the computer's end of a bus: `bus_off`, `enobufs`, or nothing (empty)."""
+        if self._is_off[bus]:
+            return "bus_off"
+        return self._host_faults[bus][-1] if self._host_faults[bus] else ""
+
+    def submit(self, bus: int, frame: Frame, time: float) -> None:
+        """The computer sends a frame. `time`, s; what is past counts as now. A bus that is off takes nothing."""
+        if not self._is_off[bus]:
+            self._wires[bus].submit(HOST, frame, max(time, self.time))
+
+    def advance(self, until: float) -> list[Arrival]:
+        """Go on to `until`, s; what the computer has received until then, in order."""
+        motors, wires, due = self.motors, self._wires, self._due
+        while True:
+            step_at = motors.next_time
+            wire_at, bus = min((wire.next_time, index) for index, wire in enumerate(wires))
+            due_at = due[0][0] if due else math.inf
+            now = min(step_at, wire_at, due_at)
+            if now > until:
+                break
+            self.time = max(self.time, now)
+            if due_at == now:
+                heapq.heappop(due)[2]()
+            elif step_at == now:
+                for motor, frame in motors.step():
+                    self._send(motor, frame, now)
+            else:
+                transmission = wires[bus].step()
+                if transmission is not None:
+                    self._pass_on(bus, transmission)
+        self.time = max(self.time, until)
+        received = []
+        while self._arrivals and self._arrivals[0][0] <= until:
+            received.append(heapq.heappop(self._arrivals)[2])
+        return received
+
+    def inject(self, fault: Fault) -> None:
+        """Schedule a fault; one whose start is past begins now and lasts as long as it says.
+
+        Raises:
+            InputError: it names a joint without a motor.
+        """
+        motors = self._motors_of(fault)
+        start = max(fault.start, self.time)
+        self._at(start, lambda: self._begin(fault, motors))
+        if not math.isinf(fault.duration):
+            self._at(start + fault.duration, lambda: self._end(fault, motors))
+
+    def _tell(self, text: str) -> None:
+        if self._told is not None:
+            self._told(self.time, text)
+
+    def _at(self, time: float, action: Callable[[], None]) -> None:
+        heapq.heappush(self._due, (time, next(self._serial), action))
+
+    def _motors_of(self, fault: Fault) -> list[int]:
+        names = [joint.name for joint in self.motors.plant.joints]
+        for name in fault.joints:
+            if name not in names:
+                raise InputError(f"fault '{fault.kind}': {known_names('joint', name, names)}")
+        return [i for i, name in enumerate(names) if not fault.joints or name in fault.joints]
+
+    def _begin(self, fault: Fault, motors: list[int]) -> None:
+        self._tell(f"fault: {fault}")
+        if fault.info.scope == "frames":
+            for motor in motors:
+                self._frame_faults.begin(fault.kind, motor, fault.amount)
+        elif fault.info.scope == "motor":
+            for motor in motors:
+                begin_motor_fault(self.motors, motor, fault.kind, fault.amount)
+        else:
+            for bus in sorted({self._bus_of[motor] for motor in motors}):
+                self._begin_on_bus(fault, bus)
+
+    def _end(self, fault: Fault, motors: list[int]) -> None:
+        self._tell(f"fault over: {fault}")
+        if fault.info.scope == "frames":
+            for motor in motors:
+                self._frame_faults.end(fault.kind, motor)
+        elif fault.info.scope == "motor":
+            for motor in motors:
+                for frame in end_motor_fault(self.motors, motor, fault.kind, fault.amount):
+                    self._send(motor, frame, self.time)
+        else:
+            for bus in {self._bus_of[motor] for motor in motors}:
+                if fault.kind == "bus_off":
+                    self._is_off[bus] = False
+                elif fault.info.scope == "host":
+                    self._host_faults[bus].remove(fault.kind)
+
+    def _begin_on_bus(self, fault: Fault, bus: int) -> None:
+        if fault.kind == "bus_off":
+            self._is_off[bus] = True
+            self._wires[bus].clear()
+            self._arrive(self.time, bus, _BUS_OFF)
+        elif fault.kind == "other_master":
+            self._interfere(fault, bus, self.time + fault.duration)
+        else:
+            self._host_faults[bus].append(fault.kind)
+
+    def _interfere(self, fault: Fault, bus: int, end: float) -> None:
+        """Another computer commands zero torque to every motor of a bus, and does so again and again."""
+        if self.time >= end:
+            return
+        for motor in self._on_bus[bus]:
+            model = self.motors.identities[motor].model
+            command = OperationControl(self.motors.states[motor].can_id, 0.0, 0.0, 0.0, 0.0, 0.0)
+            if not self._is_off[bus]:
+                self._wires[bus].submit(OTHER_HOST, encode_command(command, model), self.time)
+        self._at(self.time + 1.0 / fault.amount, lambda: self._interfere(fault, bus, end))
+
+    def _send(self, motor: int, frame: Frame, time: float) -> None:
+        bus = self._bus_of[motor]
+        if not self._is_off[bus]:
+            self._wires[bus].submit(motor, frame, time)
+
+    def _pass_on(self, bus: int, transmission: Transmission) -> None:
+        """A frame has come over the bus: to the motor that it names, or to the computer."""
+        time, node, frame = transmission.time, transmission.node, transmission.frame
+        if node >= 0:
+            for arrival, received in self._frame_faults.arrivals(node, frame, time):
+                self._arrive(arrival, bus, received)
+            return
+        if node == OTHER_HOST:
+            self._arrive(time, bus, frame)
+        destination = frame.arbitration_id & 0xFF
+        for motor in self._on_bus[bus]:
+            if self.motors.states[motor].can_id == destination and self._frame_faults.reaches(motor):
+                for reply in self.motors.receive(motor, frame, time):
+                    self._send(motor, reply, time + self._reply_delay)
+
+    def _arrive(self, time: float, bus: int, frame: Frame) -> None:
+        heapq.heappush(self._arrivals, (time, next(self._serial), Arrival(time, bus, frame)))

@@ -1,0 +1,175 @@
+"""Emulated motors in real time on python-can channels: a thread that takes frames, lets time pass, and sends frames."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Self
+
+import can
+
+from humanoid_sim.hardware.emulation.emulator import Emulator
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.plant import PlantTruth
+from humanoid_sim.hardware.robstride.frames import Frame
+
+__all__ = ["EmulatorHost"]
+
+_POLL_PERIOD = 0.0005
+"""s between two looks at the channels. Frames are emulated at the times of their stamps, not of these looks."""
+_TRUTH_PERIOD = 0.002
+"""s between two snapshots of the truth: 500 Hz, the rate of a common IMU."""
+_MOST_AT_ONCE = 256
+"""Frames taken from one channel before time goes on: a flood must not stop the motors."""
+_JOIN = 5.0
+"""s that closing waits for the thread."""
+
+
+class EmulatorHost:
+    """Runs an emulator until it is closed. `inject` and the like may be called from any thread.
+
+    A frame is emulated at the time of its stamp, so that a thread that is late changes nothing but when the answers can
+    be read; their stamps again say when they came over the bus, where the interface keeps them.
+    """
+
+    def __init__(
+        self,
+        emulator: Emulator,
+        buses: Sequence[can.BusABC],
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        echoes: bool = False,
+    ) -> None:
+        """Start.
+
+        Args:
+            emulator: with as many buses.
+            buses: open; they stay so, closing them is the caller's.
+            clock: s.
+            echoes: whether a sender on these channels hears itself.
+        """
+        self._emulator = emulator
+        self._buses = tuple(buses)
+        self._clock = clock
+        self._begin = clock()
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._echoes: tuple[Counter[tuple[int, bytes]], ...] | None = (
+            tuple(Counter() for _ in self._buses) if echoes else None
+        )
+        self._truth = emulator.motors.plant.truth(self._begin)
+        self.send_errors = 0
+        """Frames that a channel did not take."""
+        self.failure: Exception | None = None
+        """Why the thread has ended; None while it runs."""
+        self._thread = threading.Thread(target=self._run, name="emulated motors", daemon=True)
+        self._thread.start()
+
+    @property
+    def truth(self) -> PlantTruth:
+        """The latest snapshot, at most a few ms old; its time is on the host's clock."""
+        return self._truth
+
+    @property
+    def time(self) -> float:
+        """Seconds since the motors were powered on: the clock of faults."""
+        return self._clock() - self._begin
+
+    def inject(self, fault: Fault) -> None:
+        """Schedule a fault on the clock of `time`; one whose start is past begins at once.
+
+        Raises:
+            InputError: it names a joint without a motor.
+        """
+        with self._lock:
+            self._emulator.inject(fault)
+
+    def call(self, action: Callable[[Emulator], None]) -> None:
+        """Do something with the emulator between two of its events."""
+        with self._lock:
+            action(self._emulator)
+
+    def close(self) -> None:
+        """Stop the thread: the motors are gone. May be called twice.
+
+        Raises:
+            Exception: that of the thread, if it had ended by one.
+        """
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._thread.join(_JOIN)
+        if self.failure is not None:
+            raise self.failure
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        next_look = self._clock()
+        next_truth = next_look
+        try:
+            while not self._closing.is_set():
+                with self._lock:
+                    now = self._clock()
+                    self._look(now)
+                    if now >= next_truth:
+                        self._truth = self._emulator.motors.plant.truth(now)
+                        next_truth = now + _TRUTH_PERIOD
+                next_look = max(next_look + _POLL_PERIOD, self._clock())
+                time.sleep(max(next_look - self._clock(), 0.0))
+        except Exception as error:
+            self.failure = error
+
+    def _look(self, now: float) -> None:
+        """Take what has come, let time pass, send what is due."""
+        until = now - self._begin
+        # What python-can stamps is the system's wall clock, or whatever a driver counts: see `_arrival`.
+        wall = time.time()
+        for index, bus in enumerate(self._buses):
+            for _ in range(_MOST_AT_ONCE):
+                message = bus.recv(0.0)
+                if message is None:
+                    break
+                if message.is_error_frame or message.is_fd or not message.is_rx:
+                    continue
+                data = bytes(message.data)
+                if self._echoes is not None and self._is_echo(index, message.arbitration_id, data):
+                    continue
+                frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame)
+                self._emulator.submit(index, frame, self._arrival(message.timestamp, wall, until))
+        for arrival in self._emulator.advance(until):
+            frame = arrival.frame
+            if self._echoes is not None:
+                self._echoes[arrival.bus][frame.arbitration_id, frame.data] += 1
+            message = can.Message(
+                timestamp=wall - until + arrival.time,
+                arbitration_id=frame.arbitration_id,
+                data=frame.data,
+                is_extended_id=frame.is_extended,
+                is_remote_frame=frame.is_remote,
+                is_error_frame=frame.is_error,
+            )
+            try:
+                self._buses[arrival.bus].send(message)
+            except can.CanError:
+                self.send_errors += 1
+
+    def _arrival(self, stamp: float, wall: float, now: float) -> float:
+        """The emulator's time of a stamp: between the last look, which the emulator sees to itself, and now."""
+        return min(now - (wall - stamp), now) if wall - stamp < _JOIN else now
+
+    def _is_echo(self, bus: int, arbitration_id: int, data: bytes) -> bool:
+        echoes = self._echoes[bus] if self._echoes is not None else Counter()
+        if not echoes[arbitration_id, data]:
+            del echoes[arbitration_id, data]
+            return False
+        echoes[arbitration_id, data] -= 1
+        if not echoes[arbitration_id, data]:
+            del echoes[arbitration_id, data]
+        return True

@@ -1,0 +1,120 @@
+"""What an emulated motor is, what it remembers, and what it feels: plain data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import NamedTuple
+
+from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.firmware import Firmware, FirmwareVersion
+from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID, BaudRate, OperationControl, Protocol
+from humanoid_sim.hardware.robstride.models import POSITION_RANGE, MotorModel
+from humanoid_sim.hardware.robstride.scale import Scale
+
+__all__ = ["NO_FAULT", "NO_STATUS_FAULT", "NO_WARNING", "MotorIdentity", "MotorState", "Sensed", "Stored"]
+
+NO_STATUS_FAULT = StatusFault(0)
+NO_FAULT = FaultBit(0)
+NO_WARNING = WarningBit(0)
+
+
+@dataclass(frozen=True, slots=True)
+class MotorIdentity:
+    """A motor as it left the factory, with its firmware."""
+
+    model: MotorModel
+    """With this firmware's position range."""
+    uid: bytes
+    """8 bytes."""
+    version: FirmwareVersion
+    firmware: Firmware
+    """What this version does differently."""
+    scale: Scale = Scale.REFERENCE
+    """How it reads and writes signed fields."""
+    stall_time: float = 2.0
+    """s at the torque limit without motion after which the overload protection trips; infinity: never. The manuals
+    name the protection, not its rule."""
+
+    @property
+    def keeps_target(self) -> bool:
+        """Whether setting the zero leaves the position target, so that a motor that holds a position jumps.
+
+        The firmware notes say "old firmware" without a number: taken to be that with the old position range.
+        """
+        return self.firmware.position_range != POSITION_RANGE
+
+    @property
+    def torque_per_ampere(self) -> float:
+        """N·m/A, of phase current. Not stated anywhere: peak torque at peak current, and proportional below."""
+        return self.model.peak_torque / self.model.peak_current
+
+
+class Sensed(NamedTuple):
+    """What a motor's own sensors say at one instant."""
+
+    shaft: float
+    """rad, motor frame, the shaft's angle with all its turns."""
+    velocity: float = 0.0
+    """rad/s"""
+    torque: float = 0.0
+    """N·m, from the phase currents."""
+    temperature: float = 25.0
+    """°C"""
+    voltage: float = 48.0
+    """V"""
+    encoder_fault: bool = False
+    overcurrent: bool = False
+    overloaded: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """What survives without power."""
+
+    can_id: int
+    parameters: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Saved values by index; what is not in it has its default."""
+    zero: float = 0.0
+    """rad, the shaft's angle, up to whole turns, that counts as 0."""
+    baud_rate: BaudRate = BaudRate.KBIT_1000
+    protocol: Protocol = Protocol.PRIVATE
+
+
+@dataclass(frozen=True, slots=True)
+class MotorState:
+    """A motor between two events. Times are s on the emulator's clock."""
+
+    can_id: int
+    stored: Stored
+    parameters: Mapping[int, float]
+    """Present values by index."""
+    origin: float
+    """rad, the shaft's angle that counts as position 0, turns included."""
+    mode: MotorMode = MotorMode.RESET
+    command: OperationControl | None = None
+    """In force in operation mode; none: no torque. As decoded, before the firmware's gain factor."""
+    host_id: int = DEFAULT_HOST_ID
+    """To whom it answers. Operation control frames have no room for the host's id, and where the motor takes it from is
+    not documented: here it is the last host that sent any other command."""
+    heard: float = -math.inf
+    """When the last frame for this motor came: of any type, which is not documented either."""
+    status_faults: StatusFault = NO_STATUS_FAULT
+    """Latched until they are cleared."""
+    faults: FaultBit = NO_FAULT
+    """Latched likewise."""
+    warnings: WarningBit = NO_WARNING
+    """Of the present."""
+    next_report: float = math.inf
+    """When the next active report is due; infinity: they are off."""
+    overloaded_since: float = math.inf
+    """When the torque reached its limit without motion; infinity: it has not."""
+    is_deaf: bool = False
+    """It was set to another protocol or bit rate, and does not understand this bus."""
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it is enabled."""
+        return self.mode is MotorMode.RUN

@@ -1,0 +1,204 @@
+"""All motors of a robot with what they move: firmwares, control loops and physics, step by step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from humanoid_sim.hardware.emulation import firmware
+from humanoid_sim.hardware.emulation.drives import Drives
+from humanoid_sim.hardware.emulation.motor_state import MotorState, Sensed, Stored
+from humanoid_sim.hardware.emulation.plant import MotorPlant
+from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
+from humanoid_sim.hardware.robstride.codec import encode_reply
+from humanoid_sim.hardware.robstride.faults import MotorMode, flag_names
+from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.robstride.messages import DeviceId
+from humanoid_sim.robots.description import RobotDescription
+
+__all__ = ["Conditions", "Motors", "Told"]
+
+Told = Callable[[float, str], None]
+"""Is told the time, s on the emulator's clock, and a line for a person."""
+
+_CHECK_PERIOD = 0.005
+"""s between two looks of a firmware at its own sensors."""
+
+
+@dataclass(slots=True)
+class Conditions:
+    """What a fault makes of a motor; as long as there is none, its sensors tell the truth."""
+
+    temperature: float | None = None
+    """°C"""
+    voltage: float | None = None
+    """V"""
+    encoder_fault: bool = False
+    overcurrent: bool = False
+    overloaded: bool = False
+    is_silent: bool = False
+    has_power: bool = True
+
+
+class Motors:
+    """The motors of one robot, each known by its index among the driven joints. Not thread-safe."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        settings: EmulationSettings,
+        told: Told | None = None,
+    ) -> None:
+        """Power all motors on, the robot at rest in its initial position.
+
+        Args:
+            description: the robot.
+            settings: how its motors are.
+            told: is called when a motor changes its mode or its faults, with the time and a line for a person.
+
+        Raises:
+            InputError: see `MotorPlant` and `motor_identities`.
+        """
+        self.identities = motor_identities(description, settings)
+        self.plant = MotorPlant(
+            description,
+            physics_timestep=settings.physics_timestep,
+            homing_offset=settings.homing_offset,
+            support=settings.support,
+            base_yaw=settings.base_yaw,
+            base_height=settings.base_height,
+            anchor_body=settings.anchor_body,
+        )
+        self._settings = settings
+        self._told = told
+        self._drives = Drives(self.identities)
+        count = len(self.identities)
+        self._jump = np.zeros(count)
+        self._read = np.empty(count)
+        self.conditions = [Conditions() for _ in range(count)]
+        """One per motor, to be changed by faults, followed by `look`."""
+        self._steps = 0
+        self._steps_between_checks = max(round(_CHECK_PERIOD / self.plant.timestep), 1)
+        self._look_at = 0.0
+        self.states: list[MotorState] = []
+        """One per motor."""
+        for i, joint in enumerate(self.plant.joints):
+            assert joint.motor is not None
+            stored = Stored(joint.motor.can_id)
+            self.states.append(firmware.power_on(self.identities[i], stored, self.sensed(i)))
+            self._drives.follow(i, self.states[i])
+
+    @property
+    def time(self) -> float:
+        """s, of the latest physics step."""
+        return self._steps * self.plant.timestep
+
+    @property
+    def next_time(self) -> float:
+        """s, of the next physics step."""
+        return (self._steps + 1) * self.plant.timestep
+
+    def name(self, motor: int) -> str:
+        """The joint that a motor drives."""
+        return self.plant.joints[motor].name
+
+    def sensed(self, motor: int) -> Sensed:
+        """What a motor's sensors say now."""
+        conditions, settings = self.conditions[motor], self._settings
+        temperature, voltage = conditions.temperature, conditions.voltage
+        return Sensed(
+            float(self.plant.shaft[motor] + self._jump[motor]),
+            float(self.plant.velocity[motor]),
+            float(self.plant.torque[motor]),
+            float(settings.room_temperature + self._drives.rise[motor]) if temperature is None else temperature,
+            settings.supply_voltage if voltage is None else voltage,
+            conditions.encoder_fault,
+            conditions.overcurrent,
+            conditions.overloaded,
+        )
+
+    def receive(self, motor: int, frame: Frame, time: float) -> tuple[Frame, ...]:
+        """A frame reaches a motor; what it answers."""
+        if not self.conditions[motor].has_power:
+            return ()
+        reaction = firmware.receive(self.identities[motor], self.states[motor], frame, self.sensed(motor), time)
+        return self._take(motor, reaction, time)
+
+    def step(self) -> list[tuple[int, Frame]]:
+        """One period of the control loops and of physics; what motors send of themselves at its end."""
+        plant, drives = self.plant, self._drives
+        np.add(plant.shaft, self._jump, out=self._read)
+        plant.step(drives.torque(self._read, plant.velocity, plant.timestep))
+        self._steps += 1
+        time = self.time
+        if self._steps % self._steps_between_checks == 0:
+            drives.warm(plant.torque, self._steps_between_checks * plant.timestep)
+            self._look_at = time
+        if time < self._look_at:
+            return []
+        sent = []
+        for motor, state in enumerate(self.states):
+            if self.conditions[motor].has_power:
+                reaction = firmware.advance(self.identities[motor], state, self.sensed(motor), time)
+                sent += [(motor, frame) for frame in self._take(motor, reaction, time)]
+        self._look_at = min((firmware.next_time(state) for state in self.states), default=math.inf)
+        return sent
+
+    def look(self) -> None:
+        """Let every firmware look at its sensors after the next step, because something has changed."""
+        self._look_at = 0.0
+
+    def jump(self, motor: int, angle: float) -> None:
+        """The angle that a motor's encoder reads jumps, rad."""
+        self._jump[motor] += angle
+
+    def fall_back(self, motor: int) -> None:
+        """A motor falls back to reset mode of itself, with no fault bit."""
+        state = replace(self.states[motor], mode=MotorMode.RESET, command=None)
+        self._take(motor, firmware.Reaction(state), self.time)
+
+    def set_power(self, motor: int, is_on: bool) -> tuple[Frame, ...]:
+        """Cut a motor's power, or boot it: it then announces itself, as drivers report of real ones.
+
+        The position target, the turns and everything that was not saved are lost.
+        """
+        conditions = self.conditions[motor]
+        if conditions.has_power == is_on:
+            return ()
+        identity, state = self.identities[motor], self.states[motor]
+        conditions.has_power = is_on
+        fresh = firmware.power_on(identity, state.stored, self.sensed(motor))
+        self._tell(motor, self.time, "power on" if is_on else "power off")
+        self._take(motor, firmware.Reaction(fresh), self.time)
+        if not is_on or fresh.is_deaf:
+            return ()
+        return (encode_reply(DeviceId(fresh.can_id, identity.uid), identity.model),)
+
+    def _take(self, motor: int, reaction: firmware.Reaction, time: float) -> tuple[Frame, ...]:
+        before, state = self.states[motor], reaction.state
+        if state is not before:
+            self.states[motor] = state
+            if (
+                state.command is not before.command
+                or state.mode is not before.mode
+                or state.parameters is not before.parameters
+                or state.origin != before.origin
+            ):
+                self._drives.follow(motor, state)
+            self._look_at = min(self._look_at, firmware.next_time(state))
+            self._tell_change(motor, before, state, time)
+        return () if self.conditions[motor].is_silent else reaction.frames
+
+    def _tell_change(self, motor: int, before: MotorState, state: MotorState, time: float) -> None:
+        if state.mode is not before.mode:
+            self._tell(motor, time, "enabled" if state.is_running else "stopped, in reset mode")
+        if state.status_faults != before.status_faults or state.faults != before.faults:
+            names = dict.fromkeys((*flag_names(state.status_faults), *flag_names(state.faults)))
+            self._tell(motor, time, ", ".join(names) or "faults cleared")
+
+    def _tell(self, motor: int, time: float, text: str) -> None:
+        if self._told is not None:
+            self._told(time, f"{self.name(motor)}: {text}")

@@ -1,0 +1,204 @@
+"""The robot that emulated motors move: MuJoCo under the torque of every motor, and what a motor can feel of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.errors import InputError, RobotError, known_names
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.schema import JointDescription
+from humanoid_sim.simulation.floating_base import FloatingBase
+from humanoid_sim.simulation.imu import ImuSample
+from humanoid_sim.simulation.plant import make_plant
+from humanoid_sim.simulation.senses import BodySenses
+
+__all__ = ["MotorPlant", "PlantTruth"]
+
+_JAM = 1e4
+"""N·m of dry friction of a jammed joint: more than any motor has."""
+_HAND_STIFFNESS = 60.0
+"""N·m/rad with which a hand leads a joint."""
+_HAND_DAMPING = 3.0
+"""N·m·s/rad"""
+_HAND_STRENGTH = 30.0
+"""N·m"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlantTruth:
+    """What is really so at one instant: what no motor and no bus has touched."""
+
+    time: float
+    """s, on the clock of whoever publishes it: the emulator's own, or that of its host."""
+    joint_position: FloatArray
+    """Shape (n,), rad, joint frame, in the description's order."""
+    joint_velocity: FloatArray
+    """Shape (n,), rad/s, joint frame."""
+    joint_effort: FloatArray
+    """Shape (n,), N·m, joint frame: the motors' torque in the latest physics step."""
+    qpos: FloatArray
+    """Shape (nq,), MuJoCo's generalised position."""
+    imu: ImuSample
+    live: Mapping[str, FloatArray]
+    """Live inputs that only a simulation or an estimator knows, by name; see `BodySenses`."""
+
+
+class MotorPlant:
+    """The robot's dynamics; motor arrays are shape (m,), in the motor frame, one motor per driven joint in order.
+
+    The motor frame is that of a motor's shaft as the robot is assembled: `shaft = direction · joint + homing_offset`.
+    What a motor makes of its shaft's angle (turns, zero) is the firmware's. Joints without a motor stay passive.
+    Not thread-safe.
+    """
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        *,
+        physics_timestep: float | None = None,
+        homing_offset: Mapping[str, float] | None = None,
+        support: bool = True,
+        base_yaw: float = 0.0,
+        base_height: float | None = None,
+        anchor_body: str = "",
+    ) -> None:
+        """Build the model, at rest in the initial position.
+
+        Args:
+            description: the robot.
+            physics_timestep: s; None for the description's.
+            homing_offset: rad, by joint: the shaft's angle where the joint is at 0; 0 for joints that are not named.
+            support: whether a floating base starts held.
+            base_yaw: rad; of a floating base.
+            base_height: m; of a floating base, None for the description's.
+            anchor_body: MJCF body whose pose is among the live inputs; empty for none.
+
+        Raises:
+            InputError: the robot has no motor, an offset names no driven joint, or the MJCF does not fit.
+        """
+        plant = make_plant(description, physics_timestep=physics_timestep)
+        self._plant = plant
+        self.description = description
+        driven = [(i, joint) for i, joint in enumerate(description.joints) if joint.motor is not None]
+        if not driven:
+            raise InputError(f"{description.name}: no joint has a motor, so there is nothing to emulate")
+        self.joints: tuple[JointDescription, ...] = tuple(joint for _, joint in driven)
+        """The driven joints, one per motor."""
+        names = [joint.name for joint in self.joints]
+        offsets = dict(homing_offset or {})
+        for name in offsets:
+            if name not in names:
+                raise InputError(f"homing_offset: {known_names('joint', name, names)}")
+        index = [i for i, _ in driven]
+        self._qpos_index = plant.addresses.qpos[index]
+        self._dof_index = plant.addresses.dof[index]
+        self._direction = np.array([float(joint.motor.direction) for joint in self.joints if joint.motor is not None])
+        self._offset = np.array([offsets.get(name, 0.0) for name in names])
+        self._base: FloatingBase | None = None
+        if description.is_floating:
+            self._base = FloatingBase(plant.model, description, plant.data.qpos, yaw=base_yaw, height=base_height)
+            self._base.place(plant.data)
+            if support:
+                self._base.hold(plant.data)
+        self._senses = BodySenses(plant.model, description, self._base, anchor_body)
+        self._friction = plant.model.dof_frictionloss.copy()
+        self._hand: FloatArray | None = None
+        """Shape (m,), rad, joint frame: where a hand leads each joint; NaN for those that it leaves alone."""
+        self.timestep = float(plant.model.opt.timestep)
+        """s, of one physics step."""
+        self.torque = np.zeros(len(names))
+        """Shape (m,), N·m, motor frame: of the latest physics step. A buffer: copy it to keep it."""
+        self.shaft = np.empty(len(names))
+        """Shape (m,), rad, motor frame: the present angle of each shaft. A buffer."""
+        self.velocity = np.empty(len(names))
+        """Shape (m,), rad/s, motor frame. A buffer."""
+        self._sense()
+
+    @property
+    def live_widths(self) -> Mapping[str, int]:
+        """Names and widths of the live inputs."""
+        return self._senses.widths
+
+    def step(self, torque: FloatArray) -> None:
+        """Advance physics by one step under these torques, shape (m,), N·m, motor frame."""
+        data = self._plant.data
+        self.torque[:] = torque
+        joint_torque = self._direction * torque
+        if self._hand is not None:
+            joint_torque += self._hand_torque(self._hand)
+        data.qfrc_applied[self._dof_index] = joint_torque
+        mujoco.mj_step(self._plant.model, data)
+        self._sense()
+
+    def fault(self) -> str:
+        """What is wrong with the simulation; empty if it is sound."""
+        return self._plant.fault()
+
+    def jam(self, motor: int, jammed: bool) -> None:
+        """Block a motor's joint where it is, or free it."""
+        dof = self._dof_index[motor]
+        self._plant.model.dof_frictionloss[dof] = _JAM if jammed else self._friction[dof]
+
+    def lead(self, positions: Mapping[str, float] | None) -> None:
+        """Let a hand lead joints towards positions, rad, joint frame, beside whatever the motors do; None: let go.
+
+        Raises:
+            InputError: a name is not that of a driven joint.
+        """
+        if positions is None:
+            self._hand = None
+            return
+        names = [joint.name for joint in self.joints]
+        hand = np.full(len(names), np.nan)
+        for name, position in positions.items():
+            if name not in names:
+                raise InputError(known_names("joint", name, names))
+            hand[names.index(name)] = position
+        self._hand = hand
+
+    def set_support(self, held: bool) -> None:
+        """Let the support take a floating base where it now is, or let the base go.
+
+        Raises:
+            RobotError: the base is fixed.
+        """
+        if self._base is None:
+            raise RobotError(f"{self.description.name}: has a fixed base, which needs no support")
+        if not held:
+            self._base.release(self._plant.data)
+        elif not self._base.is_held(self._plant.data):
+            self._base.hold(self._plant.data)
+
+    @property
+    def supported(self) -> bool:
+        """Whether the support holds a floating base."""
+        return self._base is not None and self._base.is_held(self._plant.data)
+
+    def truth(self, time: float) -> PlantTruth:
+        """A snapshot, stamped with `time`."""
+        plant = self._plant
+        effort = np.zeros(self.description.joint_count)
+        effort[[self.description.joint_names.index(joint.name) for joint in self.joints]] = (
+            self._direction * self.torque
+        )
+        body = self._senses.read(plant.data)
+        return PlantTruth(
+            time, plant.position.copy(), plant.velocity.copy(), effort, plant.data.qpos.copy(), body.imu, body.live
+        )
+
+    def _sense(self) -> None:
+        data = self._plant.data
+        np.multiply(self._direction, data.qpos[self._qpos_index], out=self.shaft)
+        np.add(self.shaft, self._offset, out=self.shaft)
+        np.multiply(self._direction, data.qvel[self._dof_index], out=self.velocity)
+
+    def _hand_torque(self, target: FloatArray) -> FloatArray:
+        data = self._plant.data
+        pull = _HAND_STIFFNESS * (target - data.qpos[self._qpos_index]) - _HAND_DAMPING * data.qvel[self._dof_index]
+        led: FloatArray = np.nan_to_num(np.clip(pull, -_HAND_STRENGTH, _HAND_STRENGTH), nan=0.0)
+        return led

@@ -1,0 +1,94 @@
+"""How emulated motors and their buses are set up."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.hardware.emulation.motor_state import MotorIdentity
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of, parse_version
+from humanoid_sim.hardware.robstride.models import motor_model
+from humanoid_sim.hardware.robstride.scale import Scale
+from humanoid_sim.robots.description import RobotDescription
+
+__all__ = ["NEW_FIRMWARE", "EmulationSettings", "motor_identities"]
+
+NEW_FIRMWARE: Mapping[str, FirmwareVersion] = MappingProxyType({f"rs-0{model}": (0, model, 3, 9) for model in range(7)})
+"""By model: versions in which everything is as the manuals of 2026-04-28 have it."""
+
+
+@dataclass(frozen=True, slots=True)
+class EmulationSettings:
+    """What is emulated beside the robot description."""
+
+    homing_offset: Mapping[str, float] = field(default_factory=dict)
+    """rad, motor frame, by joint: how the motors are assembled; 0 for joints that are not named."""
+    firmware: Mapping[str, str] = field(default_factory=dict)
+    """Versions such as `0.2.3.5`, by joint or by model; the newest for motors that are not named."""
+    bitrate: float = 1_000_000.0
+    """bit/s; 0: frames take no time and do not compete."""
+    reply_delay: float = 50e-6
+    """s between a command's end and the moment at which its reply is ready to be sent; no document states it."""
+    scale: Scale = Scale.REFERENCE
+    """How the motors read and write signed fields: as the reference has it, or as the manuals print it."""
+    stall_time: float = 2.0
+    """s; see `MotorIdentity`."""
+    room_temperature: float = 25.0
+    """°C"""
+    supply_voltage: float = 48.0
+    """V"""
+    physics_timestep: float | None = None
+    """s, which is also the period of the motors' control loops; None: the description's."""
+    support: bool = True
+    """Whether a floating base starts held."""
+    base_yaw: float = 0.0
+    """rad, of a floating base."""
+    base_height: float | None = None
+    """m, of a floating base; None: the description's."""
+    anchor_body: str = ""
+    """MJCF body whose pose is part of the truth; empty for none."""
+    seed: int = 0
+    """Of the faults that draw, and of the motors' unique ids."""
+
+    def __post_init__(self) -> None:
+        """Check.
+
+        Raises:
+            InputError: a number is out of range.
+        """
+        for name, lowest in (("bitrate", 0.0), ("reply_delay", 0.0), ("stall_time", 0.0), ("supply_voltage", 0.0)):
+            value = getattr(self, name)
+            if math.isnan(value) or value < lowest or (math.isinf(value) and name != "stall_time"):
+                raise InputError(f"{name}: is {value}, expected a finite number >= {lowest:g}")
+
+
+def motor_identities(description: RobotDescription, settings: EmulationSettings) -> tuple[MotorIdentity, ...]:
+    """One motor per driven joint, in order, with the firmware that the settings give it.
+
+    Raises:
+        InputError: a firmware is given for what the robot has not, or is no version of that model.
+    """
+    motors = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
+    known = [*motors, *dict.fromkeys(motor.model for motor in motors.values())]
+    for name in settings.firmware:
+        if name not in known:
+            raise InputError(f"firmware: {known_names('joint or motor model', name, known)}")
+    identities = []
+    for name, motor in motors.items():
+        model = motor_model(motor.model)
+        text = settings.firmware.get(name, settings.firmware.get(motor.model))
+        version = NEW_FIRMWARE[motor.model] if text is None else parse_version(text)
+        if version[1] != NEW_FIRMWARE[motor.model][1]:
+            raise InputError(
+                f"firmware of {name}: is {text}, expected 0.{NEW_FIRMWARE[motor.model][1]}.x.x for the {motor.model}"
+            )
+        firmware = firmware_of(model, version)
+        uid = hashlib.sha256(f"{description.name}/{name}/{settings.seed}".encode()).digest()[:8]
+        identities.append(
+            MotorIdentity(firmware.applied_to(model), uid, version, firmware, settings.scale, settings.stall_time)
+        )
+    return tuple(identities)
