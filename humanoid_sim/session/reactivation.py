@@ -55,7 +55,13 @@ class Reactivation:
         try:
             robot.activate()
         except RobotError as error:
-            self.answer = f"{_FAILED}: {error}"
+            self.answer = f"{_FAILED}: {_one_line(str(error))}"
         else:
             self.answer = f"{_DONE}: the robot is verified and enabled afresh"
         return self.answer
+
+
+def _one_line(text: str) -> str:
+    """A message that lists what is wrong line by line, for where there is one line only."""
+    first, *items = (line.strip() for line in text.splitlines())
+    return " ".join((first, "; ".join(item.removeprefix("- ") for item in items))).strip()

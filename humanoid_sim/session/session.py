@@ -20,7 +20,9 @@ from humanoid_sim.robots.interface import Robot
 from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.pace import Pace
 from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
+from humanoid_sim.session.realtime import real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
+from humanoid_sim.session.settings import LoopSettings
 from humanoid_sim.session.sink import SessionHeader, Sink, TickRecord
 from humanoid_sim.session.sink_group import SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
@@ -29,22 +31,6 @@ __all__ = ["LoopSettings", "SafetyFilter", "Session", "SessionResult"]
 
 _BACKLOG_LIMIT = 2000
 """Ticks that the slowest sink may lag behind before a run without deadlines waits for it."""
-
-
-@dataclass(frozen=True, slots=True)
-class LoopSettings:
-    """How the loop keeps time, and how it ends."""
-
-    control_period: float
-    """s"""
-    realtime: bool = True
-    """Keep real time. A simulated robot may run as fast as it can instead."""
-    simulated: bool = False
-    """Writing to the robot also advances its physics, which then does not count as a tick's own time."""
-    duration: float | None = None
-    """s on the robot's clock after which the run ends; None: when a source says so, or QUIT."""
-    damping_time: float = 3.0
-    """s at most that the end of a run stays in DAMPING for the joints to come to rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +48,8 @@ class SessionResult:
     """Deadlines that passed while a tick was still running."""
     jitter: DurationHistogram
     """How long after its due time each tick began; empty without real time."""
+    measures: tuple[str, ...] = ()
+    """What was done for punctuality, a line each."""
     failures: tuple[str, ...] = ()
     """Sinks that raised on the control thread and were left out from then on, each with its exception."""
 
@@ -172,8 +160,11 @@ class Session:
         """
         begin = perf_counter()
         # Left in reverse: the robot is closed before any sink may take its time.
-        with contextlib.ExitStack() as sinks, contextlib.closing(self._robot):
-            self._sinks.start(self._header, sinks)
+        with contextlib.ExitStack() as stack, contextlib.closing(self._robot):
+            self._sinks.start(self._header, stack)
+            measures = stack.enter_context(real_time()) if self._settings.punctual else ()
+            if measures:
+                self._sinks.event(f"for punctuality: {'; '.join(measures)}")
             self._robot.activate()
             try:
                 self._loop()
@@ -191,6 +182,7 @@ class Session:
             overruns=self._pace.overruns,
             skipped=self._pace.skipped,
             jitter=self._pace.jitter,
+            measures=measures,
             failures=tuple(self._sinks.failures),
         )
 

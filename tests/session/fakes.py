@@ -152,7 +152,7 @@ class LoggingSupervisor(Supervisor):
 
 def session(robot: Any, *, supervisor: Supervisor | None = None, **options: Any) -> Session:
     """A session that does not keep real time, unless told to."""
-    loop = {name: options.pop(name) for name in ("realtime", "duration", "damping_time") if name in options}
+    loop = {name: options.pop(name) for name in ("realtime", "duration", "damping_time", "punctual") if name in options}
     settings = LoopSettings(rig.PERIOD, **{"realtime": False, "damping_time": 2.0, **loop})
     return Session(robot, supervisor or rig.supervisor(), settings, header=HEADER, **options)
 

@@ -44,3 +44,12 @@ def test_memory_does_not_grow() -> None:
         counted.add(0.001)
     assert counted._bins.nbytes == before
     assert counted.percentile(99.0) == pytest.approx(0.001, rel=0.05)
+
+
+def test_counts_between_edges_add_up_to_all() -> None:
+    histogram = DurationHistogram()
+    for seconds, times in ((0.0, 3), (4e-5, 5), (2e-4, 7), (3e-3, 2), (1e6, 1)):
+        for _ in range(times):
+            histogram.add(seconds)
+    assert histogram.counts([1e-4, 1e-3, 1e-2]) == (8, 7, 2, 1)
+    assert DurationHistogram().counts([1e-3]) == (0, 0)

@@ -47,9 +47,11 @@ def test_in_motion_it_is_refused() -> None:
 def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_session_running() -> None:
     reactivation, robot = Reactivation(), FakeRobot()
     sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
-    robot.on_read = lambda _: setattr(robot, "activation_error", RobotError("left_elbow_pitch: no motor 14"))
+    robot.on_read = lambda _: setattr(
+        robot, "activation_error", RobotError("lite: 2 problems:\n  - can0: a\n  - can1: b")
+    )
     session(robot, **options).run()
-    assert sink.events[0] == reactivation.answer == "REACTIVATE failed: left_elbow_pitch: no motor 14"
+    assert sink.events[0] == reactivation.answer == "REACTIVATE failed: lite: 2 problems: can0: a; can1: b"
     assert is_fresh_start(reactivation.answer)
     assert sink.records[6].output.control_mode.mode is Mode.ZERO_TORQUE
     assert len(sink.records) > 15

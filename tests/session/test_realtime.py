@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import gc
+import os
+import resource
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fakes import FakeRobot, FakeSink, session
+
+from humanoid_sim.session import realtime
+from humanoid_sim.session.realtime import real_time
+
+
+def locked_kilobytes() -> int:
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return int(next(line for line in lines if line.startswith("VmLck:")).split()[1])
+
+
+def test_every_measure_says_what_it_got_and_is_taken_back() -> None:
+    interval, policy = sys.getswitchinterval(), os.sched_getscheduler(0)
+    with real_time() as lines:
+        collector, switches, fifo, memory = lines
+        assert collector == "garbage collector frozen"
+        assert gc.get_freeze_count() > 1000
+        assert switches == "threads switch every 0.5 ms"
+        assert sys.getswitchinterval() == pytest.approx(0.0005)
+        assert (os.sched_getscheduler(0) == os.SCHED_FIFO) == (fifo == "SCHED_FIFO, priority 50")
+        assert (locked_kilobytes() > 0) == (memory == "memory locked")
+    assert gc.get_freeze_count() == 0
+    assert sys.getswitchinterval() == interval
+    assert os.sched_getscheduler(0) == policy
+    assert locked_kilobytes() == 0
+
+
+def test_what_is_not_permitted_is_said_with_what_would_permit_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(realtime, "_may_lock_everything", lambda: False)
+    with real_time() as lines:
+        assert lines[2] == "SCHED_FIFO refused (Operation not permitted): give this user an rtprio limit of 50 or more"
+        assert lines[3] == "memory not locked: give this user an unlimited memlock limit"
+
+
+@pytest.mark.parametrize(
+    ("limit", "capabilities", "may"),
+    [
+        (resource.RLIM_INFINITY, "0000000000000000", True),
+        (1 << 40, "0000000000000000", False),  # what is locked now may fit; what does not would fail in mid-run
+        (1 << 40, "0000000000004000", True),
+        (1 << 40, "ffffffffffffbfff", False),
+        (1 << 40, None, False),
+    ],
+)
+def test_memory_is_locked_only_where_nothing_limits_it(
+    limit: int, capabilities: str | None, may: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    status = tmp_path / "status"
+    if capabilities is not None:
+        status.write_text(f"Name:\tpython\nCapEff:\t{capabilities}\n", encoding="utf-8")
+    monkeypatch.setattr(realtime, "_STATUS", status)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    assert realtime._may_lock_everything() is may
+
+
+def test_a_session_takes_them_before_the_robot_is_activated_and_until_it_is_closed() -> None:
+    """Threads that the robot starts inherit them; those of the sinks are there already."""
+    seen: list[int] = []
+    robot, sink = FakeRobot(), FakeSink()
+    robot.on_read = lambda _: seen.append(gc.get_freeze_count())
+    result = session(robot, duration=0.1, punctual=True, sinks=[sink]).run()
+    assert min(seen) > 1000
+    assert len(result.measures) == 4
+    assert sink.events[0] == f"for punctuality: {'; '.join(result.measures)}"
+    assert gc.get_freeze_count() == 0
+    assert session(FakeRobot(), duration=0.1).run().measures == ()
+
+
+def test_a_thread_started_meanwhile_runs_as_punctually() -> None:
+    policies: list[int] = []
+    with real_time() as lines:
+        thread = threading.Thread(target=lambda: policies.append(os.sched_getscheduler(0)))
+        thread.start()
+        thread.join()
+    assert (policies == [os.SCHED_FIFO]) == lines[2].startswith("SCHED_FIFO, ")
