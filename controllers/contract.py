@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -117,6 +117,11 @@ class PolicyContract:
         self._check_lookahead()
         self._check_command()
         set_field(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled through the constructor: a read-only mapping cannot be, and arrays would come back writable."""
+        values = [getattr(self, f.name) for f in fields(self)]
+        return type(self), (*values[:-1], dict(self.provenance))
 
     def _check_observation(self) -> None:
         if isinstance(self.observation, str) or not isinstance(self.observation, Iterable):

@@ -26,9 +26,9 @@ class Alignment:
     """A turn about the vertical and a shift along the ground, from the motion's world to the robot's."""
 
     yaw: FloatArray
-    """Shape (4,), w x y z."""
+    """Shape (..., 4), w x y z."""
     offset: FloatArray
-    """Shape (3,), m."""
+    """Shape (..., 3), m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,10 +85,10 @@ class MotionReference:
         return rotate(alignment.yaw, position) + alignment.offset, multiply(alignment.yaw, quaternion)
 
     def align(self, pose: FloatArray) -> Alignment:
-        """Lay frame 0 onto an anchor body's pose, shape (7,): its heading and its place, but not its height."""
+        """Lay frame 0 onto an anchor body's pose, shape (..., 7): its heading and its place, but not its height."""
         position, quaternion = self.anchor(0, None)
-        yaw = yaw_quaternion(multiply(pose[3:], conjugate(quaternion)))
-        offset = pose[:3] - rotate(yaw, position)
+        yaw = yaw_quaternion(multiply(pose[..., 3:], conjugate(quaternion)))
+        offset = pose[..., :3] - rotate(yaw, position)
         return Alignment(yaw, offset * np.array([1.0, 1.0, 0.0]))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import add_support
-from humanoid_sim.simulation.scene import add_scene
+from humanoid_sim.simulation.scene import add_floor, add_scene
 from humanoid_sim.simulation.spec import compile_spec, read_spec
 
 __all__ = ["JointAddresses", "base_body", "build_model", "joint_addresses"]
@@ -36,7 +36,7 @@ def build_model(
     *,
     physics_timestep: float | None = None,
     affine_actuators: bool = False,
-    scene: bool = True,
+    scene: bool | Literal["floor"] = True,
 ) -> mujoco.MjModel:
     """The robot in a room, ready for the MIT law.
 
@@ -50,7 +50,8 @@ def build_model(
         physics_timestep: s; None for the description's.
         affine_actuators: add one actuator per joint, in order, of force `ctrl - K_p q - K_d qd` saturated at the effort
             limit. The gains start at 0; `humanoid_sim.simulation.plant` sets them.
-        scene: add floor, lights, sky and cameras.
+        scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at: the room's
+            textures are 2 MB.
 
     Raises:
         InputError: the MJCF cannot be read, or does not have what the description names.
@@ -67,7 +68,7 @@ def build_model(
         _add_affine_actuators(spec, description)
     if scene:
         bare = compile_spec(spec, description.mjcf_path)
-        add_scene(spec, bare, description)
+        (add_floor if scene == "floor" else add_scene)(spec, bare, description)
     model = compile_spec(spec, description.mjcf_path)
     _set_limits(model, description)
     return model

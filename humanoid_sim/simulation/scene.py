@@ -13,7 +13,7 @@ import numpy as np
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["CAMERAS", "OFFSCREEN_SIZE", "add_scene"]
+__all__ = ["CAMERAS", "OFFSCREEN_SIZE", "add_floor", "add_scene"]
 
 OFFSCREEN_SIZE = (1920, 1440)
 """px, width and height of the largest image that can be rendered off screen."""
@@ -46,8 +46,7 @@ def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescr
     for geom in spec.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_PLANE and not geom.material:
             geom.material = _FLOOR_MATERIAL  # on a plain floor nobody sees how far a robot has walked
-    if not any(_is_floor(bare, i) for i in range(bare.ngeom)):
-        _add_floor(spec, bare, description.simulation.floor_height)
+    add_floor(spec, bare, description, material=_FLOOR_MATERIAL)
     if not spec.worldbody.lights:  # a lamp that a body carries lights no room
         _add_lights(spec, center, extent)
     taken = {camera.name for camera in spec.cameras}
@@ -127,14 +126,25 @@ def _is_floor(model: mujoco.MjModel, geom: int) -> bool:
     return bool(is_fixed and can_collide and (half_size[:2] >= 1.0).all())
 
 
-def _add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, height: float) -> None:
-    """A floor that whatever can collide at all collides with, whichever bits its contact masks use."""
+def add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription, *, material: str = "") -> None:
+    """Add a floor to a robot that brings none, the only part of a room that dynamics know.
+
+    Whatever can collide at all collides with it, whichever bits its contact masks use.
+
+    Args:
+        spec: changed in place.
+        bare: the same compiled, without a room.
+        description: the robot, and how high its floor lies.
+        material: of the spec; empty for plain grey.
+    """
+    if any(_is_floor(bare, i) for i in range(bare.ngeom)):
+        return
     spec.worldbody.add_geom(
         name="floor" if spec.geom("floor") is None else "",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[0.0, 0.0, 0.05],
-        pos=[0.0, 0.0, height],
-        material=_FLOOR_MATERIAL,
+        pos=[0.0, 0.0, description.simulation.floor_height],
+        material=material,
         contype=1 | int(np.bitwise_or.reduce(bare.geom_conaffinity)),
         conaffinity=1 | int(np.bitwise_or.reduce(bare.geom_contype)),
     )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from rig import contract
 
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
+from humanoid_sim.policy.contract_json import encode
 
 
 def test_arrays_are_read_only_and_scalars_spread():
@@ -17,6 +20,16 @@ def test_arrays_are_read_only_and_scalars_spread():
     assert made.action_count == 2
     for name in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale"):
         assert not getattr(made, name).flags.writeable
+
+
+def test_a_pickled_contract_is_the_same_and_read_only():
+    made = contract(
+        joint_stiffness=50, observation=("joint_pos", Term("actions", history=3)), provenance={"policy_dt": "x"}
+    )
+    copy = pickle.loads(pickle.dumps(made))
+    assert encode(copy) == encode(made)
+    assert dict(copy.provenance) == {"policy_dt": "x"}
+    assert not copy.joint_stiffness.flags.writeable
 
 
 @pytest.mark.parametrize("task_type", ["tracking", "piano", "locomotion"])

@@ -34,6 +34,18 @@ def test_without_a_scene_there_is_only_the_robot() -> None:
     assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "floor") == -1
 
 
+@pytest.mark.parametrize("robot", ["lite", "lite_biped"])
+def test_with_the_floor_alone_a_robot_moves_as_in_the_room(robot: str) -> None:
+    floor, room = (build_model(load_robot(robot), scene=scene) for scene in ("floor", True))
+    assert (floor.nlight, floor.ncam, floor.ntex) == (0, 0, 0)
+    ends = []
+    for model in (floor, room):
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 400)
+        ends.append((data.qpos.tolist(), data.qvel.tolist()))
+    assert ends[0] == ends[1]
+
+
 @pytest.mark.parametrize("camera", list(CAMERAS))
 def test_every_camera_sees_the_whole_robot(camera: str) -> None:
     model = build_model(load_robot("lite"))
