@@ -127,7 +127,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         self.render_mode = render_mode
         self._pictures = Pictures(setting.description, width, height, camera)
         self._window: Window | None = None
-        self._bodies = BodyPoses(self.robot.model, setting.description, _tracked(setting.contract))
+        self._bodies = BodyPoses(self.robot.model, setting.description, setting.bodies)
         self._low, self._high = bounds.low, bounds.high
         self._memory: PolicyMemory | None = None
         self._observation = np.zeros_like(self._low)
@@ -154,8 +154,8 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         )
         if "recording" in options:
             plant, recorded = recorded_start(options.pop("recording"), setting.description)
-            if VELOCITY_COMMAND in recorded.extern:
-                self._commands = recorded.extern[VELOCITY_COMMAND].value[None]
+            live = recorded.extern.get(VELOCITY_COMMAND)
+            self._commands = np.zeros((1, 3)) if live is None else live.value[None]
         plant = options.pop("state", plant)
         if "command" in options:
             self._commands = _command(options.pop("command"))
@@ -187,7 +187,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         if raw.shape != self.action_space.shape:
             raise InputError(f"action: has shape {raw.shape}, expected {self.action_space.shape}")
         if not side.accepts(raw):
-            return self._lost(self._refusal(raw))
+            return self._lost(side.refusal(raw))
 
         previous, asked = self._memory.last_action, self._velocity
         memory, command = side.act(self._memory, raw)
@@ -200,8 +200,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         observation, self._memory = side.observe(memory, state)
         inside = (observation >= self._low) & (observation <= self._high)
         if not inside.all():
-            i = int(np.argmin(inside))
-            return self._lost(f"observation {side.layout.locate(i)} is {observation[i]}, beyond any robot's")
+            return self._lost(side.outlier(observation, inside))
 
         position, quaternion = self._bodies.read(self.robot.data)
         judgement = task.judge(
@@ -250,11 +249,6 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         info: dict[str, Any] = {"frame": self._memory.frame, "terms": {}, "fault": fault}
         return self._observation.copy(), 0.0, True, False, info
 
-    def _refusal(self, action: Array) -> str:
-        i = int(np.argmin(np.abs(action) <= self.setting.side.action_limit))
-        joint = self.setting.contract.action_joint_names[i]
-        return f"action of {joint} is {action[i]}, expected a magnitude <= {self.setting.side.action_limit:g}"
-
     def _show(self, state: MITState, command: MITCommand) -> None:
         if self.render_mode != "human":
             return
@@ -262,11 +256,6 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             self._window = Window(self.setting.description, self.setting.contract.policy_dt)
         mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, f"step {self._steps}")
         self._window.show(TickInput(state), TickOutput(command, mode), self.robot.qpos)
-
-
-def _tracked(contract: PolicyContract) -> tuple[str, ...]:
-    """Bodies whose poses the task compares: those of motions in the base's frame; others are joints and an anchor."""
-    return contract.body_names if "motion_body_pos_b" in contract.observation_names else ()
 
 
 def _policy_memory(memory: PolicyMemory | RLPolicyMemory) -> PolicyMemory:

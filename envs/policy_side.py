@@ -100,6 +100,17 @@ class PolicySide:
         """Shape (...): whether every value of a raw action, shape (..., m), is finite and within the limit."""
         return np.asarray((np.abs(action) <= self.action_limit).all(axis=-1))
 
+    def refusal(self, action: Float32Array) -> str:
+        """Why one action, shape (m,), is not accepted."""
+        i = int(np.argmin(np.abs(action) <= self.action_limit))
+        joint = self.contract.action_joint_names[i]
+        return f"action of {joint} is {action[i]}, expected a magnitude <= {self.action_limit:g}"
+
+    def outlier(self, observation: Float32Array, inside: npt.NDArray[np.bool_]) -> str:
+        """What lies outside of its bounds in one observation, shape (N,); `inside` says which values do not."""
+        i = int(np.argmin(inside))
+        return f"observation {self.layout.locate(i)} is {observation[i]}, beyond any robot's"
+
     def act(self, memory: PolicyMemory, action: Float32Array) -> tuple[PolicyMemory, MITCommand]:
         """The command of an action, shape (..., m), and the memory with it, one frame on."""
         command = action_command(self.action_map, action)

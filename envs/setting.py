@@ -61,6 +61,11 @@ class Setting:
         """Of the policy."""
         return self.side.contract
 
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Bodies whose poses in the base frame the task compares; other motions are joints and an anchor body."""
+        return self.contract.body_names if "motion_body_pos_b" in self.side.reference.terms else ()
+
     def generalised(self, start: Start) -> tuple[FloatArray, FloatArray]:
         """MuJoCo's `qpos` (..., nq) and `qvel` (..., nv) of a start."""
         batch = start.joint_position.shape[:-1]

@@ -111,6 +111,7 @@ def test_a_free_standing_robot_from_a_recording(folder: Path) -> None:
     main([*options, *script, "--contract", str(BIPED_CONTRACT)])  # it may fall: nobody trained it
     ticks = policy_ticks(folder / "r.mcap")
     assert len(ticks) >= 50
+    np.testing.assert_array_equal(ticks[0].output.policy_step.observation[6:9], np.float32([0.3, 0.0, 0.2]))  # type: ignore[union-attr]
     policy = load_checkpoint(Path("walk.onnx"), BIPED_CONTRACT).policy
     env = PolicyEnv(BIPED_CONTRACT, robot, actuation="qfrc_applied")
     assert_same_trajectory(env, {"recording": "r.mcap"}, policy, ticks)
