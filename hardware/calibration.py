@@ -1,0 +1,175 @@
+"""`calibration.yaml`: the homing offsets of one physical robot, by joint.
+
+An entry says where a motor's zero is when its joint is at zero, in the motor's frame, after assembly and after a motor
+was replaced. Its `id` and `direction` are for the reader; the robot description decides.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import yaml
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.input_files import regular_file
+from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader
+
+__all__ = ["Calibration", "CalibrationEntry", "load_calibration", "save_calibration"]
+
+_FIELDS = ("id", "direction", "homing_offset")
+_LARGEST_OFFSET = 8.0 * math.pi
+"""rad, the width of a motor's position range: beyond it no offset makes sense."""
+_HEADING = """\
+# Homing offsets of one robot, rad, motor frame: motor = direction * joint + homing_offset.
+# Written by `python -m humanoid_sim.hardware calibrate`; id and direction are for the reader.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationEntry:
+    """One joint's."""
+
+    id: int
+    """The motor's CAN id."""
+    direction: int
+    """±1"""
+    homing_offset: float
+    """rad, motor frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A whole file."""
+
+    entries: Mapping[str, CalibrationEntry]
+    """By joint, in the file's order; joints that the robot has not (a neck that is not mounted) are kept."""
+    warnings: tuple[str, ...] = ()
+    """What in the file disagrees with the robot description, one line each."""
+
+    def homing_offsets(self, description: RobotDescription) -> dict[str, float]:
+        """The offset of every joint of the robot, in its order: rad, motor frame.
+
+        Raises:
+            InputError: joints are not calibrated.
+        """
+        missing = [name for name in description.joint_names if name not in self.entries]
+        if missing:
+            raise InputError(
+                f"calibration: lacks {', '.join(missing)}; "
+                "run python -m humanoid_sim.hardware calibrate, which keeps the others"
+            )
+        return {name: self.entries[name].homing_offset for name in description.joint_names}
+
+
+def load_calibration(path: str | os.PathLike[str], description: RobotDescription) -> Calibration:
+    """Read a calibration for a robot.
+
+    Raises:
+        InputError: the file cannot be read, is no calibration, or names another motor for a joint: it is another
+            robot's. One line with joint, field, value and what is accepted.
+    """
+    file = regular_file(path, "a calibration (YAML)")
+    try:
+        document = yaml.load(file.read_text(encoding="utf-8"), StrictLoader)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file (UTF-8)") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise InputError(f"{path}: {where}not valid YAML: {getattr(error, 'problem', None) or 'unreadable'}") from None
+    except UNREADABLE as error:
+        raise InputError(f"{path}: not YAML that can be read: {type(error).__name__}: {error}") from None
+    if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
+        raise InputError(f"{path}: expected a mapping from joint names to {', '.join(_FIELDS)}")
+    entries = {name: _entry(f"{path}: {name}", value) for name, value in document.items()}
+    return Calibration(MappingProxyType(entries), tuple(_disagreements(path, entries, description)))
+
+
+def _entry(where: str, value: Any) -> CalibrationEntry:
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: is {value!r}, expected a mapping with {', '.join(_FIELDS)}")
+    for name in _FIELDS:
+        if name not in value:
+            raise InputError(f"{where}: misses '{name}'; expected {', '.join(_FIELDS)}")
+    for name in value:
+        if name not in _FIELDS:
+            raise InputError(f"{where}: unknown field '{name}'; expected {', '.join(_FIELDS)}")
+    motor_id, direction, offset = (value[name] for name in _FIELDS)
+    if type(motor_id) is not int or not 1 <= motor_id <= 127:
+        raise InputError(f"{where}: id: is {motor_id!r}, expected a whole number of 1 to 127")
+    if type(direction) is not int or direction not in (-1, 1):
+        raise InputError(f"{where}: direction: is {direction!r}, expected 1 or -1")
+    # The comparison is written so that NaN fails it.
+    if type(offset) not in (int, float) or not abs(offset) <= _LARGEST_OFFSET:
+        raise InputError(f"{where}: homing_offset: is {offset!r}, expected a number within ±{_LARGEST_OFFSET:.2f} rad")
+    return CalibrationEntry(motor_id, direction, float(offset))
+
+
+def _disagreements(
+    path: str | os.PathLike[str], entries: Mapping[str, CalibrationEntry], description: RobotDescription
+) -> list[str]:
+    found = []
+    joints = {joint.name: joint for joint in description.joints}
+    for name, entry in entries.items():
+        joint = joints.get(name)
+        if joint is None or joint.motor is None:
+            found.append(f"{path}: {name}: is no driven joint of {description.name}; its entry is not used")
+            continue
+        if entry.id != joint.motor.can_id:
+            raise InputError(
+                f"{path}: {name}: id: is {entry.id}, the motor of {description.name}'s joint is {joint.motor.can_id}: "
+                "another robot's calibration, or calibrate this joint anew"
+            )
+        if entry.direction != joint.motor.direction:
+            found.append(
+                f"{path}: {name}: direction: is {entry.direction}, the robot description has {joint.motor.direction}, "
+                "which is used; calibrate this joint anew if its direction was wrong before"
+            )
+    return found
+
+
+def save_calibration(path: str | os.PathLike[str], entries: Mapping[str, CalibrationEntry]) -> None:
+    """Write a calibration: whole, or not at all, whatever happens meanwhile.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    path = Path(path)
+    document = {
+        name: {"id": entry.id, "direction": entry.direction, "homing_offset": round(entry.homing_offset, 6)}
+        for name, entry in entries.items()
+    }
+    text = _HEADING + yaml.safe_dump(document, sort_keys=False)
+    temporary = ""
+    try:
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            os.fchmod(file.fileno(), _mode(path))
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())  # before the name: after a power cut there is the old file or the whole new one
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _mode(path: Path) -> int:
+    """Permissions of the file that is replaced; where there is none, those that any new file gets."""
+    try:
+        return path.stat().st_mode & 0o777
+    except OSError:
+        mask = os.umask(0)
+        os.umask(mask)
+        return 0o666 & ~mask
