@@ -24,7 +24,9 @@ from humanoid_sim.controllers.terms import TERM_KINDS, Term
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import FloatArray, MITState
 
-__all__ = ["live_command", "resolve_source"]
+__all__ = ["live_command", "resolve_source", "takes_velocity_command"]
+
+_VELOCITY_KINDS = frozenset({"velocity_command", "command_lin_vel", "command_ang_vel"})
 
 
 def resolve_source(
@@ -48,6 +50,12 @@ def resolve_source(
     if kind in extern:
         return extern[kind], zero_when_stale(kind, extern[kind])
     raise FieldError(known_names("observation term", term.name, sorted({*TERM_KINDS, *extern})))
+
+
+def takes_velocity_command(contract: PolicyContract) -> bool:
+    """Whether what the policy observes depends on the velocity command: as a term, or through the gait clock."""
+    kinds = {_command_kind(term, contract) if term.kind == "command" else term.kind for term in contract.terms}
+    return bool(kinds & _VELOCITY_KINDS) or contract.phase is not None
 
 
 def live_command(state: MITState, contract: PolicyContract) -> FloatArray:

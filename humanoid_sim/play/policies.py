@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.controllers.sources import takes_velocity_command
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.options import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
@@ -18,8 +19,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.stack import LoadedPolicy, load_policy
 
 __all__ = ["PolicyChoice", "choose_policy"]
-
-_VELOCITY_KINDS = ("velocity_command", "command_lin_vel", "command_ang_vel")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +34,7 @@ class PolicyChoice:
     @property
     def walks(self) -> bool:
         """Whether it takes a velocity command."""
-        return any(term.kind in _VELOCITY_KINDS for term in self.loaded.contract.terms)
+        return takes_velocity_command(self.loaded.contract)
 
 
 def choose_policy(
