@@ -1,0 +1,305 @@
+"""One open CAN channel: a thread that receives, a thread that sends, and what went wrong on it.
+
+Nothing here raises once the channel is open: whatever the driver throws becomes a counter and an event, which the robot
+turns into safety flags. The thread that sends commands never touches the driver, and so never waits for the kernel.
+"""
+
+from __future__ import annotations
+
+import errno
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
+
+import can
+
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.error_frames import BusEvent, read_error_frame
+from humanoid_sim.hardware.bus.opening import error_number, open_bus
+from humanoid_sim.hardware.bus.outbox import Outbox
+from humanoid_sim.hardware.robstride.frames import Frame
+
+__all__ = ["Channel", "ChannelCounters", "OpenBus", "Received"]
+
+OpenBus = Callable[[BusAddress], can.BusABC]
+Received = Callable[[Frame, float], None]
+"""Takes a frame and the time at which it arrived, s, robot's clock; called on the receiver's thread."""
+
+_POLL = 0.05
+"""s that a thread waits before it looks whether the channel closes."""
+_RETRY = 0.001
+"""s until a frame is tried again that the kernel's queue had no room for; 7 frames leave in that time."""
+_SEND_TIMEOUT = 0.005
+"""s that a driver may wait for room by itself."""
+_BACK_OFF = 0.005
+"""s between two attempts to receive from a driver that failed."""
+_TOLERATED = 10
+"""Failures in a row without an error number after which the bus counts as down."""
+_JOIN = 1.0
+"""s that closing waits for a thread; a driver stuck in the kernel must not keep a robot from being closed."""
+_LONGEST_DELAY = 2.0
+"""s between a frame's time stamp and its reading that are believed."""
+
+_DOWN = frozenset(
+    {errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.ENETUNREACH, errno.EIO, errno.ESHUTDOWN, errno.EPIPE}
+)
+_FULL = frozenset({errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK})
+_REAL_TIME_STAMPS = frozenset({"socketcan", "virtual", "udp_multicast"})
+"""Interfaces whose frames carry the system's wall clock; other drivers count from wherever they like."""
+_ECHOING = frozenset({"udp_multicast"})
+"""Interfaces on which a sender hears itself."""
+
+
+@dataclass(slots=True)
+class ChannelCounters:
+    """What happened on a channel since it was opened. Each field is written by one thread."""
+
+    sent: int = 0
+    received: int = 0
+    """Data frames from others."""
+    retries: int = 0
+    """Times that a frame found the kernel's queue full (ENOBUFS)."""
+    send_errors: int = 0
+    """Frames that the driver refused, and that were dropped."""
+    receive_errors: int = 0
+    """Times that the driver failed to receive."""
+    error_frames: int = 0
+    lost_arbitration: int = 0
+    """Error frames that report nothing but the bus's normal working."""
+    unusable: int = 0
+    """CAN FD frames and others that this protocol cannot contain."""
+    receiver_failures: int = 0
+    """Frames whose handling raised: a bug, reported as a damaged frame."""
+    superseded: int = 0
+    """Commands that a newer one replaced before they could leave."""
+    overruns: int = 0
+    """Frames that found the outgoing queue full, and commands that were replaced more than once in a row."""
+
+
+@dataclass(slots=True)
+class _Events:
+    """The latest event of each kind: when, s on the robot's clock, and what."""
+
+    down: str = ""
+    """Why the channel is down; it stays so until it is opened again."""
+    latest: dict[BusEvent, tuple[float, str]] = field(default_factory=dict)
+
+
+class Channel:
+    """An open channel with its two threads."""
+
+    def __init__(
+        self,
+        address: BusAddress,
+        receive: Received,
+        *,
+        open_bus: OpenBus = open_bus,
+        clock: Callable[[], float] = time.monotonic,
+        capacity: int = 256,
+    ) -> None:
+        """Open the bus and start receiving.
+
+        Args:
+            address: the channel.
+            receive: is given every data frame, on the receiver's thread.
+            open_bus: opens it.
+            clock: the robot's clock, s.
+            capacity: frames that may wait to be sent.
+
+        Raises:
+            RobotError: the bus cannot be opened.
+        """
+        self.address = address
+        self.counters = ChannelCounters()
+        self._receive_frame = receive
+        self._clock = clock
+        self._events = _Events()
+        self._outbox = Outbox(capacity)
+        self._echoes: deque[tuple[int, bytes]] = deque(maxlen=2 * capacity)
+        self._has_echoes = address.interface in _ECHOING
+        self._has_real_time = address.interface in _REAL_TIME_STAMPS
+        self._receive_failures = 0
+        self._send_failures = 0
+        self._overruns_seen = 0
+        self._closing = threading.Event()
+        self._is_closed = False
+        self._bus = open_bus(address)
+        # Daemons: a driver that never returns must not keep the process, and with it the motors' commands, alive.
+        self._threads = tuple(
+            threading.Thread(target=target, name=f"{address} {name}", daemon=True)
+            for name, target in (("receiver", self._receive), ("sender", self._send))
+        )
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def down(self) -> str:
+        """Why nothing can be sent or heard, or empty. Stays until the channel is opened afresh."""
+        for thread in self._threads:
+            if not thread.is_alive() and not self._closing.is_set():
+                return f"thread '{thread.name}' has ended"
+        return self._events.down
+
+    def recent(self, event: BusEvent, since: float) -> str:
+        """What the latest event of a kind was, if it happened at or after `since` (s, robot's clock); else empty."""
+        when, text = self._events.latest.get(event, (-float("inf"), ""))
+        return text if when >= since else ""
+
+    def send(self, frames: Sequence[tuple[Hashable, Frame]]) -> None:
+        """Queue frames, each with its key or None, see `Outbox`. Returns at once, whatever the bus is doing."""
+        self._outbox.put(frames)
+        if self._outbox.overruns != self._overruns_seen:
+            self._overruns_seen = self._outbox.overruns
+            self._note(BusEvent.TX_FULL, f"{self._outbox.overruns} commands did not leave in time")
+        self.counters.superseded, self.counters.overruns = self._outbox.superseded, self._outbox.overruns
+
+    def forget_events(self) -> None:
+        """Drop past events, but not that the channel is down; what happened before the motors were enabled is past."""
+        self._events.latest.clear()
+
+    def flush(self, timeout: float) -> bool:
+        """Wait until everything queued was handed to the driver, at most `timeout` s; whether it was."""
+        deadline = time.monotonic() + timeout
+        while not self._outbox.is_empty and time.monotonic() < deadline:
+            time.sleep(_RETRY)
+        return self._outbox.is_empty
+
+    def close(self) -> None:
+        """Send what waits, stop both threads and close the bus. May be called twice; never raises."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        self.flush(0.2)
+        self._closing.set()
+        self._outbox.close()
+        for thread in self._threads:
+            thread.join(_JOIN)
+        try:
+            self._bus.shutdown()
+        except Exception as error:  # a driver that is gone cannot say goodbye either
+            self._note(BusEvent.DOWN, f"cannot be closed: {error}")
+
+    def _note(self, event: BusEvent, text: str) -> None:
+        self._events.latest[event] = (self._clock(), text)
+        if event is BusEvent.DOWN and not self._events.down:
+            self._events.down = text
+
+    # --- receiver
+
+    def _receive(self) -> None:
+        while not self._closing.is_set():
+            try:
+                message = self._bus.recv(_POLL)
+            except Exception as error:
+                self._receive_failed(error)
+                self._closing.wait(_BACK_OFF)
+                continue
+            if message is None:
+                continue
+            self._receive_failures = 0
+            try:
+                self._take(message)
+            except Exception as error:
+                self.counters.receiver_failures += 1
+                self._note(BusEvent.DAMAGED, f"frame not understood: {type(error).__name__}: {error}")
+
+    def _take(self, message: can.Message) -> None:
+        if message.is_error_frame:
+            self._take_error(message)
+            return
+        if not message.is_rx:
+            return
+        data = bytes(message.data)
+        if message.is_fd or len(data) > 8:
+            self.counters.unusable += 1
+            return
+        if self._has_echoes and self._is_echo(message.arbitration_id, data):
+            return
+        self.counters.received += 1
+        frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame, False)
+        self._receive_frame(frame, self._arrival(message.timestamp))
+
+    def _take_error(self, message: can.Message) -> None:
+        report = read_error_frame(message.arbitration_id, bytes(message.data))
+        if report.event is BusEvent.NORMAL:
+            self.counters.lost_arbitration += 1
+            return
+        self.counters.error_frames += 1
+        self._note(report.event, report.text)
+
+    def _is_echo(self, arbitration_id: int, data: bytes) -> bool:
+        try:
+            self._echoes.remove((arbitration_id, data))
+        except ValueError:
+            return False
+        return True
+
+    def _arrival(self, stamp: float) -> float:
+        """The time of arrival on the robot's clock.
+
+        Where the driver stamps frames, a frame that lay in the kernel while this process was not running is as old as
+        it is, and not as young as its reading.
+        """
+        now = self._clock()
+        if not self._has_real_time:
+            return now
+        delay = time.time() - stamp
+        return now - delay if 0.0 <= delay <= _LONGEST_DELAY else now
+
+    def _receive_failed(self, error: Exception) -> None:
+        self.counters.receive_errors += 1
+        self._receive_failures += 1
+        number = error_number(error)
+        if number in _DOWN or self._receive_failures >= _TOLERATED:
+            self._note(BusEvent.DOWN, f"receiving fails: {error}")
+        else:
+            self._note(BusEvent.DAMAGED, f"receiving failed: {error}")
+
+    # --- sender
+
+    def _send(self) -> None:
+        while True:
+            item = self._outbox.take(_POLL)
+            if item is None:
+                if self._outbox.is_closed:
+                    return
+                continue
+            key, frame = item
+            message = can.Message(
+                arbitration_id=frame.arbitration_id,
+                data=frame.data,
+                is_extended_id=frame.is_extended,
+                is_remote_frame=frame.is_remote,
+            )
+            if self._has_echoes:
+                self._echoes.append((frame.arbitration_id, frame.data))
+            try:
+                self._bus.send(message, _SEND_TIMEOUT)
+            except Exception as error:
+                if self._send_failed(error):
+                    self._outbox.give_back(key, frame)
+                    self._closing.wait(_RETRY)
+            else:
+                self.counters.sent += 1
+                self._send_failures = 0
+                self._outbox.sent(key)
+
+    def _send_failed(self, error: Exception) -> bool:
+        """Take note; whether the frame is worth another attempt."""
+        self._send_failures += 1
+        number = error_number(error)
+        # python-can reports a full buffer with an error number, with a timeout of its own, or with a text only.
+        is_full = number in _FULL or isinstance(error, can.CanTimeoutError) or "buffer full" in str(error)
+        if is_full:
+            self.counters.retries += 1
+            self._note(BusEvent.TX_FULL, f"outgoing queue is full: {error}")
+            return not self._closing.is_set()
+        self.counters.send_errors += 1
+        # Dropped: what cannot leave now must not leave later, when the motors have long been told otherwise.
+        if number in _DOWN or self._send_failures >= _TOLERATED:
+            self._note(BusEvent.DOWN, f"sending fails: {error}")
+        else:
+            self._note(BusEvent.TX_FULL, f"a frame could not be sent: {error}")
+        return False

@@ -1,0 +1,80 @@
+"""One process at a time drives a channel: an advisory file lock that the kernel releases however its holder ends."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import Self
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import BusAddress
+
+__all__ = ["ChannelLock"]
+
+_SHARED = Path("/tmp")
+"""The same for every user and every TMPDIR: two sessions that look in different folders would both drive the robot."""
+
+
+class ChannelLock:
+    """Holds a channel for this process until `release`, the end of the process, or its death.
+
+    `flock` belongs to the open file and not to the process, so two sessions in one process exclude each other as well.
+    """
+
+    def __init__(self, address: BusAddress) -> None:
+        """Take the channel.
+
+        Raises:
+            RobotError: another session drives it (the message names its process), or the lock cannot be made.
+        """
+        self._path = _lock_path(address)
+        self._descriptor = _open(self._path, address)
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
+            os.close(self._descriptor)
+            self._descriptor = -1
+            raise RobotError(f"{address}: is in use by another session ({holder or 'unknown process'})") from None
+        # The file stays when the lock goes: a name removed and made again would be two files, and so two locks.
+        os.ftruncate(self._descriptor, 0)
+        os.pwrite(self._descriptor, f"process {os.getpid()}, {Path(sys.argv[0]).name or 'python'}\n".encode(), 0)
+
+    def release(self) -> None:
+        """Let others have the channel. May be called twice."""
+        if self._descriptor >= 0:
+            os.ftruncate(self._descriptor, 0)
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+def _lock_path(address: BusAddress) -> Path:
+    folder = _SHARED if _SHARED.is_dir() else Path(tempfile.gettempdir())
+    name = re.sub(r"[^A-Za-z0-9._-]", "_", f"{address.interface}-{address.channel}")
+    # A virtual channel exists within one process: those of two processes have nothing to do with each other.
+    own = f"-{os.getpid()}" if address.interface == "virtual" else ""
+    return folder / f"humanoid_sim-can-{name}{own}.lock"
+
+
+def _open(path: Path, address: BusAddress) -> int:
+    """Open the lock's file for any user; first without O_CREAT, which the kernel refuses for another user's file."""
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    try:
+        try:
+            return os.open(path, flags)
+        except FileNotFoundError:
+            descriptor = os.open(path, flags | os.O_CREAT, 0o666)
+            os.fchmod(descriptor, 0o666)  # the umask would shut other users out, and they must see the lock
+            return descriptor
+    except OSError as error:
+        raise RobotError(f"{address}: cannot make its lock {path}: {error.strerror}") from None

@@ -1,0 +1,99 @@
+"""Open a channel with python-can; whatever is wrong with it is one line that says what to do."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+from typing import Any
+
+import can
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import BusAddress
+
+__all__ = ["BITRATE", "bus_hints", "error_number", "open_bus"]
+
+BITRATE = 1_000_000
+"""bit/s, the motors' default."""
+
+_WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketcand"})
+"""Interfaces that either have none or are given theirs elsewhere."""
+_NETWORK = Path("/sys/class/net")
+_CAN_HARDWARE = "280"
+"""ARPHRD_CAN, the kernel's number for a CAN interface."""
+
+
+def open_bus(address: BusAddress) -> can.BusABC:
+    """An open bus.
+
+    Raises:
+        RobotError: it cannot be opened; one line with the reason.
+    """
+    options: dict[str, Any] = {} if address.interface in _WITHOUT_BITRATE else {"bitrate": BITRATE}
+    try:
+        return can.Bus(interface=address.interface, channel=address.channel, **options)
+    except Exception as error:  # every driver has exceptions of its own
+        raise RobotError(f"{address}: cannot be opened: {_reason(address, error)}") from error
+
+
+def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
+    """What the operating system says against an open channel, one line each; nothing where it cannot be asked.
+
+    Args:
+        address: the channel.
+        burst: frames that one control period puts into the kernel's queue at once.
+    """
+    if address.interface != "socketcan":
+        return ()
+    hints = []
+    length = _attribute(address.channel, "tx_queue_len")
+    if length.isdigit() and int(length) < 2 * burst:
+        hints.append(
+            f"its outgoing queue takes {length} frames, a control period sends {burst}: "
+            f"sudo ip link set {address.channel} txqueuelen {max(4 * burst, 100)}"
+        )
+    return tuple(hints)
+
+
+def error_number(error: BaseException) -> int | None:
+    """The `errno` behind one of python-can's exceptions, which keeps it in one of three places or not at all."""
+    seen: BaseException | None = error
+    while seen is not None:
+        number = getattr(seen, "error_code", None)
+        if number is None:
+            number = getattr(seen, "errno", None)
+        if isinstance(number, int):
+            return number
+        seen = seen.__cause__
+    return None
+
+
+def _reason(address: BusAddress, error: Exception) -> str:
+    number = error_number(error)
+    if address.interface == "socketcan":
+        if number == errno.EAFNOSUPPORT:
+            return "this kernel has no SocketCAN (module can_raw)"
+        if number == errno.ENODEV:
+            found = ", ".join(_can_interfaces()) or "none"
+            return f"there is no such network interface; CAN interfaces of this machine: {found}"
+        if number == errno.ENETDOWN:
+            return f"it is down: sudo ip link set {address.channel} up type can bitrate {BITRATE} restart-ms 0"
+        if number in {errno.EPERM, errno.EACCES}:
+            return "this user may not open raw CAN sockets"
+    text = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
+
+
+def _can_interfaces() -> list[str]:
+    try:
+        names = sorted(path.name for path in _NETWORK.iterdir())
+    except OSError:
+        return []
+    return [name for name in names if _attribute(name, "type") == _CAN_HARDWARE]
+
+
+def _attribute(interface: str, name: str) -> str:
+    try:
+        return (_NETWORK / interface / name).read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError):
+        return ""

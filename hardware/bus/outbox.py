@@ -1,0 +1,110 @@
+"""Frames on their way out: bounded, and never staler than need be."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Hashable, Sequence
+
+from humanoid_sim.hardware.robstride.frames import Frame
+
+__all__ = ["Outbox"]
+
+_PATIENCE = 2
+"""Commands in a row that may be replaced unsent before that counts as an overrun: one is a late thread."""
+
+
+class Outbox:
+    """What one thread wants sent and another one sends.
+
+    Frames leave in order of arrival. A frame with a key (a motor's MIT command) replaces an unsent one with that key
+    and takes its place: once the bus is free again the newest command leaves at once, and not behind a queue of old
+    ones, which is what a DAMP after a jam needs. A command replaced once is counted. Replaced twice in a row, with the
+    motor two periods without a command, the queue has overrun; so it has when it is full.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        """Start empty; at most `capacity` frames wait."""
+        self._capacity = capacity
+        self._ready = threading.Condition()
+        self._waiting: dict[Hashable, Frame] = {}
+        self._replaced_in_a_row: dict[Hashable, int] = {}
+        self._serial = 0
+        self._is_closed = False
+        self.superseded = 0
+        """Commands that a newer one replaced before they were sent."""
+        self.overruns = 0
+        """Frames that found the queue full, and commands replaced again before any was sent."""
+
+    def put(self, frames: Sequence[tuple[Hashable, Frame]]) -> None:
+        """Queue keyed frames; a key None keeps a frame apart from all others. Never blocks on the bus."""
+        with self._ready:
+            if self._is_closed:
+                return
+            for key, frame in frames:
+                self._put(key, frame)
+            self._ready.notify()
+
+    def _put(self, key: Hashable, frame: Frame) -> None:
+        if key is None:
+            self._serial += 1
+            key = (Outbox, self._serial)
+        if key in self._waiting:
+            self._count_replaced(key)
+        elif len(self._waiting) >= self._capacity:
+            self.overruns += 1
+            return
+        self._waiting[key] = frame  # a replaced frame keeps its place: a dict remembers the first insertion
+
+    def _count_replaced(self, key: Hashable) -> None:
+        times = self._replaced_in_a_row.get(key, 0) + 1
+        self._replaced_in_a_row[key] = times
+        self.superseded += 1
+        self.overruns += times >= _PATIENCE
+
+    def take(self, timeout: float) -> tuple[Hashable, Frame] | None:
+        """The next frame, or None if `timeout` (s) passes without one. A frame that cannot be sent: `give_back`."""
+        with self._ready:
+            if not self._waiting and not self._is_closed:
+                self._ready.wait(timeout)
+            if not self._waiting:
+                return None
+            key = next(iter(self._waiting))
+            return key, self._waiting.pop(key)
+
+    def sent(self, key: Hashable) -> None:
+        """A frame that was taken has left."""
+        if key in self._replaced_in_a_row:
+            with self._ready:
+                self._replaced_in_a_row.pop(key, None)
+
+    def give_back(self, key: Hashable, frame: Frame) -> None:
+        """Put a frame that could not be sent back in front, unless a newer one with its key has come."""
+        with self._ready:
+            if self._is_closed:
+                return
+            if key in self._waiting:
+                self._count_replaced(key)
+            else:
+                self._waiting = {key: frame, **self._waiting}
+
+    def clear(self) -> None:
+        """Forget everything that waits."""
+        with self._ready:
+            self._waiting.clear()
+            self._replaced_in_a_row.clear()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing waits."""
+        return not self._waiting
+
+    def close(self) -> None:
+        """Take no more frames, and let the taker go once those that wait are gone."""
+        with self._ready:
+            self._is_closed = True
+            self._ready.notify_all()
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._is_closed

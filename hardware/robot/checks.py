@@ -1,0 +1,80 @@
+"""The list that an operator reads before anything is enabled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+__all__ = ["Check", "CheckList", "Verdict"]
+
+
+class Verdict(Enum):
+    """What a check came to."""
+
+    PASSED = "ok"
+    WARNING = "warning"
+    PROBLEM = "problem"
+    """The robot is not enabled."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One line of the list."""
+
+    verdict: Verdict
+    subject: str
+    """The joint or the channel."""
+    text: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether this check does not keep the robot from being enabled."""
+        return self.verdict is not Verdict.PROBLEM
+
+    def __str__(self) -> str:
+        mark = "" if self.verdict is Verdict.PASSED else f"{self.verdict.value}: "
+        return f"{mark}{self.subject}: {self.text}"
+
+
+class CheckList:
+    """Checks in the order in which they were made."""
+
+    def __init__(self) -> None:
+        self._checks: list[Check] = []
+
+    def passed(self, subject: str, text: str) -> None:
+        """Note what was found to be right; one line collects all that is right with a subject."""
+        for i, check in enumerate(self._checks):
+            if check.subject == subject and check.verdict is Verdict.PASSED:
+                self._checks[i] = Check(Verdict.PASSED, subject, f"{check.text}; {text}")
+                return
+        self._checks.append(Check(Verdict.PASSED, subject, text))
+
+    def warn(self, subject: str, text: str) -> None:
+        """Note what an operator should know."""
+        self._checks.append(Check(Verdict.WARNING, subject, text))
+
+    def problem(self, subject: str, text: str) -> None:
+        """Note what keeps the robot from being enabled."""
+        self._checks.append(Check(Verdict.PROBLEM, subject, text))
+
+    @property
+    def all(self) -> tuple[Check, ...]:
+        """Every check."""
+        return tuple(self._checks)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What keeps the robot from being enabled, one line each."""
+        return tuple(f"{check.subject}: {check.text}" for check in self._checks if not check.passed)
+
+    def refusal(self, robot: str, done: str = "enabled") -> str:
+        """All problems as the message of one error."""
+        problems = self.problems
+        count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
+        return f"{robot}: not {done}, {count}:" + _lines(problems)
+
+
+def _lines(texts: Iterable[str]) -> str:
+    return "".join(f"\n  - {text}" for text in texts)

@@ -1,0 +1,63 @@
+"""How a robot is left: damped until its joints rest, every motor disabled, and that verified."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from humanoid_sim.hardware.robot.activation import set_reports
+from humanoid_sim.hardware.robot.link import Link
+from humanoid_sim.hardware.robot.settings import AdapterSettings
+from humanoid_sim.hardware.robot.stopping import mode_text, stop_motors
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.session.rest import RestDetector
+
+__all__ = ["damp_until_rest", "disable", "is_damped", "is_limp", "unconfirmed"]
+
+_LONGEST = 2.0
+"""s that damping may take."""
+_PERIOD = 0.01
+"""s between its commands."""
+_SLOW = 0.05
+"""rad/s below which a joint that is damped already needs no more of it."""
+
+
+def is_limp(command: MITCommand) -> bool:
+    """Whether a command exerts no torque, whatever the joints do."""
+    return not (command.stiffness.any() or command.damping.any() or command.effort.any())
+
+
+def is_damped(command: MITCommand, state: MITState) -> bool:
+    """Whether the joints rest under a command that only damps them."""
+    return not (command.stiffness.any() or command.effort.any()) and bool((np.abs(state.joint_velocity) < _SLOW).all())
+
+
+def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None]) -> None:
+    """Damp until the joints have come to rest, for 2 s at most."""
+    rest = RestDetector(_PERIOD)
+    deadline = time.monotonic() + _LONGEST
+    while time.monotonic() < deadline:
+        damp()
+        if rest.update(read()):
+            return
+        time.sleep(_PERIOD)
+
+
+def disable(settings: AdapterSettings, link: Link, reporting: Iterable[int]) -> tuple[int, ...]:
+    """Stop all motors and their active reports; the joints whose motors did not confirm it, asked six times."""
+    set_reports(link.requests, reporting, is_on=False)
+    joints: Sequence[int] = range(settings.wiring.count)
+    for _ in range(2):
+        joints = stop_motors(link.requests, joints)
+    return tuple(joints)
+
+
+def unconfirmed(settings: AdapterSettings, link: Link, joints: Iterable[int]) -> str:
+    """What to tell whoever stands next to motors that may still be enabled."""
+    names = ", ".join(f"{settings.wiring.names[i]} ({mode_text(link.table.slots[i].sample)})" for i in joints)
+    return (
+        f"{settings.name}: not confirmed to be disabled: {names}. Without commands their CAN timeout stops them after "
+        f"{1000.0 * settings.can_timeout:g} ms; switch the power off before touching the robot"
+    )

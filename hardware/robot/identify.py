@@ -1,0 +1,118 @@
+"""Who is on the buses: every expected motor once, on its channel, with a firmware that can be driven."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+from humanoid_sim.hardware.robot.checks import CheckList
+from humanoid_sim.hardware.robot.firmware_checks import firmware_problem, firmware_warning
+from humanoid_sim.hardware.robot.requests import Requests
+from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, version_text
+from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, ReadVersion, Reply, Version
+
+__all__ = ["identify"]
+
+_QUIET = 0.06
+"""s without an answer that end the scan; motors answer within a few milliseconds."""
+
+
+def identify(
+    requests: Requests,
+    sources: Sequence[str],
+    known_uids: Mapping[int, bytes],
+    checks: CheckList,
+) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
+    """Scan all ids on all channels and read the firmware of the robot's motors. Asks only; nothing is written.
+
+    Args:
+        requests: asks.
+        sources: the channels' names.
+        known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
+        checks: takes what was found.
+
+    Returns:
+        Unique ids and firmware versions by joint, of the motors that answered.
+    """
+    wiring = requests.wiring
+    answers: dict[tuple[int, int], set[bytes]] = defaultdict(set)
+    for channel, reply in requests.scan(range(1, LARGEST_MOTOR_ID + 1), _QUIET):
+        answers[channel, reply.motor_id].add(reply.uid)
+    _ask_again(requests, answers)
+    expected = {(wiring.channel[i], wiring.motor_id[i]) for i in range(wiring.count)}
+    uids: dict[int, bytes] = {}
+    for joint, name in enumerate(wiring.names):
+        channel, motor_id = wiring.channel[joint], wiring.motor_id[joint]
+        problem = _problem(channel, motor_id, answers, sources)
+        if problem:
+            checks.problem(name, problem)
+        for uid in answers.get((channel, motor_id), ()):
+            uids[joint] = uid
+        before = known_uids.get(joint)
+        if joint in uids and before not in {None, uids[joint]}:
+            checks.problem(name, f"its motor was exchanged (id {motor_id} on {sources[channel]}): calibrate it")
+    for channel, motor_id in sorted(set(answers) - expected):
+        if motor_id not in wiring.motor_id:
+            checks.warn(sources[channel], f"motor {motor_id} is no joint of this robot; it is left alone")
+    return uids, _versions(requests, uids, sources, checks)
+
+
+def _ask_again(requests: Requests, answers: dict[tuple[int, int], set[bytes]]) -> None:
+    """Ask those once more whose answer may have been lost."""
+    wiring = requests.wiring
+
+    def uid(_: int, reply: Reply) -> bytes | None:
+        return reply.uid if isinstance(reply, DeviceId) else None
+
+    missing = {
+        i: [GetDeviceId(wiring.motor_id[i], host_id=requests.host_id)]
+        for i in range(wiring.count)
+        if (wiring.channel[i], wiring.motor_id[i]) not in answers
+    }
+    for joint, found in requests.ask(missing, uid).items():
+        answers[wiring.channel[joint], wiring.motor_id[joint]].add(found)
+
+
+def _problem(channel: int, motor_id: int, answers: Mapping[tuple[int, int], set[bytes]], sources: Sequence[str]) -> str:
+    found = answers.get((channel, motor_id), set())
+    elsewhere = [sources[other] for other, answered in answers if answered == motor_id and other != channel]
+    if not found:
+        hint = f"; {', '.join(elsewhere)} has a motor {motor_id}: are the channels swapped?" if elsewhere else ""
+        return f"motor {motor_id} does not answer on {sources[channel]}{hint}"
+    if len(found) > 1:
+        uids = " and ".join(sorted(uid.hex() for uid in found))
+        return f"{len(found)} motors answer as {motor_id} on {sources[channel]} (uid {uids})"
+    if elsewhere:
+        return f"a second motor {motor_id} answers on {', '.join(elsewhere)}"
+    return ""
+
+
+def _versions(
+    requests: Requests,
+    uids: Mapping[int, bytes],
+    sources: Sequence[str],
+    checks: CheckList,
+) -> dict[int, FirmwareVersion]:
+    wiring = requests.wiring
+
+    def version(_: int, reply: Reply) -> FirmwareVersion | None:
+        return reply.version if isinstance(reply, Version) else None
+
+    questions = {joint: [ReadVersion(wiring.motor_id[joint], host_id=requests.host_id)] for joint in uids}
+    versions = requests.ask(questions, version)
+    for joint in sorted(uids):
+        name, model = wiring.names[joint], wiring.model[joint]
+        if joint not in versions:
+            checks.problem(name, "does not tell its firmware's version, by which its model and its scales are known")
+            continue
+        problem = firmware_problem(model, versions[joint])
+        if problem:
+            checks.problem(name, problem)
+            continue
+        where = f"motor {wiring.motor_id[joint]} on {sources[wiring.channel[joint]]}"
+        checks.passed(name, f"{where}, {model.name}, firmware {version_text(versions[joint])}, uid {uids[joint].hex()}")
+        warning = firmware_warning(model, versions[joint])
+        if warning:
+            checks.warn(name, warning)
+    return versions

@@ -1,0 +1,335 @@
+"""A robot of Robstride motors on CAN channels, as the `Robot` protocol has it."""
+
+from __future__ import annotations
+
+import math
+import time as system_time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.channel import OpenBus
+from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
+from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
+from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors
+from humanoid_sim.hardware.robot.checks import Check, CheckList
+from humanoid_sim.hardware.robot.closing import damp_until_rest, disable, is_damped, is_limp, unconfirmed
+from humanoid_sim.hardware.robot.limiter import CommandEncoder
+from humanoid_sim.hardware.robot.link import Link, Locks
+from humanoid_sim.hardware.robot.settings import make_settings
+from humanoid_sim.hardware.robot.statistics import RobotStatistics, gather_statistics
+from humanoid_sim.hardware.robot.stopping import enable_motors, stop_motors
+from humanoid_sim.hardware.robot.table import nothing_heard
+from humanoid_sim.hardware.robot.tracker import JointTracker
+from humanoid_sim.hardware.robot.watch import SafetyWatch
+from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
+from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.robots.schema import RobotDescription
+
+__all__ = ["RobstrideRobot"]
+
+_HOST = "host"
+"""Source of the status about this program's own commands."""
+
+
+class RobstrideRobot:
+    """Real motors, or emulated ones that speak their protocol.
+
+    Nothing is sent before `prepare` or `activate`. Both begin afresh each time: channels are opened again, every motor
+    is identified, stopped, configured and verified; `activate` then enables them, without torque. In between, `read`
+    and `write` never raise for anything that happens on a bus: it becomes a safety status, and a joint that is not
+    heard keeps its last values and ages.
+    """
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        channels: Sequence[BusAddress | str],
+        *,
+        calibration: Mapping[str, float],
+        control_period: float | None = None,
+        clock: Callable[[], float] = system_time.monotonic,
+        host_id: int = DEFAULT_HOST_ID,
+        can_timeout: float = 0.1,
+        imu: Imu | None = None,
+        dry_run: bool = False,
+        open_bus: OpenBus = open_python_can,
+    ) -> None:
+        """Describe the robot; nothing is opened yet.
+
+        Args:
+            description: joints, motors and limits.
+            channels: one that carries all motors, or one per bus of the robot in their order.
+            calibration: homing offset of every joint, rad, motor frame.
+            control_period: s between commands; None for the description's.
+            clock: s, monotonic; the robot's own clock counts from now.
+            host_id: this host's id on the bus.
+            can_timeout: s without a command after which the motors stop by themselves.
+            imu: where orientation comes from; without one the state is that of a base upright and at rest.
+            dry_run: never enable: `activate` verifies everything and then refuses.
+            open_bus: opens a channel.
+
+        Raises:
+            InputError: a channel, the calibration or a number does not fit.
+        """
+        self._description = description
+        self._settings = make_settings(
+            description,
+            channels,
+            calibration,
+            control_period=control_period,
+            host_id=host_id,
+            can_timeout=can_timeout,
+        )
+        self._imu = imu
+        self._dry_run = dry_run
+        self._open_bus = open_bus
+        self._clock, self._origin = clock, clock()
+        self._locks = Locks()
+        self._link: Link | None = None
+        self._uids: Mapping[int, bytes] = {}
+        self._reporting: tuple[int, ...] = ()
+        self._checks = CheckList()
+        self._is_closed = False
+        zeros = np.zeros(self._settings.wiring.count)
+        self._damped = MITCommand(zeros, zeros, zeros, zeros, self._settings.damping)
+        self._begin("not activated")
+
+    def _begin(self, why: str) -> None:
+        """Forget everything that belongs to one activation."""
+        wiring = self._settings.wiring
+        self._is_enabled = False
+        self._why_not = why
+        self._watch: SafetyWatch | None = None
+        self._tracker = JointTracker(wiring, np.full(wiring.count, np.nan))
+        self._joints = self._tracker.update(nothing_heard(wiring.count))
+        self._encoder = CommandEncoder(wiring, len(self._settings.addresses), 2.0 * self._settings.control_period)
+        self._last_command: MITCommand | None = None
+        self._refused = 0
+        self._bad_command = -math.inf
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """See `Robot.joints`."""
+        return self._settings.wiring.names
+
+    @property
+    def description(self) -> RobotDescription:
+        """What this robot was built from."""
+        return self._description
+
+    @property
+    def control_period(self) -> float:
+        """Time between two commands, s."""
+        return self._settings.control_period
+
+    @property
+    def time(self) -> float:
+        """The robot's clock, s, from construction."""
+        return self._clock() - self._origin
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._is_closed
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the motors were enabled, and not disabled since by this program."""
+        return self._is_enabled
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """What the latest `prepare` or `activate` found, for an operator to read."""
+        return self._checks.all
+
+    @property
+    def statistics(self) -> RobotStatistics:
+        """What happened on the buses since they were opened."""
+        return gather_statistics(self._settings, self._link, self._encoder, self._refused, self.time)
+
+    # --- activation
+
+    def prepare(self) -> None:
+        """Verify and configure everything, and leave the motors stopped.
+
+        Raises:
+            RobotError: with the whole list of what is wrong. The robot can still be read, and reports that it is not
+                enabled.
+        """
+        self._prepare()
+
+    def activate(self) -> None:
+        """Verify and configure everything afresh, then enable every motor, without torque.
+
+        Raises:
+            RobotError: with the whole list of what is wrong; no motor is enabled then.
+        """
+        link, prepared = self._prepare()
+        if self._dry_run:
+            raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
+        try:
+            enable_motors(link.requests, prepared.position.tolist(), self._checks)
+            if self._checks.problems:
+                raise RobotError(self._checks.refusal(self._settings.name))
+        except BaseException as error:
+            self._give_up(error)
+            raise
+        link.begin()
+        self._watch = SafetyWatch(self._settings, link.table, link.channels, since=self.time)
+        self._is_enabled = True
+
+    def _prepare(self) -> tuple[Link, Prepared]:
+        if self._is_closed:
+            raise RobotError(f"{self._settings.name}: the robot is closed")
+        self._begin("not enabled")
+        self._checks = CheckList()
+        try:
+            link = self._open()
+            prepared = prepare_motors(self._settings, link, self._uids, self._checks)
+        except BaseException as error:
+            self._give_up(error)
+            raise
+        self._uids, self._reporting = prepared.uids, prepared.reporting
+        self._tracker = JointTracker(self._settings.wiring, prepared.turns)
+        self._joints = self._tracker.update(link.table.readings())
+        return link, prepared
+
+    def _open(self) -> Link:
+        """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+        checks = self._checks
+        self._locks.take(self._settings, checks)
+        if self._imu is not None:
+            self._imu.close()
+            try:
+                self._imu.open()
+            except RobotError as error:
+                checks.problem("imu", str(error))
+        if not checks.problems:
+            link = Link(self._settings, clock=lambda: self.time, open_bus=self._open_bus, checks=checks)
+            if link.is_complete:
+                self._link = link
+                return link
+            link.close()
+        raise RobotError(checks.refusal(self._settings.name))
+
+    def _give_up(self, error: BaseException) -> None:
+        """After a refusal: stop the motors, unless another master drives them, whose arms would fall."""
+        first = str(error).partition("\n")[0] or type(error).__name__
+        self._why_not = first.removeprefix(f"{self._settings.name}: ")
+        if self._link is not None and not self._link.intruders:
+            stop_motors(self._link.requests, range(self._settings.wiring.count))
+
+    # --- the control loop
+
+    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        """The latest state and one status per channel, of the IMU, and of this program's own commands if they were bad.
+
+        Never raises, and waits for nothing.
+        """
+        now = self.time
+        if self._link is not None:
+            self._joints = self._tracker.update(self._link.table.readings())
+        joints = self._joints
+        age = np.maximum(now - joints.time, 0.0)
+        statuses = self._statuses(now, age)
+        imu = upright_at_rest(OK) if self._imu is None else self._imu.read(now)
+        if self._imu is not None:
+            statuses = (*statuses, imu.status)
+        state = MITState(
+            time=now,
+            joint_position=joints.position,
+            joint_velocity=joints.velocity,
+            joint_effort=joints.effort,
+            joint_age=age,
+            imu_quaternion=imu.quaternion,
+            imu_angular_velocity=imu.angular_velocity,
+            imu_linear_acceleration=imu.linear_acceleration,
+        )
+        return state, statuses
+
+    def _statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
+        if self._watch is None or not self._is_enabled:
+            flags = SafetyFlag.BUS_OFF if self._link is None else SafetyFlag.MOTOR_FAULT
+            return tuple(
+                SafetyStatus(SafetyLevel.FAULT, flags, str(address), self._why_not)
+                for address in self._settings.addresses
+            )
+        statuses = self._watch.statuses(now, age, self._tracker)
+        if now - self._bad_command > self._settings.rx_timeout:
+            return statuses
+        text = "a command was not finite and was replaced by damping"
+        return (*statuses, SafetyStatus(SafetyLevel.CRITICAL, SafetyFlag.NONE, _HOST, text))
+
+    def write(self, command: MITCommand) -> None:
+        """Hand a command, shape (n,), to every motor; returns at once. While the motors are not enabled, none is sent.
+
+        A command that is not finite is replaced by damping, and reported.
+
+        Raises:
+            RobotError: the command is for another number of joints, or the robot is closed.
+        """
+        name, n = self._settings.name, self._settings.wiring.count
+        if command.position.shape != (n,):
+            raise RobotError(f"{name}: command has shape {command.position.shape}, expected ({n},)")
+        if self._is_closed:
+            raise RobotError(f"{name}: the robot is closed")
+        self._write(command)
+
+    def _write(self, command: MITCommand) -> None:
+        link = self._link
+        if link is None or not self._is_enabled:
+            self._refused += 1
+            return
+        if not command.is_finite():
+            self._refused += 1
+            self._bad_command = self.time
+            command = self._damped
+        self._last_command = command
+        batches = self._encoder.encode(command, self._joints, self._tracker)
+        for channel, batch in zip(link.channels, batches, strict=True):
+            link.table.count_commands(batch)
+            channel.send(batch)
+
+    # --- the end
+
+    def close(self) -> None:
+        """Damp the joints until they rest, disable every motor, verify that, and release everything. Twice is once.
+
+        Raises:
+            RobotError: a motor did not confirm that it is disabled; everything else is done all the same.
+        """
+        if self._is_closed:
+            return
+        self._is_closed = True
+        link = self._link
+        left: tuple[int, ...] = ()
+        try:
+            if link is not None and self._is_enabled:
+                try:
+                    self._damp()
+                finally:
+                    left = disable(self._settings, link, self._reporting)
+        finally:
+            self._is_enabled = False
+            self._why_not = "closed"
+            if link is not None:
+                link.close()
+            if self._imu is not None:
+                self._imu.close()
+            self._locks.release()
+        if left and link is not None:
+            raise RobotError(unconfirmed(self._settings, link, left))
+
+    def _damp(self) -> None:
+        """Damp the joints, unless there was no torque, or they rest in DAMPING already."""
+        last = self._last_command
+        if last is None or is_limp(last) or is_damped(last, self.read()[0]):
+            return
+        damp_until_rest(lambda: self.read()[0], lambda: self._write(self._damped))

@@ -1,0 +1,119 @@
+"""Which turn a motor is on: its count starts anew at power-on, and what it reports wraps at ±4π. Pure functions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.hardware.robot.wiring import Wiring
+from humanoid_sim.hardware.robstride.models import POSITION_RANGE
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["MARGIN", "WRAP", "find_turns", "has_jumped", "turn_problems", "unwrapped"]
+
+WRAP = 2.0 * POSITION_RANGE
+"""rad, the period with which reported positions repeat."""
+MARGIN = 0.35
+"""rad beyond a joint's limits that a joint may lean into its stop, or a calibration may be off."""
+
+_TURN = 2.0 * math.pi
+_MOST_TURNS = 3
+"""Turns either way that are looked at: ±4π and a homing offset of one turn."""
+
+
+def find_turns(wiring: Wiring, position: FloatArray) -> FloatArray:
+    """Turns that have to be added to each motor's own count for its joint to lie within its limits.
+
+    At power-on a motor knows its angle within one turn only, 0..2π by default: a joint left at −0.1 rad reads 6.18. As
+    long as a joint's range and twice the margin fit into one turn, at most one count is possible.
+
+    Args:
+        wiring: the joints.
+        position: shape (n,), rad, motor frame, as reported.
+
+    Returns:
+        Shape (n,), whole numbers; NaN where no count is possible, where two are, or where the position is not known.
+        For a joint without limits 0.
+    """
+    turns = np.arange(-_MOST_TURNS, _MOST_TURNS + 1)[:, None]
+    joint = wiring.direction * (position + _TURN * turns - wiring.offset)
+    fits = (joint >= wiring.lower - MARGIN) & (joint <= wiring.upper + MARGIN)
+    only = np.where(fits.sum(axis=0) == 1, turns[np.argmax(fits, axis=0), 0], np.nan)
+    unlimited = np.isinf(wiring.lower) & np.isinf(wiring.upper) & np.isfinite(position)
+    return np.where(unlimited, 0.0, only)
+
+
+def turn_problems(wiring: Wiring, position: FloatArray, turns: FloatArray) -> Iterator[tuple[str, str]]:
+    """Joint and what is wrong with its position, where `find_turns` found no count or commands cannot reach."""
+    for i, name in enumerate(wiring.names):
+        lower, upper, reported = wiring.lower[i], wiring.upper[i], position[i]
+        if not math.isfinite(reported):
+            yield name, "has not told its position"
+        elif not math.isfinite(turns[i]):
+            joint = wiring.direction[i] * (reported - wiring.offset[i])
+            middle = 0.5 * (lower + upper)
+            nearest = middle + math.remainder(joint - middle, _TURN)
+            if upper - lower + 2.0 * MARGIN >= _TURN and lower - MARGIN <= nearest <= upper + MARGIN:
+                yield (
+                    name,
+                    f"may be on more than one turn: its range, {lower:g} to {upper:g} rad, is almost a whole one",
+                )
+            else:
+                yield (
+                    name,
+                    f"is at {nearest:.2f} rad, outside its range of {lower:g} to {upper:g} rad on any turn: calibrate "
+                    "it, or check its direction",
+                )
+        elif math.isfinite(lower) and math.isfinite(upper):
+            ends = wiring.direction[i] * np.array([lower, upper]) + wiring.offset[i] - _TURN * turns[i]
+            if np.abs(ends).max() > POSITION_RANGE:
+                yield (
+                    name,
+                    f"its range is {ends.min():.2f} to {ends.max():.2f} rad at the motor, commands reach "
+                    f"±{POSITION_RANGE:.2f}: switch the motor off and on, or set its zero",
+                )
+
+
+def unwrapped(position: FloatArray, previous: FloatArray) -> FloatArray:
+    """Reported positions, moved by whole periods of `WRAP` to where they are nearest to the previous ones.
+
+    Args:
+        position: shape (n,), rad, motor frame, within ±4π; NaN stays NaN.
+        previous: shape (n,), rad, motor frame, unwrapped; NaN: take the position as it is.
+    """
+    periods = np.round((previous - position) / WRAP)
+    return position + WRAP * np.where(np.isfinite(periods), periods, 0.0)
+
+
+_RESOLUTION = 0.15
+"""rad that a position may move without any velocity: play, quantisation, a motor's own filter."""
+_TIME_ERROR = 0.04
+"""s by which two frames may have changed places or been stamped wrongly."""
+_ACCELERATION = 1000.0
+"""rad/s², more than any of these motors gives a joint: 5.5 N·m on a hand of 5.5e-3 kg·m²."""
+
+
+def has_jumped(
+    moved: FloatArray, elapsed: FloatArray, velocity: FloatArray, previous_velocity: FloatArray, fastest: FloatArray
+) -> npt.NDArray[np.bool_]:
+    """Whether a position moved by more than its velocity explains: an encoder lost its place, and the zero with it.
+
+    Args:
+        moved: shape (n,), rad, since the previous frame.
+        elapsed: shape (n,), s, since then.
+        velocity: shape (n,), rad/s, as reported with the position.
+        previous_velocity: shape (n,), rad/s, as reported before.
+        fastest: shape (n,), rad/s, the motors' largest.
+
+    Returns:
+        Shape (n,), boolean; False where anything is NaN.
+    """
+    speed = np.maximum(np.abs(velocity), np.abs(previous_velocity))
+    time = np.abs(elapsed)
+    explained = speed * (time + _TIME_ERROR) + 0.5 * _ACCELERATION * time**2
+    possible = fastest * (time + _TIME_ERROR)
+    jumped: npt.NDArray[np.bool_] = np.abs(moved) > np.minimum(explained, possible) + _RESOLUTION
+    return jumped

@@ -1,0 +1,132 @@
+"""From what was heard, and what was not, to one safety status per channel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.hardware.bus.channel import Channel
+from humanoid_sim.hardware.bus.error_frames import BusEvent
+from humanoid_sim.hardware.robot.settings import AdapterSettings
+from humanoid_sim.hardware.robot.table import MotorSlot, MotorTable, Sample
+from humanoid_sim.hardware.robot.tracker import JointTracker
+from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
+from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["SafetyWatch"]
+
+_WARNINGS = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.INVALID_FRAME
+"""Flags that are a WARNING by themselves; the others are a FAULT."""
+
+_Finding = tuple[SafetyFlag, str]
+
+
+class SafetyWatch:
+    """Builds the statuses afresh at every reading, from what is observed then.
+
+    What is a state is reported while it lasts: a channel that is down (until it is opened afresh), a silent joint, a
+    fault that the latest status reports, a mode other than RUN, a position that has lost its meaning (until
+    re-activation). What is an event is reported for the receive timeout after it happened, so that an operator and a
+    20 ms tick see the same.
+
+    Messages hold no figures that change from tick to tick: a status is published when it changes.
+    """
+
+    def __init__(
+        self, settings: AdapterSettings, table: MotorTable, channels: Sequence[Channel], *, since: float
+    ) -> None:
+        """Begin to watch enabled motors.
+
+        Args:
+            settings: the robot's.
+            table: what is heard of its motors.
+            channels: in the order of the wiring's indices.
+            since: s, robot's clock; what happened before is past.
+        """
+        wiring = settings.wiring
+        self._names = wiring.names
+        self._table = table
+        self._channels = channels
+        self._joints = tuple(wiring.on_channel(index) for index in range(len(channels)))
+        self._rx_timeout = settings.rx_timeout
+        self._since = since
+        self._ok = tuple(SafetyStatus(source=str(channel.address)) for channel in channels)
+
+    def statuses(self, now: float, age: FloatArray, tracker: JointTracker) -> tuple[SafetyStatus, ...]:
+        """One status per channel.
+
+        Args:
+            now: s, robot's clock.
+            age: shape (n,), s since each joint was heard.
+            tracker: what became of the positions.
+        """
+        recent = max(now - self._rx_timeout, self._since)
+        silent = age > self._rx_timeout
+        return tuple(self._status(index, recent, silent, tracker) for index in range(len(self._channels)))
+
+    def _status(self, index: int, recent: float, silent: npt.NDArray[np.bool_], tracker: JointTracker) -> SafetyStatus:
+        findings = [*self._bus(index, recent)]
+        for i in self._joints[index]:
+            slot = self._table.slots[i]
+            if silent[i]:
+                findings.append((SafetyFlag.RX_TIMEOUT, f"{self._names[i]} is silent"))
+            findings += self._motor(slot, recent, tracker)
+        if not findings:
+            return self._ok[index]
+        flags = SafetyFlag.NONE
+        for flag, _ in findings:
+            flags |= flag
+        level = SafetyLevel.FAULT if flags & ~_WARNINGS else SafetyLevel.WARNING
+        text = ", ".join(dict.fromkeys(text for _, text in findings))
+        return SafetyStatus(level, flags, self._ok[index].source, text)
+
+    def _bus(self, index: int, recent: float) -> Iterator[_Finding]:
+        channel, notes = self._channels[index], self._table.channels[index]
+        if down := channel.down:
+            yield SafetyFlag.BUS_OFF, f"down: {down}"
+        if text := channel.recent(BusEvent.TX_FULL, recent):
+            yield SafetyFlag.TX_QUEUE_OVERRUN, text
+        if text := channel.recent(BusEvent.DAMAGED, recent):
+            yield SafetyFlag.INVALID_FRAME, text
+        if notes.intruder.time >= recent:
+            yield SafetyFlag.INVALID_FRAME, notes.intruder.text
+
+    def _motor(self, slot: MotorSlot, recent: float, tracker: JointTracker) -> Iterator[_Finding]:
+        name = self._names[slot.joint]
+        sample, alarm, report = slot.sample, slot.alarm, slot.report
+        if sample is not None and alarm is not None and (alarm is sample or alarm.time >= recent):
+            yield from _alarm(name, alarm)
+        if report is not None and (report.faults or report.warnings):
+            yield from _report(name, report.faults, report.warnings)
+        if tracker.jumped[slot.joint]:
+            yield SafetyFlag.MOTOR_FAULT, f"{name}'s position jumped"
+        if tracker.wrapped[slot.joint]:
+            yield SafetyFlag.MOTOR_FAULT, f"{name} turned beyond ±4π"
+        if slot.invalid.time >= recent:
+            yield SafetyFlag.INVALID_FRAME, f"{name} sent a {slot.invalid.text}"
+
+
+def _alarm(name: str, sample: Sample) -> Iterator[_Finding]:
+    faults = StatusFault(sample.faults)
+    if faults:
+        flag = SafetyFlag.MOTOR_FAULT
+        if faults & StatusFault.MOTOR_OVERTEMPERATURE:
+            flag |= SafetyFlag.TEMPERATURE_LIMIT
+        yield flag, f"{name} reports {', '.join(flag_names(faults))}"
+    if sample.mode != MotorMode.RUN:
+        yield SafetyFlag.MOTOR_FAULT, f"{name} left run mode (mode {MotorMode(sample.mode).name.lower()})"
+
+
+def _report(name: str, faults: FaultBit, warnings: WarningBit) -> Iterator[_Finding]:
+    if faults:
+        flag = SafetyFlag.MOTOR_FAULT
+        if faults & FaultBit.MOTOR_OVERTEMPERATURE:
+            flag |= SafetyFlag.TEMPERATURE_LIMIT
+        yield flag, f"{name} reports {', '.join(flag_names(faults))}"
+    if warnings:
+        hot = warnings & WarningBit.MOTOR_OVERTEMPERATURE_WARNING
+        flag = SafetyFlag.TEMPERATURE_LIMIT if hot else SafetyFlag.MOTOR_FAULT
+        yield flag, f"{name} warns of {', '.join(flag_names(warnings))}"
