@@ -126,6 +126,16 @@ class BodyTree:
             found[i] = _place(body, found[body.parent], columns)
         return found
 
+    def arrays(self, qpos: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z, of the bodies asked for, world frame."""
+        poses = self.poses(qpos)
+        position = np.empty((len(qpos), len(self.bodies), 3))
+        quaternion = np.empty((len(qpos), len(self.bodies), 4))
+        for b, body in enumerate(self.bodies):
+            position[:, b] = poses[body].position.T
+            quaternion[:, b] = poses[body].quaternion.T
+        return position, quaternion
+
     def motion(self, body: int, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> BodyMotion:
         """Pose, velocity and acceleration of one body on the chains.
 

@@ -2,20 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.envs.batch.counter_random import Words, uniforms
 from humanoid_sim.envs.batch.models import ModelPool
+from humanoid_sim.envs.batch.randomisation import Randomisation
 from humanoid_sim.mit import FloatArray, MITCommand
 
-__all__ = ["BatchMotors"]
+__all__ = ["BatchMotors", "MotorDifferences"]
 
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 
 _JITTER_STREAM = 32
 _LONG_AGO = np.iinfo(np.int64).min
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotorDifferences:
+    """How the motors of N robots differ."""
+
+    delay: IntArray
+    """Shape (N,), physics steps from a command to its arrival, without jitter."""
+    stiffness: FloatArray
+    """Shape (N, n), the motor's K_p over the commanded one."""
+    damping: FloatArray
+    """Shape (N, n), the motor's K_d over the commanded one."""
+    keys: Words
+    """Shape (2, N), of the jitter."""
+
+    @classmethod
+    def draw(cls, randomisation: Randomisation, keys: Words, joint_count: int, timestep: float) -> MotorDifferences:
+        """Those of robots with these keys; delays become whole physics steps of `timestep`, s."""
+        delay = randomisation.draw("command_delay", keys, 1)[:, 0]
+        return cls(
+            delay=np.rint(delay / timestep).astype(np.int64),
+            stiffness=randomisation.draw("stiffness", keys, joint_count),
+            damping=randomisation.draw("damping", keys, joint_count),
+            keys=keys,
+        )
 
 
 class BatchMotors:
@@ -30,12 +58,10 @@ class BatchMotors:
         pool: ModelPool,
         effort_limit: FloatArray,
         steps: int,
+        differences: MotorDifferences,
         *,
-        delay: IntArray,
+        longest_delay: int,
         jitter: int,
-        keys: Words,
-        stiffness_factor: FloatArray,
-        damping_factor: FloatArray,
     ) -> None:
         """Set up the line of commands under way.
 
@@ -43,21 +69,20 @@ class BatchMotors:
             pool: the N models.
             effort_limit: shape (n,), N·m.
             steps: physics steps per command.
-            delay: shape (N,), physics steps.
+            differences: of the N robots.
+            longest_delay: physics steps, beyond which no delay will ever be.
             jitter: physics steps, the greatest further delay.
-            keys: shape (2, N), of the jitter.
-            stiffness_factor: shape (N, n), motor's K_p over commanded.
-            damping_factor: shape (N, n), motor's K_d over commanded.
         """
         self._pool = pool
         self._limit = effort_limit
         self._steps = steps
-        self._delay, self._jitter, self._keys = delay, jitter, keys
-        self._stiffness_factor, self._damping_factor = stiffness_factor, damping_factor
-        count, n = stiffness_factor.shape
+        self._jitter = jitter
+        self.differences = differences
+        """May be replaced at any time."""
+        count, n = differences.stiffness.shape
         self._stiffness, self._damping = np.zeros((count, n)), np.zeros((count, n))
         # The last commands, the newest last: as many as can be under way, and the one in force before them.
-        self._slots = 1 + -(-(int(delay.max()) + jitter) // steps)
+        self._slots = 1 + -(-(longest_delay + jitter) // steps)
         self._targets = np.zeros((self._slots, count, 3, n))
         self._controls = np.zeros((self._slots, count, n))
         self._arrival = np.full((self._slots, count), _LONG_AGO)
@@ -82,13 +107,14 @@ class BatchMotors:
         Returns:
             Shape (N, steps, n), N·m; the same buffer every time.
         """
-        self._set_gains(command.stiffness * self._stiffness_factor, command.damping * self._damping_factor)
+        own = self.differences
+        self._set_gains(command.stiffness * own.stiffness, command.damping * own.damping)
         control = self._stiffness * command.position + self._damping * command.velocity + command.effort
         if self._slots == 1:
             self._control[:] = control[:, None]
             return self._control
         begin = step * self._steps
-        arrival = begin + self._delay + self._draw_jitter(step)
+        arrival = begin + own.delay + self._draw_jitter(step)
         moving: slice | IndexArray = slice(None) if chosen is None else chosen
         for line, newest in (
             (self._targets, np.stack([command.position, command.velocity, command.effort], axis=1)),
@@ -111,7 +137,7 @@ class BatchMotors:
     def _draw_jitter(self, step: IntArray) -> IntArray:
         if not self._jitter:
             return np.zeros(len(step), dtype=np.int64)
-        drawn = uniforms(self._keys, _JITTER_STREAM, step, 1)[:, 0]
+        drawn = uniforms(self.differences.keys, _JITTER_STREAM, step, 1)[:, 0]
         return np.floor(drawn * (self._jitter + 1)).astype(np.int64)
 
     def _set_gains(self, stiffness: FloatArray, damping: FloatArray) -> None:

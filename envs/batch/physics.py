@@ -31,7 +31,7 @@ class BatchPhysics:
     implicitly, makes that an approximation; the solver's result then agrees to its tolerance.)
     """
 
-    def __init__(self, pool: ModelPool, count: int, steps: int, threads: int) -> None:
+    def __init__(self, pool: ModelPool, count: int, steps: int, threads: int, push_body: int) -> None:
         """Allocate.
 
         Args:
@@ -39,10 +39,13 @@ class BatchPhysics:
             count: N.
             steps: physics steps at a time.
             threads: that step.
+            push_body: id of the body that wrenches act on.
         """
         model = pool.nominal
         self._pool = pool
         self._steps = steps
+        self._push_body = push_body
+        self._pushed: FloatArray | None = None
         self._timestep = float(model.opt.timestep)
         self._qpos = slice(1, 1 + model.nq)
         self._qvel = slice(1 + model.nq, 1 + model.nq + model.nv)
@@ -94,11 +97,12 @@ class BatchPhysics:
         self._before[indices] = self._state[indices]
         self.acceleration[indices] = 0.0
 
-    def advance(self, control: FloatArray, chosen: IndexArray | None) -> BoolArray:
+    def advance(self, control: FloatArray, wrench: FloatArray | None, chosen: IndexArray | None) -> BoolArray:
         """Take `steps` physics steps.
 
         Args:
-            control: shape (N, steps, w), actuator controls, or those and the wrenches on all bodies behind them.
+            control: shape (N, steps, n), of the actuators.
+            wrench: shape (N, 6), N and N·m, on the push body for all of these steps, world frame; None for none.
             chosen: shape (k,), the environments that advance; None for all.
 
         Returns:
@@ -110,6 +114,8 @@ class BatchPhysics:
         if not count:
             return np.zeros(0, dtype=np.bool_)
         initial = self._state.copy() if everyone else self._state[chosen]
+        if wrench is not None:
+            control = self._with_wrench(control, wrench)
         path = self._path[:count]
         with _quiet_mujoco():
             self._rollout.rollout(
@@ -117,7 +123,7 @@ class BatchPhysics:
                 self._data,
                 initial,
                 control if everyone else control[chosen],
-                control_spec=_CONTROL if control.shape[2] == self._pool.nominal.nu else _CONTROL_AND_WRENCH,
+                control_spec=_CONTROL if wrench is None else _CONTROL_AND_WRENCH,
                 skip_checks=True,
                 nstep=self._steps,
                 initial_warmstart=self.acceleration if everyone else self.acceleration[chosen],
@@ -136,6 +142,16 @@ class BatchPhysics:
         self._before[rows] = before
         self.acceleration[rows] = (last[:, self._qvel] - before[:, self._qvel]) / self._timestep
         return broken
+
+    def _with_wrench(self, control: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Controls followed by the wrenches on all bodies, as MuJoCo orders them."""
+        nominal = self._pool.nominal
+        if self._pushed is None:
+            self._pushed = np.zeros((*control.shape[:2], nominal.nu + 6 * nominal.nbody))
+        self._pushed[:, :, : nominal.nu] = control
+        first = nominal.nu + 6 * self._push_body
+        self._pushed[:, :, first : first + 6] = wrench[:, None]
+        return self._pushed
 
     def close(self) -> None:
         """Stop the threads. May be called twice."""

@@ -1,8 +1,9 @@
-"""What the robots of a batch report: the true state, and the noise that their sensors add."""
+"""What the robots of a batch report: their true state, and what noise makes of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -41,7 +42,7 @@ class BatchSensors:
             InputError: the IMU or the anchor body is not in the model.
         """
         self._addresses = addresses
-        self._noise = randomisation if randomisation.is_noisy else None
+        self._noise = randomisation
         self._imu = BatchImu(model, description.imu)
         self._base_dof = -1
         if description.is_floating:
@@ -58,16 +59,9 @@ class BatchSensors:
         """Names and widths of the live inputs."""
 
     def read(
-        self,
-        time: FloatArray,
-        qpos: FloatArray,
-        qvel: FloatArray,
-        qacc: FloatArray,
-        effort: FloatArray,
-        keys: Words,
-        step: npt.NDArray[np.int64],
+        self, time: FloatArray, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray, effort: FloatArray
     ) -> MITState:
-        """The reports of N robots at one instant each.
+        """The true state of N robots at one instant each.
 
         Args:
             time: shape (N,), s.
@@ -75,38 +69,44 @@ class BatchSensors:
             qvel: shape (N, nv).
             qacc: shape (N, nv), of the latest physics step.
             effort: shape (N, n), N·m.
-            keys: shape (2, N), of the noise.
-            step: shape (N,), which report since the environment's start this is.
         """
-        position, velocity = qpos[:, self._addresses.qpos], qvel[:, self._addresses.dof]
+        position = qpos[:, self._addresses.qpos]
         reading = self._imu.read(qpos, qvel, qacc)
-        quaternion, spin, acceleration = (
-            reading.quaternion,
-            reading.angular_velocity,
-            reading.linear_acceleration,
-        )
-        noise = self._noise
-        if noise is not None:
-            n = position.shape[1]
-            drawn = normals(keys, _NOISE_STREAM, step, 2 * n + 9)
-            position = position + noise.joint_position_noise * drawn[:, :n]
-            velocity = velocity + noise.joint_velocity_noise * drawn[:, n : 2 * n]
-            tilt = 0.5 * noise.orientation_noise * drawn[:, 2 * n : 2 * n + 3]
-            turn = np.concatenate([np.ones((len(tilt), 1)), tilt], axis=1)
-            turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
-            quaternion = multiply(quaternion, turn)
-            spin = spin + noise.angular_velocity_noise * drawn[:, 2 * n + 3 : 2 * n + 6]
-            acceleration = acceleration + noise.linear_acceleration_noise * drawn[:, 2 * n + 6 :]
         return MITState(
             time=time,
             joint_position=position,
-            joint_velocity=velocity,
+            joint_velocity=qvel[:, self._addresses.dof],
             joint_effort=effort,
             joint_age=np.zeros_like(position),
-            imu_quaternion=quaternion,
-            imu_angular_velocity=spin,
-            imu_linear_acceleration=acceleration,
+            imu_quaternion=reading.quaternion,
+            imu_angular_velocity=reading.angular_velocity,
+            imu_linear_acceleration=reading.linear_acceleration,
             extern=self._live(qpos, qvel),
+        )
+
+    def disturb(self, state: MITState, keys: Words, step: npt.NDArray[np.int64]) -> MITState:
+        """What the sensors make of the true state.
+
+        Args:
+            state: from `read`.
+            keys: shape (2, N), of the noise.
+            step: shape (N,), which report since the environment's start this is.
+        """
+        noise, n = self._noise, state.joint_count
+        if not noise.is_noisy:
+            return state
+        drawn = normals(keys, _NOISE_STREAM, step, 2 * n + 9)
+        tilt = 0.5 * noise.orientation_noise * drawn[:, 2 * n : 2 * n + 3]
+        turn = np.concatenate([np.ones((len(tilt), 1)), tilt], axis=1)
+        turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+        spin, shake = drawn[:, 2 * n + 3 : 2 * n + 6], drawn[:, 2 * n + 6 :]
+        return replace(
+            state,
+            joint_position=state.joint_position + noise.joint_position_noise * drawn[:, :n],
+            joint_velocity=state.joint_velocity + noise.joint_velocity_noise * drawn[:, n : 2 * n],
+            imu_quaternion=multiply(state.imu_quaternion, turn),
+            imu_angular_velocity=state.imu_angular_velocity + noise.angular_velocity_noise * spin,
+            imu_linear_acceleration=state.imu_linear_acceleration + noise.linear_acceleration_noise * shake,
         )
 
     def _live(self, qpos: FloatArray, qvel: FloatArray) -> Mapping[str, Extern]:

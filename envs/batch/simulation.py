@@ -10,20 +10,20 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.rotation import conjugate, multiply, rotate_inverse
-from humanoid_sim.envs.batch.body_tree import BodyPose, BodyTree, body_ids
+from humanoid_sim.envs.batch.body_tree import BodyTree, body_ids
 from humanoid_sim.envs.batch.counter_random import seed_keys
 from humanoid_sim.envs.batch.models import ModelPool
-from humanoid_sim.envs.batch.motors import BatchMotors
+from humanoid_sim.envs.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.envs.batch.physics import BatchPhysics
+from humanoid_sim.envs.batch.placement import Placement
 from humanoid_sim.envs.batch.randomisation import Randomisation, vary_model
 from humanoid_sim.envs.batch.sensors import BatchSensors
+from humanoid_sim.envs.tasks.frames import seen_from
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import delay_steps
-from humanoid_sim.simulation.floating_base import FloatingBase
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 
 __all__ = ["BatchSimulation"]
@@ -90,20 +90,28 @@ class BatchSimulation:
         self._timestep = timestep
         self._joints = joint_addresses(model, description.joint_names)
         self._sensors = BatchSensors(model, description, self._joints, self.randomisation, anchor_body)
-        self._base = base_body(model, description)
-        self._bodies = BodyTree(model, [*body_ids(model, bodies), self._base])
-        push = body_ids(model, [push_body])[0] if push_body else self._base
-        self._wrench = slice(model.nu + 6 * push, model.nu + 6 * push + 6)
-        self._pushed: FloatArray | None = None
-        self._start, self._base_quaternion = _start(model, description, self._joints.qpos)
+        base = base_body(model, description)
+        self._bodies = BodyTree(model, [*body_ids(model, bodies), base])
+        push = body_ids(model, [push_body])[0] if push_body else base
+        self._placement = Placement(model, description, self._joints)
         self._pool = ModelPool(model, count)
         available = len(os.sched_getaffinity(0)) if threads is None else threads
-        self._physics = BatchPhysics(self._pool, count, self.physics_steps, min(available, count))
+        self._physics = BatchPhysics(self._pool, count, self.physics_steps, min(available, count), push)
         self._effort = np.zeros((count, len(self._joints.dof)))
         self._step = np.zeros(count, dtype=np.int64)
         self._fault = np.zeros(count, dtype=np.bool_)
+        self._truth: MITState | None = None
         self._report: MITState | None = None
-        self._poses: dict[int, BodyPose] | None = None
+        self._poses: tuple[FloatArray, FloatArray] | None = None
+        self._keys = seed_keys(np.zeros(count, dtype=np.uint64))
+        self._motors = BatchMotors(
+            self._pool,
+            np.array(description.effort_limit),
+            self.physics_steps,
+            self._differences(),
+            longest_delay=round(self.randomisation.command_delay[1] / timestep),
+            jitter=delay_steps("randomisation: command_jitter", self.randomisation.command_jitter, timestep),
+        )
         self.reseed(np.arange(count) if seeds is None else seeds)
 
     @property
@@ -141,34 +149,47 @@ class BatchSimulation:
         """Shape (N,), environments that stand still because they broke; a read-only view."""
         return _read_only(self._fault)
 
+    @property
+    def base(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
+        """True pose and motion of floating bases; None for fixed ones.
+
+        Position (N, 3), m, and quaternion (N, 4), w x y z, world frame; linear velocity (N, 3), m/s, world frame;
+        angular velocity (N, 3), rad/s, base frame.
+        """
+        if self._placement.base is None:
+            return None
+        position, orientation, linear, angular = self._placement.base
+        quaternion = self._physics.qpos[:, orientation]
+        quaternion = quaternion / np.sqrt((quaternion * quaternion).sum(axis=1, keepdims=True))
+        return (
+            self._physics.qpos[:, position].copy(),
+            quaternion,
+            *(self._physics.qvel[:, i].copy() for i in (linear, angular)),
+        )
+
     def model(self, i: int) -> mujoco.MjModel:
         """The model of environment i, which others may share."""
         return self._pool[i]
 
-    def reseed(self, seeds: npt.ArrayLike) -> None:
-        """Draw the environments' differences anew, and put all of them back to where they began.
+    def reseed(self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None) -> None:
+        """Draw the differences of some environments anew, and put them back to where they began.
 
         Args:
-            seeds: shape (N,) or scalar, whole numbers in [0, 2⁶⁴).
+            seeds: shape (k,) or scalar, whole numbers in [0, 2⁶⁴).
+            indices: shape (k,), which; None for all.
         """
-        self._keys = seed_keys(np.broadcast_to(np.asarray(seeds, dtype=np.uint64), (self.count,)))
-        drawn, n = self.randomisation, len(self._joints.dof)
-        if drawn.varies_models:
+        where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
+        self._keys[:, where] = seed_keys(np.broadcast_to(np.asarray(seeds, dtype=np.uint64), where.shape))
+        if self.randomisation.varies_models:
             self._pool.separate()
-            for i in range(self.count):
-                vary_model(self._pool[i], self._pool.nominal, drawn, self._keys[:, i : i + 1], self._joints.dof)
-        delay = np.rint(drawn.draw("command_delay", self._keys, 1)[:, 0] / self._timestep).astype(np.int64)
-        self._motors = BatchMotors(
-            self._pool,
-            np.array(self.description.effort_limit),
-            self.physics_steps,
-            delay=delay,
-            jitter=delay_steps("randomisation: command_jitter", drawn.command_jitter, self._timestep),
-            keys=self._keys,
-            stiffness_factor=drawn.draw("stiffness", self._keys, n),
-            damping_factor=drawn.draw("damping", self._keys, n),
-        )
-        self.reset()
+            for i in where.tolist():
+                key = self._keys[:, i : i + 1]
+                vary_model(self._pool[i], self._pool.nominal, self.randomisation, key, self._joints.dof)
+        self._motors.differences = self._differences()
+        self.reset(where)
+
+    def _differences(self) -> MotorDifferences:
+        return MotorDifferences.draw(self.randomisation, self._keys, len(self._joints.dof), self._timestep)
 
     def reset(
         self,
@@ -193,26 +214,14 @@ class BatchSimulation:
             qvel: shape (k, nv), MuJoCo's generalised velocity, instead of `joint_velocity`.
         """
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-        count, nominal = len(where), self._pool.nominal
-        position = np.empty((count, nominal.nq))
-        position[:] = self._start if qpos is None else qpos
-        if qpos is None and joint_position is not None:
-            position[:, self._joints.qpos] = joint_position
-        if qpos is None and base_yaw is not None and self._base_quaternion is not None:
-            half, none = 0.5 * np.asarray(base_yaw), np.zeros(count)
-            turn = np.stack([np.cos(half), none, none, np.sin(half)], axis=-1)
-            position[:, self._base_quaternion] = multiply(turn, self._start[self._base_quaternion])
-        velocity = np.zeros((count, nominal.nv))
-        if qvel is not None:
-            velocity[:] = qvel
-        elif joint_velocity is not None:
-            velocity[:, self._joints.dof] = joint_velocity
+        position = self._placement.position(len(where), joint_position, base_yaw) if qpos is None else np.asarray(qpos)
+        velocity = self._placement.velocity(len(where), joint_velocity) if qvel is None else np.asarray(qvel)
         self._physics.set(where, position, velocity)
         self._motors.hold(where, position[:, self._joints.qpos])
         self._effort[where] = 0.0
         self._step[where] = 0
         self._fault[where] = False
-        self._report = self._poses = None
+        self._truth = self._report = self._poses = None
 
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """Advance by one control period.
@@ -240,9 +249,7 @@ class BatchSimulation:
         moving = moving & ~self._fault
         chosen = None if moving.all() else np.flatnonzero(moving)
         control = self._motors.send(command, self._step, chosen)
-        if wrench is not None:
-            control = self._with_wrench(control, wrench)
-        broken = self._physics.advance(control, chosen)
+        broken = self._physics.advance(control, wrench, chosen)
         self._fault[np.flatnonzero(broken) if chosen is None else chosen[broken]] = True
         moved = moving & ~self._fault
         torque = self._motors.torque(
@@ -250,24 +257,21 @@ class BatchSimulation:
         )
         self._effort = np.where(moved[:, None], torque, self._effort)
         self._step = self._step + moved
-        self._report = self._poses = None
+        self._truth = self._report = self._poses = None
 
-    def _with_wrench(self, control: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Controls followed by the wrenches on all bodies, as MuJoCo orders them."""
-        if self._pushed is None:
-            nominal = self._pool.nominal
-            self._pushed = np.zeros((self.count, self.physics_steps, nominal.nu + 6 * nominal.nbody))
-        self._pushed[:, :, : control.shape[2]] = control
-        self._pushed[:, :, self._wrench] = wrench[:, None]
-        return self._pushed
+    def truth(self) -> MITState:
+        """The true state of the robots now, shape (N, …): what `state` is without noise."""
+        if self._truth is None:
+            physics = self._physics
+            self._truth = self._sensors.read(
+                physics.time, physics.qpos, physics.qvel, physics.acceleration, self._effort
+            )
+        return self._truth
 
     def state(self) -> MITState:
         """What the robots report now, shape (N, …), noise included."""
         if self._report is None:
-            physics = self._physics
-            self._report = self._sensors.read(
-                physics.time, physics.qpos, physics.qvel, physics.acceleration, self._effort, self._keys, self._step
-            )
+            self._report = self._sensors.disturb(self.truth(), self._keys, self._step)
         return self._report
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
@@ -280,17 +284,11 @@ class BatchSimulation:
             Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z; new arrays.
         """
         if self._poses is None:
-            self._poses = self._bodies.poses(self._physics.qpos)
-        *bodies, base = self._bodies.bodies
-        position = np.empty((self.count, len(bodies), 3))
-        quaternion = np.empty((self.count, len(bodies), 4))
-        for b, body in enumerate(bodies):
-            position[:, b] = self._poses[body].position.T
-            quaternion[:, b] = self._poses[body].quaternion.T
+            self._poses = self._bodies.arrays(self._physics.qpos)
+        position, quaternion = (array[:, :-1] for array in self._poses)  # the last is the base
         if not in_base:
-            return position, quaternion
-        origin, axes = self._poses[base].position.T[:, None], self._poses[base].quaternion.T[:, None]
-        return rotate_inverse(axes, position - origin), multiply(conjugate(axes), quaternion)
+            return position.copy(), quaternion.copy()
+        return seen_from(self._poses[0][:, -1], self._poses[1][:, -1], position, quaternion)
 
     def close(self) -> None:
         """Stop the threads. May be called twice."""
@@ -306,14 +304,3 @@ def _read_only(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
     view = array.view()
     view.setflags(write=False)
     return view
-
-
-def _start(model: mujoco.MjModel, description: RobotDescription, joints: IndexArray) -> tuple[FloatArray, slice | None]:
-    """MuJoCo's generalised position at the start, and where in it a floating base's orientation is."""
-    data = mujoco.MjData(model)
-    data.qpos[joints] = description.initial_position
-    if not description.is_floating:
-        return data.qpos.copy(), None
-    FloatingBase(model, description, data.qpos).place(data)
-    first = int(model.jnt_qposadr[model.body_jntadr[model.body(description.base.body).id]])
-    return data.qpos.copy(), slice(first + 3, first + 7)

@@ -8,7 +8,7 @@ import pytest
 
 from humanoid_sim.envs.batch.counter_random import seed_keys
 from humanoid_sim.envs.batch.models import ModelPool
-from humanoid_sim.envs.batch.motors import BatchMotors
+from humanoid_sim.envs.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
@@ -22,16 +22,9 @@ def motors(delay: list[int], jitter: int = 0) -> tuple[BatchMotors, ModelPool]:
     count = len(delay)
     pool = ModelPool(MODEL, count)
     factor = np.ones((count, ROBOT.joint_count))
-    line = BatchMotors(
-        pool,
-        np.array(ROBOT.effort_limit),
-        STEPS,
-        delay=np.array(delay),
-        jitter=jitter,
-        keys=seed_keys(np.arange(count)),
-        stiffness_factor=factor,
-        damping_factor=factor,
-    )
+    differences = MotorDifferences(np.array(delay), factor, factor, seed_keys(np.arange(count)))
+    limit = np.array(ROBOT.effort_limit)
+    line = BatchMotors(pool, limit, STEPS, differences, longest_delay=max(delay), jitter=jitter)
     return line, pool
 
 
