@@ -42,8 +42,12 @@ class OnnxModel:
     competes with the control loop.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, graph: bytes | None = None) -> None:
         """Load a model.
+
+        Args:
+            path: of the file.
+            graph: a model that was made from the file's and is to run in its place; None: the file's own.
 
         Raises:
             InputError: if the file is no ONNX model, or its external tensors are missing.
@@ -56,7 +60,8 @@ class OnnxModel:
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
         options.log_severity_level = 4  # what it would log reaches the user through the exception
         try:
-            session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+            source = str(path) if graph is None else graph
+            session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises its own types, which differ between builds
             raise InputError(f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}") from None
         self.path = path

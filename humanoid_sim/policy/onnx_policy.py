@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -58,8 +59,8 @@ class OnnxPolicy:
         self.observation_width = _vector_width(path, "input", observation)
         self.action_width = _vector_width(path, "output", action)
         self.has_time_step = time_step is not None
+        self.action_name = action.name
         self._observation = observation.name
-        self._action = [action.name]
         self._time_step = "" if time_step is None else time_step.name
         self._frame_type = np.float32 if time_step is None else _NUMBERS[time_step.type]
 
@@ -70,17 +71,23 @@ class OnnxPolicy:
 
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
         """One inference."""
-        action: npt.NDArray[np.float32] = self.run(self._action, observation, frame)[0][0]
+        action: npt.NDArray[np.float32] = self.run([self.action_name], observation, frame)[0][0]
         return action
 
     def run(
         self, outputs: list[str], observation: npt.NDArray[np.float32], frame: int
     ) -> list[npt.NDArray[np.float32]]:
         """Any outputs of one inference, each as the model gives it, shape (1, …)."""
-        inputs = {self._observation: observation[None]}
+        return self.model.run(outputs, self.inputs(observation[None], np.array([frame])))
+
+    def inputs(
+        self, observation: npt.NDArray[np.float32], frame: npt.NDArray[np.integer]
+    ) -> dict[str, npt.NDArray[Any]]:
+        """What goes into the model, by the names of its tensors, for observations (B, N) and frames (B,)."""
+        inputs: dict[str, npt.NDArray[Any]] = {self._observation: observation}
         if self.has_time_step:
-            inputs[self._time_step] = np.array([[frame]], dtype=self._frame_type)
-        return self.model.run(outputs, inputs)
+            inputs[self._time_step] = frame.astype(self._frame_type)[:, None]
+        return inputs
 
 
 def load_checkpoint(

@@ -49,8 +49,6 @@ class SuiteInfo(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     summary: str
     task: Literal["tracking", "velocity"]
     robot: str
-    digest: str
-    """SHA-256 of everything that an episode depends on: only results of equal digests are compared."""
     cases: tuple[str, ...]
     """Names of the motions or commands, in the suite's order."""
     seeds: tuple[int, ...]
@@ -78,7 +76,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     metrics: Mapping[str, float | None]
     """By the metric's name, in its unit; None: not measured."""
     trace_times: tuple[float, ...] = ()
-    """s since the start of the episode, K of them, at most 128: the middles of the steps that the values are means of."""
+    """s since the start of the episode, K of them, at most 128: the middle of the steps that a value is the mean of."""
     traces: Mapping[str, tuple[float | None, ...]] = {}
     """By the trace's name, K values each: the metrics that exist step by step under their own names (`joint_error`,
     `velocity_error`, …), in their units."""
@@ -122,7 +120,8 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Of that file."""
     suite: str
     """The suite's name."""
-    suite_digest: str
+    case_digests: Mapping[str, str]
+    """By case the SHA-256 of all that its episodes depend on beside policy and seed: only equals are compared."""
     episodes: tuple[Episode, ...]
     """Case by case in the suite's order, within a case seed by seed."""
     margins: tuple[Margin, ...] = ()

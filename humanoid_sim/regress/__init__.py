@@ -1,0 +1,22 @@
+"""Is this checkpoint worse than that one? Rollouts over a suite, compared metric by metric."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+__all__ = ["main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `regress` with command-line arguments; returns the exit status."""
+    import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
+
+    from humanoid_sim.regress.config import RegressConfig  # noqa: PLC0415
+
+    config = tyro.cli(
+        RegressConfig, prog="humanoid_sim.regress", args=arguments, config=(tyro.conf.PositionalRequiredArgs,)
+    )
+
+    from humanoid_sim.regress.program import regress  # noqa: PLC0415
+
+    return regress(config)

@@ -1,0 +1,56 @@
+"""The options of `regress`. Nothing heavy is imported here: `--help` must be quick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["RegressConfig"]
+
+
+@dataclass(frozen=True)
+class RegressConfig:
+    """Run policies over a suite and compare them, metric by metric, with a baseline.
+
+    Exit status 0: no metric of any policy is worse than the baseline by more than the suite tolerates. 1: one is. 2:
+    something that was given cannot be used.
+    """
+
+    policies: tuple[str, ...]
+    """ONNX checkpoints under test."""
+    suite: str = "lite_tracking"
+    """A shipped suite (lite_tracking, velocity), or the path of a suite's YAML file."""
+    baseline: str | None = None
+    """What to compare with: an ONNX checkpoint, which is run too, or a file of --write-baseline. Default: nothing."""
+    robot: str | None = None
+    """Instead of the suite's: a shipped robot, or the path of a robot's YAML file or of an MJCF."""
+    contract: str | None = None
+    """A contract.yaml for all the checkpoints. Default: the one beside each."""
+    seeds: int | None = None
+    """Seeds per case. Default: the suite's."""
+    first_seed: int | None = None
+    """The first of them. Default: the suite's."""
+    only: str | None = None
+    """Run only the cases whose name contains this text."""
+    margins: bool = False
+    """Also raise each of the suite's disturbances until the policy fails."""
+    write_baseline: Path | None = None
+    """Write what the first policy did to this file (.json), for --baseline."""
+    json: Path | None = None
+    """Write everything that was found to this file."""
+    junit: Path | None = None
+    """Write the verdicts to this file as JUnit XML, for continuous integration."""
+    report: Path | None = None
+    """Write a report to this file: one self-contained page (.html)."""
+    record_failures: Path | None = None
+    """Write failing episodes to this folder, as recordings (.mcap)."""
+    record_limit: int = 10
+    """Recordings per policy at most, the first of each case before the second of any."""
+    threads: int | None = None
+    """Threads that step physics. Default: one per processor."""
+    ray: str | None = None
+    """Share the episodes out over a Ray cluster: its address, or 'local' to start one here."""
+    overwrite: bool = False
+    """Replace output files that exist."""
+    quiet: bool = False
+    """Print verdicts only."""

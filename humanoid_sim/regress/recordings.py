@@ -1,0 +1,199 @@
+"""Failing episodes as recordings of whole runs, which `replay` and `play` open.
+
+An episode begins in LOCOMOTION, a recording in ZERO_TORQUE. So the recording has a few ticks in front in which the
+robot is held where the episode starts, while the FSM is walked up through a standby that is cut down to one policy
+step. From START_LOCOMOTION on, each tick is a policy step with the very state and action of the episode: the control
+stack is run on them as in any session, and repeating the recording gives the same bits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim import __version__
+from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent, TickInput
+from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.policy.motion import motion_bytes
+from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.regress.arena import Arena
+from humanoid_sim.regress.episodes import Disturbance, Step, run_episodes
+from humanoid_sim.regress.results import Episode
+from humanoid_sim.regress.suite import Suite
+from humanoid_sim.robots.schema import RobotDescription, StandbySettings
+from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents, load_policy
+
+__all__ = ["choose_failures", "record_episode", "recording_name"]
+
+_LONGEST_STANDBY = 100
+"""Ticks within which a standby of one policy step has ended, whatever the period."""
+
+
+def choose_failures(episodes: Sequence[Episode], limit: int) -> list[Episode]:
+    """The failures to record, at most `limit`: the first of each case, then the second of each, and so on."""
+    place: dict[str, int] = {}
+    ranked = []
+    for episode in episodes:
+        if episode.failure:
+            ranked.append((place.setdefault(episode.case, 0), episode))
+            place[episode.case] += 1
+    return [episode for _, episode in sorted(ranked, key=lambda pair: pair[0])][:limit]
+
+
+def recording_name(policy: str, episode: Episode) -> str:
+    """The file's name, without characters that a file system may refuse."""
+    return re.sub(r"[^\w.+-]+", "_", f"{policy}-{episode.case}-{episode.seed}") + ".mcap"
+
+
+def record_episode(path: Path, suite: Suite, arena: Arena, episode: Episode, disturbance: Disturbance) -> None:
+    """Run an episode again and write it as a recording, whole or not at all.
+
+    Args:
+        path: of the recording.
+        suite: that the episode is of.
+        arena: that it was run in.
+        episode: which.
+        disturbance: that it was run with.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    steps: list[Step] = []
+    again = run_episodes(suite, arena, [episode.seed], disturbance, threads=1, watch=steps)[0]
+    if again != episode:
+        raise AssertionError(f"{episode.label} does not repeat: {again.failure!r} instead of {episode.failure!r}")
+    description = _short_standby(arena.setting.description, arena.policy_dt)
+    actions = _RecordedActions(steps)
+    contract = arena.setting.contract
+    loaded = load_policy(contract, actions, arena.motion)
+    supervisor = build_supervisor(description, arena.policy_dt, loaded, action_limit=suite.action_limit)
+    header = SessionHeader(
+        robot=description.name,
+        joint_names=description.joint_names,
+        control_period=arena.policy_dt,
+        start_time_ns=0,
+        documents=header_documents(
+            description,
+            loaded,
+            remote=False,
+            settings=_settings(suite, arena, episode),
+            action_limit=suite.action_limit,
+        ),
+        attachments={} if arena.motion is None else {MOTION_ATTACHMENT: motion_bytes(arena.motion)},
+        observation_terms=tuple((term.name, term.width) for term in loaded.layout.terms),
+    )
+    temporary = path.with_name(f".{hashlib.sha256(path.name.encode()).hexdigest()[:16]}.tmp")
+    recorder = McapRecorder(temporary)
+    recorder.start(header)
+    try:
+        time = 0.0
+        for record in _ticks(supervisor, steps, actions, arena.policy_dt):
+            recorder.tick(record)
+            time = float(record.input.state.time)
+        recorder.event(time, f"regress: {suite.name}, {episode.label}: {episode.failure}")
+    finally:
+        recorder.close()
+        if recorder.error or sys.exc_info()[0] is not None:
+            temporary.unlink(missing_ok=True)
+    if recorder.error:
+        raise InputError(f"{path}: cannot be written: {recorder.error}")
+    temporary.replace(path)
+
+
+def _settings(suite: Suite, arena: Arena, episode: Episode) -> dict[str, object]:
+    checkpoint, command = arena.subject.checkpoint, arena.case.command
+    return {
+        "program": f"humanoid_sim.regress {__version__}",
+        "policy": str(Path(checkpoint.source).resolve()),
+        "policy_sha256": checkpoint.sha256,
+        "motion": arena.case.motion or None,
+        "command": None if command is None else list(command),
+        "regress": {"suite": suite.name, "case": episode.case, "seed": episode.seed, "failure": episode.failure},
+        "versions": {"python": sys.version.split()[0], "mujoco": mujoco.__version__, "numpy": np.__version__},
+        "platform": platform.platform(),
+    }
+
+
+def _short_standby(description: RobotDescription, period: float) -> RobotDescription:
+    def short(settings: StandbySettings) -> StandbySettings:
+        return msgspec.structs.replace(settings, segment_durations=(period,), pose_segments=settings.pose_segments[-1:])
+
+    return msgspec.structs.replace(
+        description,
+        standby_controller_a=short(description.standby_controller_a),
+        standby_controller_b=short(description.standby_controller_b),
+    )
+
+
+class _RecordedActions:
+    """The policy's place: answers what it answered."""
+
+    def __init__(self, steps: Sequence[Step]) -> None:
+        self._steps = steps
+        self.step = 0
+
+    def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+        action = self._steps[self.step].action
+        assert action is not None  # in the last step DAMP has come
+        answer: npt.NDArray[np.float32] = action[0]
+        return answer
+
+
+def _ticks(
+    supervisor: Supervisor, steps: Sequence[Step], actions: _RecordedActions, period: float
+) -> Iterator[TickRecord]:
+    """The ticks of a recording: the FSM's way up, the episode, and a last one in DAMPING."""
+    memory = supervisor.initial()
+    intents: list[Intent] = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
+    index, ready = 0, True
+    while intents:
+        if index > _LONGEST_STANDBY:
+            raise AssertionError("the shortened standby did not end")
+        # The tick of START_LOCOMOTION is the episode's first step already.
+        due = (intents.pop(0),) if ready else ()
+        tick_input = TickInput(_one(steps[0].state, index * period), (), due)
+        memory, output = supervisor.step(memory, tick_input)
+        yield TickRecord(index, tick_input, output, 0.0, False, steps[0].qpos[0])
+        index += 1
+        ready = output.standby is None or output.standby.is_finished
+    for i, step in enumerate(steps[1:], start=1):
+        actions.step = i
+        # The last state is one in which no policy ran any more.
+        due = (Intent.DAMP,) if step.action is None else ()
+        tick_input = TickInput(_one(step.state, index * period), (), due)
+        memory, output = supervisor.step(memory, tick_input)
+        yield TickRecord(index, tick_input, output, 0.0, False, step.qpos[0])
+        index += 1
+
+
+def _one(state: MITState, time: float) -> MITState:
+    """The only robot of a batch, on the recording's clock."""
+
+    def first(values: FloatArray) -> FloatArray:
+        return values[0]
+
+    return replace(
+        state,
+        time=time,
+        joint_position=first(state.joint_position),
+        joint_velocity=first(state.joint_velocity),
+        joint_effort=first(state.joint_effort),
+        joint_age=first(state.joint_age),
+        imu_quaternion=first(state.imu_quaternion),
+        imu_angular_velocity=first(state.imu_angular_velocity),
+        imu_linear_acceleration=first(state.imu_linear_acceleration),
+        extern={name: Extern(first(live.value), time, live.timeout) for name, live in state.extern.items()},
+    )

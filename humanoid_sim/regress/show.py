@@ -1,0 +1,133 @@
+"""What a person reads on the terminal."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.regress.results import Candidate, Comparison, Margin, PolicyRun, Results
+from humanoid_sim.regress.words import detectable_in_words, displayed_unit, quantity
+
+__all__ = ["show_candidate", "show_detectable", "show_run", "show_verdict"]
+
+_COLOURS = {"worse": "red", "better": "green", "same": "default", "unclear": "yellow", "unmeasured": "yellow"}
+_FAILURES_SHOWN = 5
+
+
+def show_detectable(console: Console, results: Results) -> None:
+    """How small a change the suite can find: before any candidate has run."""
+    if not results.detectable:
+        return
+    table = Table(
+        title=f"{escape(results.suite.name)}: found with a probability of {results.detectable[0].power:.0%}, or sooner",
+        title_justify="left",
+    )
+    for heading in ("metric", "baseline", "tolerated", "found from"):
+        table.add_column(heading, justify="left" if heading == "metric" else "right")
+    for row in results.detectable:
+        metric = results.metric(row.metric)
+        table.add_row(
+            row.metric,
+            quantity(row.baseline, metric.unit),
+            quantity(row.tolerance, metric.unit),
+            detectable_in_words(metric, row),
+        )
+    console.print(table)
+
+
+def show_run(console: Console, results: Results, run: PolicyRun) -> None:
+    """What a policy did, where there is nothing to compare it with."""
+    table = Table(title=escape(run.name), title_justify="left")
+    table.add_column("metric")
+    for heading in ("mean", "least", "greatest"):
+        table.add_column(heading, justify="right")
+    for metric in results.metrics:
+        values = [value for episode in run.episodes if (value := episode.metrics[metric.name]) is not None]
+        numbers = (sum(values) / len(values), min(values), max(values)) if values else (None, None, None)
+        table.add_row(metric.name, *(quantity(number, metric.unit) for number in numbers))
+    console.print(table)
+    _show_failures(console, run)
+    _show_margins(console, run.margins)
+
+
+def show_candidate(console: Console, results: Results, candidate: Candidate) -> None:
+    """A policy beside the baseline."""
+    table = Table(title=f"{escape(candidate.run.name)} against the baseline", title_justify="left")
+    table.add_column("metric", no_wrap=True)
+    for heading in ("baseline", "candidate", "change"):
+        table.add_column(heading, justify="right")
+    table.add_column("verdict", no_wrap=True)
+    for comparison in candidate.comparisons:
+        unit = results.metric(comparison.metric).unit
+        colour = _COLOURS[comparison.verdict]
+        table.add_row(
+            comparison.metric,
+            quantity(comparison.baseline, unit),
+            quantity(comparison.candidate, unit),
+            _change(comparison, unit),
+            f"[{colour}]{comparison.verdict}[/]",
+        )
+    console.print(table)
+    if candidate.comparisons and not candidate.comparisons[0].paired:
+        console.print("other seeds than the baseline's: compared case by case, not pair by pair")
+    _show_failures(console, candidate.run)
+    _show_margins(console, candidate.run.margins, {margin.axis: margin.verdict for margin in candidate.margins})
+
+
+def _change(comparison: Comparison, unit: str) -> str:
+    """The change and its interval: as shares of the baseline, or in the metric's unit where there is none."""
+    change, low, high = comparison.change, comparison.low, comparison.high
+    if change is None or low is None or high is None:
+        return "-"
+    base = abs(comparison.baseline or 0.0)
+    if base and unit != "share":
+        return f"{100.0 * change / base:+.1f} % ({100.0 * low / base:+.1f} to {100.0 * high / base:+.1f})"
+    factor, _ = displayed_unit(unit)
+    return f"{quantity(change, unit, signed=True)} ({factor * low:+.3g} to {factor * high:+.3g})"
+
+
+def _show_failures(console: Console, run: PolicyRun) -> None:
+    failures = run.failures
+    if failures:
+        console.print(f"{len(failures)} of {len(run.episodes)} episodes failed:")
+        for episode in failures[:_FAILURES_SHOWN]:
+            line = f"  {episode.label}, after {episode.duration:.2f} s: {episode.failure}"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+        if len(failures) > _FAILURES_SHOWN:
+            console.print(f"  and {len(failures) - _FAILURES_SHOWN} more")
+
+
+def _show_margins(console: Console, margins: tuple[Margin, ...], verdicts: dict[str, str] | None = None) -> None:
+    if not margins:
+        return
+    table = Table(title="robustness margins", title_justify="left")
+    table.add_column("disturbance")
+    table.add_column("borne up to", justify="right")
+    table.add_column("fails")
+    table.add_column("verdict")
+    for margin in margins:
+        borne = quantity(margin.limit, margin.unit)
+        verdict = (verdicts or {}).get(margin.axis, "")
+        table.add_row(
+            margin.axis,
+            f"{borne} or more" if margin.reached_end else borne,
+            "" if margin.reached_end else f"at {quantity(margin.levels[-1], margin.unit)}: {escape(margin.failure)}",
+            f"[{_COLOURS[verdict]}]{verdict}[/]" if verdict else "",
+        )
+    console.print(table)
+
+
+def show_verdict(console: Console, results: Results, candidate: Candidate) -> None:
+    """One line: pass or fail, naming the metrics."""
+    name = candidate.run.name
+    if results.baseline is None:
+        failed = len(candidate.run.failures)
+        line = f"{name}: {len(candidate.run.episodes)} episodes, {failed} failed; no baseline to compare with"
+    elif candidate.passed:
+        unclear = [comparison.metric for comparison in candidate.comparisons if comparison.verdict == "unclear"]
+        doubt = f"; more seeds would tell for sure: {', '.join(unclear)}" if unclear else ""
+        line = f"PASS {name}{doubt}"
+    else:
+        line = f"FAIL {name}: worse: {', '.join(candidate.worse)}"
+    console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,79 @@
+"""A policy under test, ready to run many episodes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.onnx_policy import OnnxPolicy, load_checkpoint
+from humanoid_sim.regress.batched_policy import BatchedPolicy
+from humanoid_sim.regress.suite import Suite
+from humanoid_sim.robots.description import RobotDescription, load_robot
+
+__all__ = ["Subject", "load_subject", "suite_robot", "unique_names"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """A checkpoint on a robot."""
+
+    name: str
+    checkpoint: Checkpoint
+    policy: BatchedPolicy
+    description: RobotDescription
+    """Of the robot, as it is without a policy."""
+
+
+def suite_robot(suite: Suite, folder: Path, robot: str | None) -> RobotDescription:
+    """The robot of a suite, or another in its place.
+
+    Raises:
+        InputError: neither names one, or it cannot be read.
+    """
+    name = robot or suite.robot
+    if not name:
+        raise InputError(f"--robot: is missing; the suite '{suite.name}' is for any robot and names none")
+    if robot is None and (folder / name).is_file():
+        name = str(folder / name)
+    description = load_robot(name)
+    if suite.task == "velocity" and not description.is_floating:
+        raise InputError(f"robot '{description.name}': has a fixed base, a velocity suite expects a floating one")
+    if suite.base_height is not None:
+        base = msgspec.structs.replace(description.base, height=suite.base_height)
+        description = msgspec.structs.replace(description, base=base)
+    return description
+
+
+def load_subject(path: Path, contract_file: Path | None, description: RobotDescription, suite: Suite) -> Subject:
+    """Load a checkpoint and see whether it is one for the suite's task.
+
+    Raises:
+        InputError: one line that names the file and what is wrong.
+    """
+    checkpoint = load_checkpoint(path, contract_file, description.joint_names)
+    walks = checkpoint.contract.task_type == "locomotion"
+    if walks is (suite.task == "tracking") or checkpoint.contract.task_type == "piano":
+        raise InputError(
+            f"{path}: is a policy for task_type {checkpoint.contract.task_type}, the suite '{suite.name}' is for "
+            f"{'a policy that follows motions' if suite.task == 'tracking' else 'one that walks at a velocity'}"
+        )
+    assert isinstance(checkpoint.policy, OnnxPolicy)  # load_checkpoint makes no other
+    return Subject(path.stem, checkpoint, BatchedPolicy(checkpoint.policy), description)
+
+
+def unique_names(subjects: Sequence[Subject]) -> list[Subject]:
+    """The subjects, with names that tell them apart: the file's, and its folder's where that is not enough."""
+    names = [subject.name for subject in subjects]
+    if len(set(names)) < len(names):
+        paths = [Path(subject.checkpoint.source).resolve() for subject in subjects]
+        names = [f"{path.parent.name}/{path.stem}" for path in paths]
+    for i, name in enumerate(names):
+        count = names[:i].count(name)
+        if count:
+            names[i] = f"{name} ({count + 1})"
+    return [replace(subject, name=name) for subject, name in zip(subjects, names, strict=True)]

@@ -1,0 +1,163 @@
+"""What a suite is: a task, its cases and seeds, what disturbs the robot, and how much worse is still accepted.
+
+A suite is one YAML file; `assets/suites/lite_tracking.yaml` is the example. These structs are its schema,
+`humanoid_sim.regress.suite_file.load_suite` reads it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import msgspec
+
+from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
+from humanoid_sim.envs.batch.randomisation import Randomisation
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.regress.metrics import METRICS, TaskName
+from humanoid_sim.regress.results import MetricInfo
+
+__all__ = ["AXES", "Axis", "Case", "Margins", "Pushes", "Start", "Suite", "Sweep", "Tolerance"]
+
+Axis = Literal["delay", "jitter", "gains", "friction", "joint_friction", "mass", "push", "noise"]
+AXES: Mapping[str, tuple[str, float]] = {
+    "delay": ("s", 0.0),
+    "jitter": ("s", 0.0),
+    "gains": ("×", 1.0),
+    "friction": ("×", 1.0),
+    "joint_friction": ("×", 1.0),
+    "mass": ("×", 1.0),
+    "push": ("m/s", 0.0),
+    "noise": ("rad", 0.0),
+}
+"""What margins are measured of: unit, and the value that disturbs nothing."""
+
+
+class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One thing to do: follow a motion, or walk at a velocity."""
+
+    name: str
+    motion: str = ""
+    """Tracking: a sample motion, or the path of a motion file, relative to the suite; empty: the one in the policy."""
+    command: tuple[float, float, float] | None = None
+    """Velocity: vx, vy in m/s and the yaw rate in rad/s."""
+    duration: float | None = None
+    """s; tracking: default the whole motion."""
+
+
+class Start(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How far from the policy's default pose, and from rest, an episode may begin."""
+
+    joint_position: float = 0.0
+    """rad, uniform to both sides, joint by joint."""
+    joint_velocity: float = 0.0
+    """rad/s, likewise."""
+
+
+class Pushes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Sudden changes of a floating base's horizontal velocity, in a direction that is drawn."""
+
+    speed: float
+    """m/s"""
+    interval: float = 4.0
+    """s between two; the first comes after half of it."""
+
+
+class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How much worse than the baseline a metric may be: the larger of the two."""
+
+    relative: float = 0.0
+    """As a share of the baseline."""
+    absolute: float = 0.0
+    """In the metric's unit."""
+
+
+class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One disturbance, raised level by level until the policy fails."""
+
+    axis: Axis
+    levels: tuple[float, ...]
+    """In the axis' unit, away from the value that disturbs nothing."""
+
+    @property
+    def name(self) -> str:
+        """The axis, and for those with two sides which one."""
+        _, nominal = AXES[self.axis]
+        if nominal == 0.0:
+            return self.axis
+        return f"{self.axis} {'up' if self.levels[0] > nominal else 'down'}"
+
+
+class Margins(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How robustness margins are measured."""
+
+    sweeps: tuple[Sweep, ...]
+    seeds: int = 4
+    """Of each case at each level."""
+    cases: tuple[str, ...] = ()
+    """Names; empty: all."""
+    allowed_failures: float = 0.0
+    """Share of the episodes that may fail at a level that is passed."""
+    limits: Mapping[str, float] = {}
+    """By metric: an episode beyond this counts as failed too."""
+
+
+class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A suite. Everything that an episode depends on is in its digest, so that a baseline is known to fit."""
+
+    name: str
+    summary: str = ""
+    task: TaskName
+    robot: str = ""
+    """A shipped robot, or the path of a description or an MJCF, relative to the suite; empty: `--robot` says."""
+    cases: tuple[Case, ...]
+    seeds: int
+    """Of each case."""
+    first_seed: int = 0
+    tolerances: Mapping[str, Tolerance]
+    """By metric, in the order of the report: these are judged, and no others."""
+    confidence: float = 0.95
+    """That none of a candidate's intervals misses its change."""
+    resamples: int = 10_000
+    """Of the bootstrap."""
+    start: Start = Start()
+    randomisation: Mapping[str, float | tuple[float, float]] = {}
+    """Fields of `humanoid_sim.envs.batch.Randomisation`."""
+    pushes: Pushes | None = None
+    settle: float = 1.0
+    """s at the start of a velocity episode that its errors do not count: the robot begins at rest."""
+    action_limit: float = ACTION_LIMIT
+    """Largest magnitude of a raw action, as of the controller."""
+    physics_timestep: float | None = None
+    """s; default: the robot's."""
+    base_height: float | None = None
+    """m, where a free base starts; default: the robot's."""
+    margins: Margins | None = None
+
+    @property
+    def seed_numbers(self) -> tuple[int, ...]:
+        """The seeds that every case is run with."""
+        return tuple(range(self.first_seed, self.first_seed + self.seeds))
+
+    @property
+    def metrics(self) -> tuple[MetricInfo, ...]:
+        """The metrics that are judged, in their order."""
+        return tuple(METRICS[self.task][name].info for name in self.tolerances)
+
+    def tolerance(self, metric: str, baseline: float) -> float:
+        """The worsening that is let pass beside a baseline, in the metric's unit."""
+        tolerance = self.tolerances[metric]
+        return max(tolerance.absolute, tolerance.relative * abs(baseline))
+
+    def draw(self) -> Randomisation:
+        """What is drawn for each episode.
+
+        Raises:
+            InputError: naming the field that is wrong.
+        """
+        known = Randomisation.__dataclass_fields__
+        for name in self.randomisation:
+            if name not in known:
+                raise InputError(f"randomisation: {known_names('field', name, known)}")
+        values: dict[str, Any] = dict(self.randomisation)
+        return Randomisation(**values)

@@ -1,0 +1,109 @@
+"""What the types of a suite cannot say: numbers in their ranges, names that exist, cases that fit the task."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+from humanoid_sim.errors import known_names
+from humanoid_sim.regress.metrics import METRICS
+from humanoid_sim.regress.suite import AXES, Suite
+
+__all__ = ["suite_problems"]
+
+
+def suite_problems(suite: Suite) -> Iterator[str]:
+    """What types cannot say, each as `place: what is wrong`."""
+    yield from _case_problems(suite)
+    for place, value in (("seeds", suite.seeds), ("resamples", suite.resamples)):
+        if value < 2:
+            yield f"{place}: is {value}, expected at least 2"
+    if not 0 <= suite.first_seed < 2**31:
+        yield f"first_seed: is {suite.first_seed}, expected 0 to {2**31 - 1}"
+    if not 0.5 <= suite.confidence < 1.0:
+        yield f"confidence: is {suite.confidence:g}, expected 0.5 or more, and less than 1"
+    for place, number, at_least in (
+        ("settle", suite.settle, 0.0),
+        ("start.joint_position", suite.start.joint_position, 0.0),
+        ("start.joint_velocity", suite.start.joint_velocity, 0.0),
+    ):
+        if not at_least <= number < math.inf:
+            yield f"{place}: is {number:g}, expected a finite number >= {at_least:g}"
+    for place, positive in (
+        ("action_limit", suite.action_limit),
+        ("physics_timestep", suite.physics_timestep),
+        ("base_height", suite.base_height),
+        ("pushes.speed", None if suite.pushes is None else suite.pushes.speed),
+        ("pushes.interval", None if suite.pushes is None else suite.pushes.interval),
+    ):
+        if positive is not None and not 0.0 < positive < math.inf:
+            yield f"{place}: is {positive:g}, expected a finite number > 0"
+    yield from _tolerance_problems(suite)
+    yield from _margin_problems(suite)
+
+
+def _case_problems(suite: Suite) -> Iterator[str]:
+    if not suite.cases:
+        yield "cases: is empty, expected at least one"
+    seen: set[str] = set()
+    for i, case in enumerate(suite.cases):
+        place = f"cases[{i}]"
+        if not case.name.strip() or not case.name.isprintable():
+            yield f"{place}.name: is {case.name!r}, expected a printable name"
+        if case.name in seen:
+            yield f"{place}.name: '{case.name}' is given twice"
+        seen.add(case.name)
+        if case.duration is not None and not 0.0 < case.duration <= 3600.0:
+            yield f"{place}.duration: is {case.duration:g}, expected more than 0 and at most 3600 s"
+        if suite.task == "tracking" and case.command is not None:
+            yield f"{place}.command: is of no use to a tracking task, expected a motion"
+        if suite.task == "velocity":
+            if case.motion:
+                yield f"{place}.motion: is of no use to a velocity task, expected a command"
+            if case.command is None or not all(math.isfinite(value) for value in case.command):
+                yield f"{place}.command: expected vx, vy in m/s and a yaw rate in rad/s"
+            if case.duration is None or case.duration <= suite.settle:
+                yield f"{place}.duration: expected more than settle ({suite.settle:g} s)"
+
+
+def _tolerance_problems(suite: Suite) -> Iterator[str]:
+    known = METRICS[suite.task]
+    if not suite.tolerances:
+        yield f"tolerances: is empty, expected some of {', '.join(known)}"
+    for name, tolerance in suite.tolerances.items():
+        if name not in known:
+            yield f"tolerances: {known_names(f'{suite.task} metric', name, known)}"
+        for part, value in (("relative", tolerance.relative), ("absolute", tolerance.absolute)):
+            if not 0.0 <= value < math.inf:
+                yield f"tolerances.{name}.{part}: is {value:g}, expected a finite number >= 0"
+
+
+def _margin_problems(suite: Suite) -> Iterator[str]:
+    margins = suite.margins
+    if margins is None:
+        return
+    names = [case.name for case in suite.cases]
+    for name in margins.cases:
+        if name not in names:
+            yield f"margins.cases: {known_names('case', name, names)}"
+    if margins.seeds < 1:
+        yield f"margins.seeds: is {margins.seeds}, expected at least 1"
+    if not 0.0 <= margins.allowed_failures < 1.0:
+        yield f"margins.allowed_failures: is {margins.allowed_failures:g}, expected 0 or more, and less than 1"
+    for name in margins.limits:
+        if name not in METRICS[suite.task]:
+            yield f"margins.limits: {known_names(f'{suite.task} metric', name, METRICS[suite.task])}"
+    for i, sweep in enumerate(margins.sweeps):
+        _, nominal = AXES[sweep.axis]
+        away = [nominal, *sweep.levels]
+        rises = all(a < b for a, b in pairwise(away))
+        falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
+        if not sweep.levels or not (rises or falls) or not all(map(math.isfinite, sweep.levels)):
+            yield (
+                f"margins.sweeps[{i}].levels: is {list(sweep.levels)}, expected finite numbers that lead away "
+                f"from {nominal:g}"
+            )
+    sweeps = [sweep.name for sweep in margins.sweeps if sweep.levels]
+    if len(set(sweeps)) < len(sweeps):
+        yield "margins.sweeps: one is given twice"

@@ -1,0 +1,150 @@
+"""A batch of observations gets bit for bit what single ones get, whatever the exporter did to the batch dimension."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+from policies import SAMPLE
+
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.regress.batch_axis import with_batch_axis
+from humanoid_sim.regress.batched_policy import BatchedPolicy
+from humanoid_sim.regress.free_batch import UnsupportedGraphError, read_graph
+
+FREE = "free batch dimension in memory"
+WEIGHTS = np.random.default_rng(3).standard_normal((6, 4)).astype(np.float32)
+
+
+def network(tmp_path: Path, nodes, constants=(), *, rows: int | str = 1, time_step: bool = False) -> OnnxPolicy:
+    """A model of 6 observations and 4 actions from a few operators."""
+    inputs = [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [rows, 6])]
+    if time_step:
+        inputs.append(helper.make_tensor_value_info("time_step", TensorProto.FLOAT, [rows, 1]))
+    graph = helper.make_graph(
+        [helper.make_node(*node[:3], **node[3]) for node in nodes],
+        "network",
+        inputs,
+        [helper.make_tensor_value_info("actions", TensorProto.FLOAT, [rows, 4])],
+        [numpy_helper.from_array(np.asarray(value), name) for name, value in (*constants, ("w", WEIGHTS))],
+    )
+    path = tmp_path / "network.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), str(path))
+    return OnnxPolicy(path)
+
+
+def check(policy: OnnxPolicy, batched: BatchedPolicy, count: int = 9) -> None:
+    observation = np.random.default_rng(1).standard_normal((count, policy.observation_width)).astype(np.float32)
+    frame = np.arange(count)
+    alone = np.stack([policy(observation[i], i) for i in range(count)])
+    together = batched(observation, frame)
+    assert together.shape == (count, policy.action_width)
+    assert together.tobytes() == alone.tobytes()
+    assert batched(observation[3:4], frame[3:4]).tobytes() == alone[3:4].tobytes()
+
+
+def test_the_sample_policy_folds_two_arms_into_the_batch_and_is_freed_all_the_same() -> None:
+    policy = OnnxPolicy(SAMPLE)
+    batched = BatchedPolicy(policy)
+    assert batched.batching == FREE
+    check(policy, batched)
+
+
+MATMUL = [("MatMul", ["obs", "w"], ["actions"], {})]
+SHAPED = [
+    ("Reshape", ["obs", "two_by_three"], ["pairs"], {}),
+    ("Transpose", ["pairs"], ["turned"], {"perm": [1, 0]}),
+    ("Gather", ["turned", "last_two"], ["chosen"], {"axis": 0}),
+    ("Slice", ["obs", "one", "three", "axis_one"], ["part"], {}),
+    ("Reshape", ["chosen", "row"], ["flat"], {}),
+    ("Concat", ["flat", "part"], ["all"], {"axis": 1}),
+    ("Gemm", ["all", "w", "bias"], ["gemm"], {"alpha": 0.5}),
+    ("Tanh", ["gemm"], ["tanh"], {}),
+    ("Mul", ["tanh", "scale"], ["actions"], {}),
+]
+SHAPED_CONSTANTS = [
+    ("two_by_three", np.array([2, 3])),
+    ("last_two", np.array([2, 1])),
+    ("one", np.array([1])),
+    ("three", np.array([3])),
+    ("axis_one", np.array([-1])),
+    ("row", np.array([1, 4])),
+    ("bias", np.arange(4, dtype=np.float32)),
+    ("scale", np.array([[1.0, 2.0, 3.0, 4.0]], dtype=np.float32)),
+]
+
+
+@pytest.mark.parametrize("rows", [1, "batch"])
+def test_a_plain_network(tmp_path: Path, rows: int | str) -> None:
+    policy = network(tmp_path, MATMUL, rows=rows)
+    batched = BatchedPolicy(policy)
+    assert batched.batching == FREE
+    check(policy, batched)
+
+
+def test_operators_that_move_and_mix_axes(tmp_path: Path) -> None:
+    policy = network(tmp_path, SHAPED, SHAPED_CONSTANTS)
+    batched = BatchedPolicy(policy)
+    assert batched.batching == FREE
+    check(policy, batched)
+
+
+def test_a_frame_takes_part(tmp_path: Path) -> None:
+    nodes = [("MatMul", ["obs", "w"], ["product"], {}), ("Add", ["product", "time_step"], ["actions"], {})]
+    policy = network(tmp_path, nodes, time_step=True)
+    batched = BatchedPolicy(policy)
+    assert batched.batching == FREE
+    check(policy, batched)
+
+
+def test_what_the_action_does_not_need_is_left_out(tmp_path: Path) -> None:
+    nodes = [*MATMUL, ("Gather", ["w", "row"], ["motion"], {"axis": 0})]
+    policy = network(tmp_path, nodes, [("row", np.array([2]))], time_step=True)
+    assert [node.op_type for node in read_graph(policy.model.path, "actions").graph.node] == ["MatMul"]
+    check(policy, BatchedPolicy(policy))
+
+
+def test_an_operator_that_is_not_known_is_freed_by_its_shapes(tmp_path: Path) -> None:
+    nodes = [("Softmax", ["obs"], ["soft"], {"axis": -1}), ("MatMul", ["soft", "w"], ["actions"], {})]
+    policy = network(tmp_path, nodes)
+    with pytest.raises(UnsupportedGraphError, match="operator Softmax"):
+        with_batch_axis(read_graph(policy.model.path, "actions"))
+    batched = BatchedPolicy(policy)
+    assert batched.batching == FREE
+    check(policy, batched)
+
+
+def test_row_by_row_where_a_batch_would_mix_its_rows(tmp_path: Path) -> None:
+    """The mean over the first axis is that of one row as exported, and of all rows once the batch is free."""
+    nodes = [
+        ("ReduceMean", ["obs"], ["mean"], {"axes": [0], "keepdims": 1}),
+        ("MatMul", ["mean", "w"], ["actions"], {}),
+    ]
+    policy = network(tmp_path, nodes)
+    batched = BatchedPolicy(policy)
+    assert batched.batching == "row by row: the model has operator ReduceMean"
+    check(policy, batched)
+
+
+def test_rows_that_raise_are_not_a_number_and_the_others_are_answered(tmp_path: Path) -> None:
+    """A Gather beyond the table's end raises in ONNX Runtime: at frames 4 and 5 here."""
+    nodes = [
+        ("Cast", ["time_step"], ["index"], {"to": TensorProto.INT64}),
+        ("Gather", ["table", "index"], ["value"], {"axis": 0}),
+        ("Squeeze", ["value", "axis_one"], ["scalar"], {}),
+        ("MatMul", ["obs", "w"], ["product"], {}),
+        ("Add", ["product", "scalar"], ["actions"], {}),
+    ]
+    constants = [("table", np.ones((68, 1), dtype=np.float32)), ("axis_one", np.array([2]))]
+    policy = network(tmp_path, nodes, constants, time_step=True)
+    batched = BatchedPolicy(policy)
+    actions = batched(np.zeros((3, 6), dtype=np.float32), np.array([67, 68, 3]))
+    assert np.isnan(actions).all(axis=1).tolist() == [False, True, False]
+    assert actions[2].tolist() == [1.0, 1.0, 1.0, 1.0]
