@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -16,6 +15,7 @@ from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, RLPolicyMemory
 from humanoid_sim.envs.episode_robot import BodyPoses, EpisodeRobot, PlantState
+from humanoid_sim.envs.inputs import Named, velocity_option
 from humanoid_sim.envs.policy_side import PolicyMemory
 from humanoid_sim.envs.recorded_start import recorded_start
 from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
@@ -59,9 +59,9 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
 
     def __init__(
         self,
-        contract: str | Path | PolicyContract = "lite_tracking",
-        robot: str | Path | RobotDescription = "lite",
-        motion: str | Path | Motion | None = None,
+        contract: Named | PolicyContract,
+        robot: Named | RobotDescription,
+        motion: Named | Motion | None = None,
         *,
         task: str = "auto",
         actuation: Actuation = "affine",
@@ -79,9 +79,10 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         """Build the robot.
 
         Args:
-            contract: of the policy, or the file that has it; see `make_setting`. Paths and names keep specs picklable.
+            contract: of the policy; or the name or path of a checkpoint (.onnx) or a contract file (.yaml).
             robot: a description, or what `load_robot` takes.
-            motion: what a tracking policy follows; see `make_setting`.
+            motion: a sample motion by name, a file by path, or the motion itself; None for the one that a checkpoint
+                carries in its graph, and for policies that follow none.
             task: `tracking`, `motion`, `velocity`, `balance`, or `auto` for the one that the contract was made for.
             actuation: `affine`, stepped natively, or `qfrc_applied`, the reference; they agree to 1e-9.
             physics_timestep: s; None for the robot's.
@@ -158,7 +159,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             self._commands = np.zeros((1, 3)) if live is None else live.value[None]
         plant = options.pop("state", plant)
         if "command" in options:
-            self._commands = _command(options.pop("command"))
+            self._commands = velocity_option(options.pop("command"))[None]
         if options:
             known = ("command", "recording", "state", "memory")
             raise InputError(f"reset: {known_names('option', next(iter(options)), known)}")
@@ -264,11 +265,3 @@ def _policy_memory(memory: PolicyMemory | RLPolicyMemory) -> PolicyMemory:
     if not isinstance(memory, RLPolicyMemory):
         raise InputError(f"reset: memory is a {type(memory).__name__}, expected an RLPolicyMemory")
     return PolicyMemory(memory.frame, memory.last_action, memory.history, memory.walked, memory.alignment)
-
-
-def _command(value: Any) -> FloatArray:
-    """Shape (1, 3)."""
-    command = np.asarray(value, dtype=np.float64)
-    if command.shape != (3,) or not np.isfinite(command).all():
-        raise InputError(f"reset: command is {value!r}, expected vx, vy and yaw rate: three finite numbers")
-    return command[None]

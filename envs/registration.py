@@ -27,7 +27,10 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
         "kwargs": {"contract": "lite_biped_velocity", "robot": "lite_biped"},
     },
     "humanoid_sim/Policy-v0": {"entry_point": _SINGLE, "vector_entry_point": _VECTOR},
-    "humanoid_sim/LiteModes-v0": {"entry_point": _MODES, "kwargs": {"robot": "lite", "policy": "lite_tracking"}},
+    "humanoid_sim/LiteModes-v0": {
+        "entry_point": _MODES,
+        "kwargs": {"robot": "lite", "policy": "lite_tracking", "motion": "wave"},
+    },
 }
 """What `gymnasium.register` is told, by id."""
 

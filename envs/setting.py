@@ -4,34 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
+from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, Policy
 from humanoid_sim.controllers.rotation import multiply
+from humanoid_sim.envs.inputs import Named, read_policy
 from humanoid_sim.envs.policy_side import PolicySide
 from humanoid_sim.envs.tasks.choice import make_task
 from humanoid_sim.envs.tasks.task import Start, Task
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.play.options import motion_path
-from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint, read_contract
-from humanoid_sim.policy.placeholder import zero_policy
-from humanoid_sim.policy.readers.contract_yaml import read_contract_file
-from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.contract_gains import with_contract
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.floating_base import FloatingBase
 from humanoid_sim.simulation.plant import make_plant
-from humanoid_sim.stack import load_policy
 
 __all__ = ["Setting", "make_setting"]
 
@@ -45,6 +38,8 @@ class Setting:
     side: PolicySide
     """What the deployed controller does around its policy."""
     task: Task
+    policy: Policy
+    """The checkpoint's; one that answers zeros where there is only a contract."""
     physics_timestep: float
     """s"""
     extern: Mapping[str, int]
@@ -81,9 +76,9 @@ class Setting:
 
 
 def make_setting(
-    contract: str | Path | PolicyContract = "lite_tracking",
-    robot: str | Path | RobotDescription = "lite",
-    motion: str | Path | Motion | None = None,
+    contract: Named | PolicyContract,
+    robot: Named | RobotDescription,
+    motion: Named | Motion | None = None,
     *,
     task: str = "auto",
     physics_timestep: float | None = None,
@@ -93,11 +88,9 @@ def make_setting(
     """Read what is named, and check that it fits together.
 
     Args:
-        contract: of the policy; or a checkpoint (.onnx) or a contract file (.yaml) by path, or one that ships with the
-            package by its name.
+        contract: of the policy, as `read_policy` takes it.
         robot: a description, or what `load_robot` takes.
-        motion: what a tracking policy follows: a sample motion by name, a file by path, or the motion itself; None for
-            the one that the checkpoint carries in its graph.
+        motion: what the policy follows, as `read_policy` takes it.
         task: as `make_task` takes it.
         physics_timestep: s; None for the robot's.
         action_limit: largest magnitude of a raw action; beyond it the policy has failed.
@@ -107,22 +100,15 @@ def make_setting(
         InputError: one line that says what cannot be read, or what does not fit.
     """
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
-    read, carried, source = _read_contract(contract, described.joint_names, wants_motion=motion is None)
-    followed = carried
-    if motion is not None:
-        followed = motion if isinstance(motion, Motion) else read_motion(motion_path(str(motion)))
-    if followed is None and read.task_type != "locomotion":
-        raise InputError(f"motion: is missing; {source} is a {read.task_type} policy and follows one")
-    loaded = load_policy(
-        read, zero_policy(read.action_count), followed, source=source, motion_source=f"motion {motion}"
-    )
+    loaded = read_policy(contract, motion, described.joint_names)
+    read = loaded.contract
     description = with_contract(described, read)
     estimated = {BASE_LINEAR_VELOCITY: description.is_floating, ANCHOR_POSE: bool(read.anchor_body)}
     extern = {name: width for name, width in EXTERN_WIDTHS.items() if name == VELOCITY_COMMAND or estimated[name]}
     try:
         side = PolicySide(description.joint_names, read, loaded.reference, extern, action_limit)
     except FieldError as error:
-        raise InputError(f"{source} on robot '{description.name}': {error}") from None
+        raise InputError(f"policy on robot '{description.name}': {error}") from None
 
     timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
     plant = make_plant(description, actuation="affine", physics_timestep=timestep)
@@ -137,6 +123,7 @@ def make_setting(
         description=description,
         side=side,
         task=make_task(task, description, read, loaded.reference, standing_height=height, **task_options),
+        policy=loaded.policy,
         physics_timestep=timestep,
         extern=MappingProxyType(extern),
         _qpos=plant.data.qpos.copy(),
@@ -145,31 +132,3 @@ def make_setting(
         _base_quaternion=quaternion,
         _dof_count=int(plant.model.nv),
     )
-
-
-def _read_contract(
-    contract: str | Path | PolicyContract, joints: tuple[str, ...], wants_motion: bool
-) -> tuple[PolicyContract, Motion | None, str]:
-    """The contract, the motion that its checkpoint carries (if it is wanted), and what to call it in messages."""
-    if isinstance(contract, PolicyContract):
-        return contract, None, "contract"
-    path = _contract_file(str(contract))
-    if path.suffix in (".yaml", ".yml"):
-        return merge(read_contract_file(path), str(path), joints), None, str(path)
-    read = read_contract(path, None, joints)
-    if wants_motion and read.task_type != "locomotion":
-        return read, load_checkpoint(path, None, joints).motion, str(path)
-    return read, None, str(path)
-
-
-def _contract_file(name: str) -> Path:
-    shipped = {path.name.split(".")[0]: path for path in sorted(asset_path("policies").iterdir())}
-    if name in shipped:
-        return shipped[name]
-    path = Path(name)
-    if path.suffix not in (".onnx", ".yaml", ".yml"):
-        raise InputError(
-            f"contract: is '{name}', expected a checkpoint (.onnx), a contract file (.yaml) or one of: "
-            f"{', '.join(shipped)}"
-        )
-    return path

@@ -1,0 +1,204 @@
+"""The whole control stack as a Gymnasium environment: an operator's view, for rollouts of the five-mode FSM."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
+from humanoid_sim.controllers.supervisor import SupervisorMemory
+from humanoid_sim.envs.inputs import Named, read_policy, velocity_option
+from humanoid_sim.envs.modes_spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
+from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
+from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickInput, TickOutput
+from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.policy.motion import Motion
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.session.remote import RemoteInbox
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.plant import Actuation
+from humanoid_sim.stack import build_supervisor
+
+__all__ = ["ModesEnv"]
+
+Step = tuple[dict[str, Any], float, bool, bool, dict[str, Any]]
+
+_ACTIVE = (Mode.LOCOMOTION, Mode.REMOTE)
+"""Modes in which the robot does what it is for, and no support holds a floating base."""
+
+
+class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
+    """One step is one control tick of the whole stack, as `play` runs it: read, supervisor, write.
+
+    The action is an intent, 0 for none, and, with `remote`, a remote command to go with it; `modes_spaces` describes
+    both spaces. The reward is the time in s that the robot spends in LOCOMOTION or REMOTE. An episode is terminated by
+    a granted QUIT, and truncated after `episode_seconds`. A fault is not the end: the stack falls back, and it is for
+    the operator to walk up again.
+
+    Every episode starts as a run of `play` does: joints at rest in the robot's initial position, ZERO_TORQUE. Nothing
+    in it is random, so the seed decides nothing but the samples of the action space.
+
+    `info` has `controller`, `status` (the latest word to the operator), `refusals` (what was refused in this tick and
+    why, the remote command included), `faults` (what failed in this tick, and who took over), and `time`, s.
+    """
+
+    metadata = {"render_modes": RENDER_MODES, "render_fps": 200}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(
+        self,
+        robot: Named | RobotDescription,
+        policy: Named | None = None,
+        motion: Named | Motion | None = None,
+        *,
+        remote: bool = False,
+        control_frequency: float | None = None,
+        actuation: Actuation = "affine",
+        action_limit: float = ACTION_LIMIT,
+        episode_seconds: float = 60.0,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str | None = None,
+    ) -> None:
+        """Build robot and stack.
+
+        Args:
+            robot: a description, or what `load_robot` takes.
+            policy: of LOCOMOTION: a checkpoint (.onnx) by name or path; None for a stack without LOCOMOTION.
+            motion: what it follows: a sample motion by name, a file by path, or the motion itself.
+            remote: whether REMOTE is available, and the action has a remote command.
+            control_frequency: Hz; None for the robot's.
+            actuation: `affine`, stepped natively, or `qfrc_applied`, the reference.
+            action_limit: largest magnitude of the policy's raw action.
+            episode_seconds: s after which an episode is truncated.
+            render_mode: `rgb_array`, `human` or None.
+            width: pixels of a picture.
+            height: pixels of a picture.
+            camera: of the model; None looks at the robot from the front.
+
+        Raises:
+            InputError: one line that says what cannot be read, or what does not fit.
+        """
+        check_render_mode(render_mode)
+        description = robot if isinstance(robot, RobotDescription) else load_robot(robot)
+        period = 1.0 / (control_frequency or description.simulation.control_frequency)
+        loaded = None if policy is None else read_policy(policy, motion, description.joint_names)
+        anchor = "" if loaded is None else loaded.contract.anchor_body
+        self.robot = MujocoRobot(description, control_period=period, actuation=actuation, anchor_body=anchor)
+        live = {**self.robot.extern, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
+        self.supervisor = build_supervisor(
+            description, period, loaded, remote=remote, live=live, action_limit=action_limit
+        )
+        self.action_space = modes_action_space(description, remote)
+        self.observation_space = modes_observation_space(description)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / period)}
+        self.render_mode = render_mode
+        self._takes_remote = remote
+        self._episode_steps = max(round(episode_seconds / period), 1)
+        self._pictures = Pictures(description, width, height, camera)
+        self._window: Window | None = None
+        self._memory: SupervisorMemory | None = None
+        self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time)
+        self._velocity: FloatArray = np.zeros(3)
+        self._begin = 0.0
+        self._steps = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Relaunch: the robot as it starts, in ZERO_TORQUE.
+
+        Args:
+            seed: of the random numbers that Gymnasium keeps.
+            options: `command`: vx, vy in m/s and yaw rate in rad/s for a policy that walks.
+
+        Raises:
+            InputError: an option is unknown, or does not hold what it should.
+        """
+        super().reset(seed=seed)
+        options = {} if options is None else dict(options)
+        self._velocity = velocity_option(options.pop("command", np.zeros(3)))
+        if options:
+            raise InputError(f"reset: {known_names('option', next(iter(options)), ('command',))}")
+        self.robot.activate()
+        self._memory, self._begin, self._steps = self.supervisor.initial(), self.robot.time, 0
+        self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time)
+        state, safety = self._read()
+        info = {"controller": self._memory.controller, "status": self._memory.status_message, "time": 0.0}
+        return modes_observation(state, None, safety), info | {"refusals": (), "faults": ()}
+
+    def step(self, action: Any) -> Step:
+        """One control tick.
+
+        Raises:
+            InputError: the action is not one of the space.
+            gymnasium.error.ResetNeeded: there was no reset yet.
+        """
+        if self._memory is None:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        intent, refusals = self._take(action)
+        state, safety = self._read()
+        tick = TickInput(state, safety, () if intent is None else (intent,), self._inbox.latest())
+        self._memory, output = self.supervisor.step(self._memory, tick)
+        mode = output.control_mode.mode
+        if self.robot.base_state is not None and self.robot.supported is (mode in _ACTIVE):
+            self.robot.set_support(mode not in _ACTIVE)
+        self._show(tick, output)
+        self.robot.write(output.command)
+        self._steps += 1
+
+        reward = self.robot.control_period if mode in _ACTIVE else 0.0
+        info = {
+            "controller": output.control_mode.controller_name,
+            "status": output.control_mode.status_message,
+            "refusals": (*refusals, *output.refusals),
+            "faults": tuple(f"{fault.controller}: {fault.message}" for fault in output.faults),
+            "time": self._steps * self.robot.control_period,
+        }
+        state, safety = self._read()
+        observation = modes_observation(state, output, safety)
+        return observation, reward, output.quit, self._steps >= self._episode_steps, info
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """The picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
+        return self._pictures.draw(self.robot.qpos) if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close windows and contexts. May be called twice."""
+        self._pictures.close()
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+        self.robot.close()
+
+    def _read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        state, safety = self.robot.read()
+        live = Extern(self._velocity, self._begin)
+        return replace(state, extern={**state.extern, VELOCITY_COMMAND: live}), safety
+
+    def _take(self, action: Any) -> tuple[Intent | None, tuple[str, ...]]:
+        """The intent of an action, and why its remote command, which goes where those of others do, is refused."""
+        number = action["intent"] if self._takes_remote else action
+        if not spaces.Discrete(len(INTENTS)).contains(number):
+            raise InputError(f"action: intent is {number!r}, expected a whole number from 0 to {len(INTENTS) - 1}")
+        if self._takes_remote and action["send"]:
+            try:
+                self._inbox.put(self.robot.joints, MITCommand(*action["command"]))
+            except (FieldError, TypeError) as error:
+                return INTENTS[int(number)], (str(error),)
+        return INTENTS[int(number)], ()
+
+    def _show(self, tick: TickInput, output: TickOutput) -> None:
+        if self.render_mode != "human":
+            return
+        if self._window is None:
+            self._window = Window(self.robot.description, self.robot.control_period)
+        self._window.show(tick, output, self.robot.qpos)
