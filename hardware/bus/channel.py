@@ -278,6 +278,8 @@ class Channel:
             try:
                 self._bus.send(message, _SEND_TIMEOUT)
             except Exception as error:
+                if self._has_echoes:
+                    self._is_echo(frame.arbitration_id, frame.data)  # it will not come back
                 if self._send_failed(error):
                     self._outbox.give_back(key, frame)
                     self._closing.wait(_RETRY)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,10 @@ _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketca
 _NETWORK = Path("/sys/class/net")
 _CAN_HARDWARE = "280"
 """ARPHRD_CAN, the kernel's number for a CAN interface."""
+
+
+# python-can logs what it then raises; without a handler of its own that would be printed beside our one line.
+logging.getLogger("can").addHandler(logging.NullHandler())
 
 
 def open_bus(address: BusAddress) -> can.BusABC:

@@ -13,7 +13,7 @@ from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
 from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
-from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors
+from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors, set_reports
 from humanoid_sim.hardware.robot.checks import Check, CheckList
 from humanoid_sim.hardware.robot.closing import damp_until_rest, disable, is_damped, is_limp, unconfirmed
 from humanoid_sim.hardware.robot.limiter import CommandEncoder
@@ -91,7 +91,6 @@ class RobstrideRobot:
         self._locks = Locks()
         self._link: Link | None = None
         self._uids: Mapping[int, bytes] = {}
-        self._reporting: tuple[int, ...] = ()
         self._checks = CheckList()
         self._is_closed = False
         zeros = np.zeros(self._settings.wiring.count)
@@ -107,6 +106,7 @@ class RobstrideRobot:
         self._tracker = JointTracker(wiring, np.full(wiring.count, np.nan))
         self._joints = self._tracker.update(nothing_heard(wiring.count))
         self._encoder = CommandEncoder(wiring, len(self._settings.addresses), 2.0 * self._settings.control_period)
+        self._reporting: tuple[int, ...] = ()
         self._last_command: MITCommand | None = None
         self._refused = 0
         self._bad_command = -math.inf
@@ -316,6 +316,8 @@ class RobstrideRobot:
                     self._damp()
                 finally:
                     left = disable(self._settings, link, self._reporting)
+            elif link is not None:
+                set_reports(link.requests, self._reporting, is_on=False)
         finally:
             self._is_enabled = False
             self._why_not = "closed"

@@ -1,0 +1,292 @@
+from __future__ import annotations
+
+import errno
+import threading
+import time
+from collections.abc import Iterator
+
+import can
+import pytest
+from scripted_bus import ScriptedBus, error_frame
+from waiting import wait_until
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.channel import Channel
+from humanoid_sim.hardware.bus.error_frames import BusEvent
+from humanoid_sim.hardware.robstride.frames import Frame
+
+FRAME = Frame(0x1234567, b"12345678")
+
+
+class Heard:
+    def __init__(self) -> None:
+        self.frames: list[tuple[Frame, float]] = []
+
+    def __call__(self, frame: Frame, when: float) -> None:
+        self.frames.append((frame, when))
+
+
+@pytest.fixture
+def heard() -> Heard:
+    return Heard()
+
+
+@pytest.fixture
+def channel(address: BusAddress, heard: Heard) -> Iterator[Channel]:
+    channel = Channel(address, heard)
+    yield channel
+    channel.close()
+
+
+@pytest.fixture
+def bus() -> ScriptedBus:
+    return ScriptedBus()
+
+
+@pytest.fixture
+def scripted(bus: ScriptedBus, heard: Heard, address: BusAddress) -> Iterator[Channel]:
+    channel = Channel(address, heard, open_bus=lambda _: bus, capacity=32)
+    yield channel
+    channel.close()
+
+
+def _message(identifier: int = FRAME.arbitration_id, data: bytes = FRAME.data, **fields: object) -> can.Message:
+    return can.Message(arbitration_id=identifier, data=data, timestamp=time.time(), **fields)  # type: ignore[arg-type]
+
+
+def test_frames_go_both_ways(channel: Channel, heard: Heard, peer: can.BusABC) -> None:
+    peer.send(_message())
+    assert wait_until(lambda: bool(heard.frames))
+    assert heard.frames[0][0] == FRAME
+    channel.send([("left", Frame(0x1FE, b"\1\2"))])
+    message = peer.recv(1.0)
+    assert message is not None
+    assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (0x1FE, b"\1\2", True)
+    assert (channel.counters.sent, channel.counters.received) == (1, 1)
+    assert channel.down == ""
+
+
+def test_kinds_of_frames_are_kept_apart(channel: Channel, heard: Heard, peer: can.BusABC) -> None:
+    peer.send(_message(0x123, is_extended_id=False))
+    peer.send(can.Message(arbitration_id=0x123, is_remote_frame=True, dlc=4, timestamp=time.time()))
+    assert wait_until(lambda: len(heard.frames) == 2)
+    standard, remote = (frame for frame, _ in heard.frames)
+    assert (standard.is_extended, standard.is_remote) == (False, False)
+    assert (remote.is_extended, remote.is_remote, remote.data) == (True, True, b"")
+
+
+def test_a_frame_is_as_old_as_its_stamp(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:
+    late = _message()
+    late.timestamp -= 0.3  # it lay in the kernel while this process did not run
+    strange = _message()
+    strange.timestamp = 12.5  # a driver that counts from its own start
+    future = _message()
+    future.timestamp += 5.0
+    for message in (late, strange, future):
+        bus.incoming.put(message)
+    assert wait_until(lambda: len(heard.frames) == 3)
+    now = time.monotonic()
+    ages = [now - when for _, when in heard.frames]
+    assert 0.3 <= ages[0] < 2.0
+    assert 0.0 <= ages[1] < 0.3
+    assert 0.0 <= ages[2] < 0.3
+
+
+def test_what_does_not_fit_the_protocol_is_counted_only(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:
+    bus.incoming.put(_message(data=bytes(12), is_fd=True))
+    bus.incoming.put(_message(is_rx=False))
+    bus.incoming.put(_message())
+    assert wait_until(lambda: bool(heard.frames))
+    assert [frame for frame, _ in heard.frames] == [FRAME]
+    assert scripted.counters.unusable == 1
+    assert scripted.counters.received == 1
+
+
+@pytest.mark.parametrize(
+    ("message", "event"),
+    [
+        (error_frame(0x40), BusEvent.DOWN),
+        (error_frame(0x20), BusEvent.DAMAGED),
+        (error_frame(0x04, bytes([0, 2, 0, 0, 0, 0, 0, 0])), BusEvent.TX_FULL),
+    ],
+)
+def test_an_error_frame_becomes_an_event(
+    message: can.Message, event: BusEvent, bus: ScriptedBus, scripted: Channel, heard: Heard
+) -> None:
+    before = time.monotonic()
+    bus.incoming.put(message)
+    assert wait_until(lambda: scripted.counters.error_frames == 1)
+    assert wait_until(lambda: bool(scripted.recent(event, before)))
+    assert not heard.frames
+    assert bool(scripted.down) is (event is BusEvent.DOWN)
+    assert scripted.recent(event, time.monotonic()) == ""
+
+
+def test_lost_arbitration_is_the_bus_at_work(bus: ScriptedBus, scripted: Channel) -> None:
+    bus.incoming.put(error_frame(0x02))
+    assert wait_until(lambda: scripted.counters.lost_arbitration == 1)
+    assert scripted.counters.error_frames == 0
+    assert not any(scripted.recent(event, 0.0) for event in BusEvent)
+
+
+def test_bus_off_stays_although_frames_come_again(bus: ScriptedBus, scripted: Channel, heard: Heard) -> None:
+    bus.incoming.put(error_frame(0x40))
+    bus.incoming.put(_message())
+    assert wait_until(lambda: bool(heard.frames))
+    scripted.forget_events()
+    assert scripted.down == "bus-off"
+
+
+def test_an_interface_that_goes_down_is_reported_and_reading_goes_on(
+    bus: ScriptedBus, scripted: Channel, heard: Heard
+) -> None:
+    bus.incoming.put(can.CanOperationError("Error receiving: Network is down", error_code=errno.ENETDOWN))
+    bus.incoming.put(_message())
+    assert wait_until(lambda: bool(heard.frames))
+    assert "receiving fails: Error receiving: Network is down" in scripted.down
+    assert scripted.counters.receive_errors == 1
+
+
+def test_one_failure_to_receive_is_a_damaged_frame_and_many_are_a_bus_that_is_down(
+    bus: ScriptedBus, scripted: Channel
+) -> None:
+    bus.incoming.put(can.CanOperationError("could not unpack received message"))
+    assert wait_until(lambda: bool(scripted.recent(BusEvent.DAMAGED, 0.0)))
+    assert scripted.down == ""
+    bus.fails_always = AssertionError("a driver's own")
+    assert wait_until(lambda: bool(scripted.down))
+    assert "a driver's own" in scripted.down
+
+
+def test_a_handler_that_raises_loses_one_frame_and_says_so(address: BusAddress, bus: ScriptedBus) -> None:
+    taken = []
+
+    def receive(frame: Frame, _: float) -> None:
+        if not frame.data:
+            raise ZeroDivisionError("bug")
+        taken.append(frame)
+
+    channel = Channel(address, receive, open_bus=lambda _: bus)
+    bus.incoming.put(_message(data=b""))
+    bus.incoming.put(_message())
+    assert wait_until(lambda: bool(taken))
+    channel.close()
+    assert channel.counters.receiver_failures == 1
+    assert "ZeroDivisionError: bug" in channel.recent(BusEvent.DAMAGED, 0.0)
+
+
+def test_a_full_kernel_queue_is_tried_again_until_there_is_room(bus: ScriptedBus, scripted: Channel) -> None:
+    refusals = iter([True, True, False])
+
+    def full(_: can.Message) -> None:
+        if next(refusals, False):
+            raise can.CanOperationError("Failed to transmit", error_code=errno.ENOBUFS)
+
+    bus.on_send = full
+    scripted.send([("left", FRAME)])
+    assert wait_until(lambda: scripted.counters.sent == 1)
+    assert scripted.counters.retries == 2
+    assert "outgoing queue is full" in scripted.recent(BusEvent.TX_FULL, 0.0)
+    assert [message.arbitration_id for message in bus.sent] == [FRAME.arbitration_id]
+
+
+@pytest.mark.parametrize(
+    "error",
+    [can.CanOperationError("Transmit buffer full"), can.CanTimeoutError(), OSError(errno.EAGAIN, "try again")],
+)
+def test_every_way_to_say_full_is_understood(error: Exception, bus: ScriptedBus, scripted: Channel) -> None:
+    pending = [error]
+
+    def full(_: can.Message) -> None:
+        if pending:
+            raise pending.pop()
+
+    bus.on_send = full
+    scripted.send([("left", FRAME)])
+    assert wait_until(lambda: scripted.counters.sent == 1)
+    assert scripted.counters.retries == 1
+
+
+def test_after_a_jam_the_newest_command_leaves_and_the_old_ones_never(bus: ScriptedBus, scripted: Channel) -> None:
+    jammed = True
+
+    def full(_: can.Message) -> None:
+        if jammed:
+            raise can.CanOperationError("Failed to transmit", error_code=errno.ENOBUFS)
+
+    bus.on_send = full
+    for number in range(5):
+        scripted.send([("left", Frame(number, bytes(8))), ("right", Frame(100 + number, bytes(8)))])
+        time.sleep(0.005)
+    jammed = False
+    assert wait_until(lambda: scripted.counters.sent == 2)
+    scripted.send([])
+    assert sorted(message.arbitration_id for message in bus.sent) == [4, 104]
+    assert scripted.counters.superseded == 8
+    assert scripted.counters.overruns > 0
+    assert scripted.recent(BusEvent.TX_FULL, 0.0)
+
+
+def test_a_frame_that_cannot_leave_an_interface_that_is_down_never_leaves(bus: ScriptedBus, scripted: Channel) -> None:
+    down = True
+
+    def refuse(_: can.Message) -> None:
+        if down:
+            raise can.CanOperationError("Failed to transmit: Network is down", error_code=errno.ENETDOWN)
+
+    bus.on_send = refuse
+    scripted.send([("left", FRAME)])
+    assert wait_until(lambda: bool(scripted.down))
+    down = False
+    scripted.send([("left", Frame(2, bytes(8)))])
+    assert wait_until(lambda: scripted.counters.sent == 1)
+    assert [message.arbitration_id for message in bus.sent] == [2]
+    assert "Network is down" in scripted.down
+
+
+def test_sending_never_waits_for_the_driver(bus: ScriptedBus, address: BusAddress, heard: Heard) -> None:
+    stuck = threading.Event()
+    bus.on_send = lambda _: stuck.wait(5.0) and None
+    channel = Channel(address, heard, open_bus=lambda _: bus)
+    longest = 0.0
+    for number in range(20):
+        begin = time.perf_counter()
+        channel.send([(joint, Frame(number, bytes(8))) for joint in range(14)])
+        longest = max(longest, time.perf_counter() - begin)
+    stuck.set()
+    channel.close()
+    assert longest < 0.1, "one call of the driver takes 5 s"
+    assert channel.counters.overruns > 0
+
+
+def test_closing_sends_what_waits(channel: Channel, peer: can.BusABC) -> None:
+    channel.send([(None, Frame(number, bytes(8))) for number in range(50)])
+    channel.close()
+    channel.close()
+    received = [message.arbitration_id for _ in range(50) if (message := peer.recv(0.1)) is not None]
+    assert received == list(range(50))
+
+
+def test_a_bus_that_cannot_be_opened_leaves_nothing_behind(address: BusAddress, heard: Heard) -> None:
+    def refuse(_: BusAddress) -> can.BusABC:
+        raise RobotError("no such adapter")
+
+    threads = threading.active_count()
+    with pytest.raises(RobotError, match="no such adapter"):
+        Channel(address, heard, open_bus=refuse)
+    assert threading.active_count() == threads
+
+
+def test_a_multicast_sender_does_not_hear_itself(heard: Heard, bus: ScriptedBus) -> None:
+    def echo(message: can.Message) -> None:
+        bus.incoming.put(_message(message.arbitration_id, bytes(message.data)))
+
+    bus.on_send = echo
+    channel = Channel(BusAddress("udp_multicast", "239.74.163.2"), heard, open_bus=lambda _: bus)
+    channel.send([("left", FRAME)])
+    assert wait_until(lambda: len(bus.sent) == 1)
+    bus.incoming.put(_message())  # the same frame once more: this one is another host's
+    assert wait_until(lambda: bool(heard.frames))
+    channel.close()
+    assert [frame for frame, _ in heard.frames] == [FRAME]

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from humanoid_sim.hardware.bus.error_frames import BusEvent, read_error_frame
+
+
+def _controller(state: int) -> bytes:
+    return bytes([0, state, 0, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("error_class", "data", "event", "text"),
+    [
+        (0x040, bytes(8), BusEvent.DOWN, "bus-off"),
+        (0x100, bytes(8), BusEvent.DOWN, "controller restarted after bus-off"),
+        (0x020, bytes(8), BusEvent.DAMAGED, "no acknowledgement on transmission"),
+        (0x008, bytes(8), BusEvent.DAMAGED, "protocol violation"),
+        (0x001, bytes(8), BusEvent.DAMAGED, "transmit timeout"),
+        (0x002, bytes(8), BusEvent.NORMAL, "arbitration lost"),
+        (0x200, bytes(8), BusEvent.NORMAL, "error counters"),
+        (0x004, _controller(0x02), BusEvent.TX_FULL, "controller's transmit buffer overflowed"),
+        (0x004, _controller(0x01), BusEvent.DAMAGED, "controller's receive buffer overflowed"),
+        (0x004, _controller(0x30), BusEvent.DAMAGED, "error-passive (receiving), controller is error-passive (transm"),
+        (0x004, _controller(0x40), BusEvent.NORMAL, "controller is error-active again"),
+        (0x004, b"", BusEvent.DAMAGED, "controller problem"),
+        (0x042, bytes(8), BusEvent.DOWN, "bus-off, arbitration lost"),
+        (0x000, bytes(8), BusEvent.DAMAGED, "error frame 0x00000000"),
+    ],
+)
+def test_what_an_error_frame_says(error_class: int, data: bytes, event: BusEvent, text: str) -> None:
+    report = read_error_frame(error_class, data)
+    assert report.event is event
+    assert text in report.text
+
+
+@given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
+def test_any_error_frame_is_read(error_class: int, data: bytes) -> None:
+    report = read_error_frame(error_class, data)
+    assert report.text
+    if error_class & 0x40:
+        assert report.event is BusEvent.DOWN

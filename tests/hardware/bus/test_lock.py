@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus import lock as lock_module
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.lock import ChannelLock
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(lock_module, "_SHARED", tmp_path)
+
+
+CAN0 = BusAddress("socketcan", "can0")
+
+
+def test_a_second_session_is_refused_and_told_by_whom() -> None:
+    with (
+        ChannelLock(CAN0),
+        pytest.raises(RobotError, match=rf"can0: is in use by another session \(process {os.getpid()}, "),
+    ):
+        ChannelLock(CAN0)
+
+
+def test_a_released_channel_can_be_taken_again() -> None:
+    first = ChannelLock(CAN0)
+    first.release()
+    first.release()
+    with ChannelLock(CAN0), pytest.raises(RobotError):
+        ChannelLock(CAN0)
+
+
+def test_channels_do_not_exclude_each_other() -> None:
+    with ChannelLock(CAN0), ChannelLock(BusAddress("socketcan", "can1")), ChannelLock(BusAddress("pcan", "can0")):
+        pass
+
+
+def test_the_lock_of_a_killed_process_is_gone(tmp_path) -> None:
+    script = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from humanoid_sim.hardware.bus import lock\n"
+        "from humanoid_sim.hardware.bus.address import BusAddress\n"
+        f"lock._SHARED = Path({str(tmp_path)!r})\n"
+        "held = lock.ChannelLock(BusAddress('socketcan', 'can0'))\n"
+        "print('held', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        with pytest.raises(RobotError, match=f"process {process.pid}"):
+            ChannelLock(CAN0)
+        process.kill()
+        process.wait()
+    deadline = time.monotonic() + 2.0
+    while True:
+        try:
+            ChannelLock(CAN0).release()
+            break
+        except RobotError:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+
+def test_other_users_can_see_the_lock(tmp_path) -> None:
+    old = os.umask(0o077)
+    try:
+        with ChannelLock(CAN0):
+            (path,) = tmp_path.iterdir()
+            assert path.stat().st_mode & 0o777 == 0o666
+    finally:
+        os.umask(old)
+
+
+def test_a_link_in_the_place_of_the_lock_is_not_followed(tmp_path) -> None:
+    with ChannelLock(CAN0):
+        (path,) = tmp_path.iterdir()
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    path.unlink()
+    path.symlink_to(victim)
+    with pytest.raises(RobotError, match="cannot make its lock"):
+        ChannelLock(CAN0)
+    assert victim.read_text() == "precious"
+
+
+def test_virtual_channels_are_locked_per_process(tmp_path) -> None:
+    with ChannelLock(BusAddress("virtual", "lite")):
+        (path,) = tmp_path.iterdir()
+        assert str(os.getpid()) in path.name
+        with pytest.raises(RobotError, match="virtual:lite: is in use"):
+            ChannelLock(BusAddress("virtual", "lite"))
+
+
+def test_device_paths_make_one_file(tmp_path) -> None:
+    with ChannelLock(BusAddress("slcan", "/dev/ttyACM0")):
+        (path,) = tmp_path.iterdir()
+        assert path.name == "humanoid_sim-can-slcan-_dev_ttyACM0.lock"

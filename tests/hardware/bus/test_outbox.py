@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import threading
+import time
+
+from humanoid_sim.hardware.bus.outbox import Outbox
+from humanoid_sim.hardware.robstride.frames import Frame
+
+
+def _frame(number: int) -> Frame:
+    return Frame(number, bytes(8))
+
+
+def _drain(outbox: Outbox) -> list[int]:
+    numbers = []
+    while (item := outbox.take(0.0)) is not None:
+        numbers.append(item[1].arbitration_id)
+        outbox.sent(item[0])
+    return numbers
+
+
+def test_frames_leave_in_the_order_of_their_arrival() -> None:
+    outbox = Outbox(8)
+    outbox.put([(None, _frame(1)), ("left", _frame(2)), (None, _frame(3))])
+    assert not outbox.is_empty
+    assert _drain(outbox) == [1, 2, 3]
+    assert outbox.is_empty
+
+
+def test_a_newer_command_takes_the_place_of_an_unsent_one() -> None:
+    outbox = Outbox(8)
+    outbox.put([("left", _frame(1)), ("right", _frame(2))])
+    outbox.put([("left", _frame(3)), ("right", _frame(4))])
+    assert _drain(outbox) == [3, 4]
+    assert (outbox.superseded, outbox.overruns) == (2, 0)
+
+
+def test_a_command_replaced_twice_in_a_row_is_an_overrun() -> None:
+    outbox = Outbox(8)
+    for number in range(3):
+        outbox.put([("left", _frame(number))])
+    assert (outbox.superseded, outbox.overruns) == (2, 1)
+    assert _drain(outbox) == [2]
+    outbox.put([("left", _frame(7))])
+    outbox.put([("left", _frame(8))])
+    assert outbox.overruns == 1, "one late frame after one that left is none"
+
+
+def test_a_full_outbox_drops_what_does_not_fit_and_counts_it() -> None:
+    outbox = Outbox(3)
+    outbox.put([(None, _frame(number)) for number in range(5)])
+    assert outbox.overruns == 2
+    assert _drain(outbox) == [0, 1, 2]
+
+
+def test_a_full_outbox_still_takes_newer_commands_in_place_of_old_ones() -> None:
+    outbox = Outbox(2)
+    outbox.put([("left", _frame(1)), ("right", _frame(2))])
+    outbox.put([("right", _frame(3))])
+    assert _drain(outbox) == [1, 3]
+    assert outbox.overruns == 0
+
+
+def test_a_frame_that_could_not_leave_goes_first_again() -> None:
+    outbox = Outbox(4)
+    outbox.put([("left", _frame(1)), ("right", _frame(2))])
+    key, frame = outbox.take(0.0) or ("", _frame(0))
+    outbox.give_back(key, frame)
+    assert _drain(outbox) == [1, 2]
+
+
+def test_a_frame_that_could_not_leave_gives_way_to_a_newer_one() -> None:
+    outbox = Outbox(4)
+    outbox.put([("left", _frame(1))])
+    key, frame = outbox.take(0.0) or ("", _frame(0))
+    outbox.put([("left", _frame(2))])
+    outbox.give_back(key, frame)
+    assert _drain(outbox) == [2]
+    assert outbox.superseded == 1
+
+
+def test_taking_waits_for_a_frame_and_no_longer() -> None:
+    outbox = Outbox(4)
+    timer = threading.Timer(0.02, outbox.put, [[("left", _frame(1))]])
+    timer.start()
+    item = outbox.take(5.0)
+    timer.join()
+    assert item is not None
+    begin = time.monotonic()
+    assert outbox.take(0.02) is None
+    assert 0.015 < time.monotonic() - begin < 1.0
+
+
+def test_a_closed_outbox_gives_what_waits_and_takes_no_more() -> None:
+    outbox = Outbox(4)
+    outbox.put([("left", _frame(1))])
+    outbox.close()
+    outbox.put([("right", _frame(2))])
+    outbox.give_back("x", _frame(3))
+    assert outbox.is_closed
+    assert _drain(outbox) == [1]
+    assert outbox.take(60.0) is None
