@@ -9,7 +9,7 @@ import numpy as np
 
 from humanoid_sim.envs.tasks.frames import seen_from
 from humanoid_sim.envs.tasks.sample import BaseSample
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
@@ -50,6 +50,23 @@ class EpisodeRobot(MujocoRobot):
         position, velocity, effort = self._joint_sample()
         self._joint_line.restart(self._step, (position, velocity, effort if start.effort is None else start.effort))
         self._body_line.restart(self._step, self._senses.read(data))
+
+    def truth(self, seen: MITState) -> MITState:
+        """What would be seen if neither delays nor sampling stood between, at the time of `seen`."""
+        position, velocity, effort = self._joint_sample()
+        felt = self._senses.read(self.data)
+        live = {name: Extern(value, float(seen.time)) for name, value in felt.live.items()}
+        return MITState(
+            time=seen.time,
+            joint_position=position,
+            joint_velocity=velocity,
+            joint_effort=effort,
+            joint_age=np.zeros_like(position),
+            imu_quaternion=felt.imu.quaternion,
+            imu_angular_velocity=felt.imu.angular_velocity,
+            imu_linear_acceleration=felt.imu.linear_acceleration,
+            extern={**seen.extern, **live},
+        )
 
     @property
     def effort(self) -> FloatArray:

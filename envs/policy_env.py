@@ -76,7 +76,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         camera: str | None = None,
         **task_options: Any,
     ) -> None:
-        """Build the robot.
+        """Build the robot. Delays are between robot and policy: rewards and terminations are those of the true state.
 
         Args:
             contract: of the policy; or the name or path of a checkpoint (.onnx) or a contract file (.yaml).
@@ -126,6 +126,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         """Episodes that a fault has ended so far."""
         self.metadata = self.metadata | {"render_fps": round(1.0 / setting.contract.policy_dt)}
         self.render_mode = render_mode
+        self._is_late = state_delay > 0.0 or state_sampling != "now"
         self._pictures = Pictures(setting.description, width, height, camera)
         self._window: Window | None = None
         self._bodies = BodyPoses(self.robot.model, setting.description, setting.bodies)
@@ -206,7 +207,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         position, quaternion = self._bodies.read(self.robot.data)
         judgement = task.judge(
             StepSample(
-                state=state,
+                state=self.robot.truth(state) if self._is_late else state,
                 action=raw,
                 previous_action=previous,
                 torque=self.robot.effort,

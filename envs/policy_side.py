@@ -94,6 +94,8 @@ class PolicySide:
             walked, phase = advance_phase(self.contract.phase, walked, command, self.contract.policy_dt)
         context = ObservationContext(state, memory.last_action, self.reference, memory.frame, memory.alignment, phase)
         observation, history = stack(self.layout, pack(self.layout, context), memory.history)
+        if history is None and self.contract.phase is None:
+            return observation, memory
         return observation, replace(memory, history=history, walked=walked)
 
     def accepts(self, action: Float32Array) -> npt.NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from humanoid_sim.envs.tasks.sample import StepSample
-from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.envs.tasks.task import BoolArray, Task, total
 from humanoid_sim.mit import FloatArray
 
 __all__ = ["BalanceTask"]
@@ -32,5 +32,5 @@ class BalanceTask(Task):
 
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         velocity = sample.state.joint_velocity
-        speed = (velocity * velocity).sum(axis=-1)
+        speed = total(velocity * velocity)
         return {"alive": np.ones_like(speed), "joint_velocity": speed}, np.zeros(speed.shape, dtype=np.bool_)

@@ -14,7 +14,7 @@ from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rotation import conjugate, multiply
 from humanoid_sim.envs.tasks.sample import StepSample
-from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.envs.tasks.task import BoolArray, Task, total
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -75,7 +75,7 @@ class MotionTask(Task):
         w, x, y, z = (relative[..., i] for i in range(4))
         angle = 2.0 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
         tilt = 2.0 * np.arcsin(np.minimum(np.sqrt(x * x + y * y), 1.0))
-        values["anchor_position"] = np.exp((offset * offset).sum(axis=-1) / -(_POSITION_SCALE**2))
+        values["anchor_position"] = np.exp(total(offset * offset) / -(_POSITION_SCALE**2))
         values["anchor_orientation"] = np.exp(angle * angle / -(_ORIENTATION_SCALE**2))
         return values, ~((np.abs(offset[..., 2]) <= _LOST_HEIGHT) & (tilt <= _LOST_TILT))
 

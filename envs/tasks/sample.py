@@ -71,7 +71,7 @@ class StepSample:
     """One policy step: an action, and where it has brought the robot one `policy_dt` later."""
 
     state: MITState
-    """At the end of the step."""
+    """At the end of the step, as it is: whatever delays or noise the policy sees it through."""
     action: Float32Array
     """Shape (..., m), raw: the one that was in force during the step."""
     previous_action: Float32Array

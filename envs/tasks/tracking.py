@@ -11,7 +11,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import Frame, MotionReference
 from humanoid_sim.envs.tasks.sample import StepSample
-from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.envs.tasks.task import BoolArray, Task, total
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.tracking import rotation_from_6d
@@ -56,9 +56,12 @@ class TrackingTask(Task):
 
     def position_error(self, body_position: FloatArray, frame: Frame) -> FloatArray:
         """Shape (..., b), m, of body positions (..., b, 3) against a frame (...)."""
-        offset = body_position - self._position[self.reference.clamp(frame)]
-        error: FloatArray = np.sqrt((offset * offset).sum(axis=-1))
+        error: FloatArray = np.sqrt(self._squared_distance(body_position, frame))
         return error
+
+    def _squared_distance(self, body_position: FloatArray, frame: Frame) -> FloatArray:
+        offset = body_position - self._position[self.reference.clamp(frame)]
+        return total(offset * offset)
 
     def orientation_error(self, body_quaternion: FloatArray, frame: Frame) -> FloatArray:
         """Shape (..., b), rad in [0, π], of body orientations (..., b, 4) against a frame (...).
@@ -67,19 +70,20 @@ class TrackingTask(Task):
         product.
         """
         target = self._quaternion[self.reference.clamp(frame)]
-        side = np.copysign(1.0, (body_quaternion * target).sum(axis=-1))  # q and -q are the same orientation
+        side = np.copysign(1.0, total(body_quaternion * target))  # q and -q are the same orientation
         chord = body_quaternion - side[..., None] * target
-        angle: FloatArray = 4.0 * np.arcsin(np.minimum(0.5 * np.sqrt((chord * chord).sum(axis=-1)), 1.0))
+        angle: FloatArray = 4.0 * np.arcsin(np.minimum(0.5 * np.sqrt(total(chord * chord)), 1.0))
         return angle
 
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
-        distance = self.position_error(sample.body_position, sample.frame)
+        squared = self._squared_distance(sample.body_position, sample.frame)
         angle = self.orientation_error(sample.body_quaternion, sample.frame)
+        count = squared.shape[-1]
         values = {
-            "body_position": np.exp((distance * distance).mean(axis=-1) / -(_POSITION_SCALE**2)),
-            "body_orientation": np.exp((angle * angle).mean(axis=-1) / -(_ORIENTATION_SCALE**2)),
+            "body_position": np.exp(total(squared) / (-count * _POSITION_SCALE**2)),
+            "body_orientation": np.exp(total(angle * angle) / (-count * _ORIENTATION_SCALE**2)),
         }
-        return values, ~(distance.max(axis=-1) <= _LOST)
+        return values, ~(np.maximum.reduce(squared, axis=-1) <= _LOST**2)
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.step) >= max(self._last_frame, 1)

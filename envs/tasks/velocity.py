@@ -12,7 +12,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.tasks.sample import StepSample
-from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.envs.tasks.task import BoolArray, Task, total
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
@@ -100,11 +100,11 @@ class VelocityTask(Task):
         gravity, rocking = base.gravity[..., :2], base.angular_velocity[..., :2]
         vertical = base.linear_velocity[..., 2]
         values = {
-            "linear_velocity": np.exp((velocity * velocity).sum(axis=-1) / -(_LINEAR_SCALE**2)),
+            "linear_velocity": np.exp(total(velocity * velocity) / -(_LINEAR_SCALE**2)),
             "yaw_rate": np.exp(turning * turning / -(_YAW_SCALE**2)),
-            "upright": (gravity * gravity).sum(axis=-1),
+            "upright": total(gravity * gravity),
             "vertical_velocity": vertical * vertical,
-            "rocking": (rocking * rocking).sum(axis=-1),
+            "rocking": total(rocking * rocking),
             "alive": np.ones_like(vertical),
         }
         return values, np.zeros(vertical.shape, dtype=np.bool_)
