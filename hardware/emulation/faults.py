@@ -28,6 +28,8 @@ class FaultInfo:
     default: float = 0.0
     lowest: float = -math.inf
     highest: float = math.inf
+    is_whole: bool = False
+    """Whether the value is a whole number."""
 
 
 FAULTS: Mapping[str, FaultInfo] = MappingProxyType(
@@ -38,8 +40,8 @@ FAULTS: Mapping[str, FaultInfo] = MappingProxyType(
         "reordered": FaultInfo(
             "frames", "a frame of the motor arrives after the next one", "probability", 0.5, 0.0, 1.0
         ),
-        "corrupted_id": FaultInfo("frames", "one bit of the motor's frame ids is inverted", "bit", 27, 0, 28),
-        "corrupted_dlc": FaultInfo("frames", "the motor's frames have another length", "bytes", 7, 0, 8),
+        "corrupted_id": FaultInfo("frames", "one bit of the motor's frame ids is inverted", "bit", 27, 0, 28, True),
+        "corrupted_dlc": FaultInfo("frames", "the motor's frames have another length", "bytes", 7, 0, 8, True),
         "silent": FaultInfo("motor", "hears and obeys, but no longer answers"),
         "unplugged": FaultInfo("motor", "has neither power nor bus; plugged in again it boots"),
         "reset": FaultInfo("motor", "falls back to reset mode, with no fault bit"),
@@ -96,6 +98,8 @@ class Fault:
         if not (math.isfinite(self.value) and info.lowest <= self.value <= info.highest):
             expected = "a finite number" if math.isinf(info.lowest) else f"{info.lowest:g} to {info.highest:g}"
             raise InputError(f"fault '{self.kind}': value is {self.value:g} {info.unit}, expected {expected}")
+        if info.is_whole and self.value != int(self.value):
+            raise InputError(f"fault '{self.kind}': value is {self.value:g} {info.unit}, expected a whole number")
 
     @property
     def info(self) -> FaultInfo:

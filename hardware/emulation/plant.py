@@ -20,7 +20,8 @@ from humanoid_sim.simulation.senses import BodySenses
 __all__ = ["MotorPlant", "PlantTruth"]
 
 _JAM = 1e4
-"""N·m of dry friction of a jammed joint: more than any motor has."""
+"""N·m·s/rad of a jammed joint, which then creeps by mrad per second at most. Dry friction would be a soft
+constraint in MuJoCo, and slip; viscous damping is integrated implicitly, and so cannot make the simulation unstable."""
 _HAND_STIFFNESS = 60.0
 """N·m/rad with which a hand leads a joint."""
 _HAND_DAMPING = 3.0
@@ -106,7 +107,7 @@ class MotorPlant:
             if support:
                 self._base.hold(plant.data)
         self._senses = BodySenses(plant.model, description, self._base, anchor_body)
-        self._friction = plant.model.dof_frictionloss.copy()
+        self._damping = plant.model.dof_damping.copy()
         self._hand: FloatArray | None = None
         """Shape (m,), rad, joint frame: where a hand leads each joint; NaN for those that it leaves alone."""
         self.timestep = float(plant.model.opt.timestep)
@@ -142,7 +143,7 @@ class MotorPlant:
     def jam(self, motor: int, jammed: bool) -> None:
         """Block a motor's joint where it is, or free it."""
         dof = self._dof_index[motor]
-        self._plant.model.dof_frictionloss[dof] = _JAM if jammed else self._friction[dof]
+        self._plant.model.dof_damping[dof] = _JAM if jammed else self._damping[dof]
 
     def lead(self, positions: Mapping[str, float] | None) -> None:
         """Let a hand lead joints towards positions, rad, joint frame, beside whatever the motors do; None: let go.

@@ -11,7 +11,7 @@ import can
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_address
 from humanoid_sim.hardware.bus.opening import open_bus
-from humanoid_sim.hardware.emulation.emulator import Emulator
+from humanoid_sim.hardware.emulation.emulator import BusLoad, Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.host import EmulatorHost
 from humanoid_sim.hardware.emulation.host_end import FaultyBus
@@ -93,9 +93,18 @@ class VirtualMotors:
         """Frames of motors that a channel did not take."""
         return self._host.send_errors
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The driven joints, one per motor."""
+        return tuple(joint.name for joint in self._emulator.motors.plant.joints)
+
     def bus_load(self, bus: int = 0) -> float:
         """Part of the time since power-on for which a bus was occupied, 0 to 1; 0 where no bus time is modelled."""
-        return self._emulator.load(bus).busy / max(self.time, 1e-9)
+        return self.load(bus).busy / max(self.time, 1e-9)
+
+    def load(self, bus: int = 0) -> BusLoad:
+        """What a bus has carried since power-on; no time where none is modelled."""
+        return self._emulator.load(bus)
 
     def inject(self, fault: Fault) -> None:
         """A fault begins at its start on the clock of `time`, or now if that is past.

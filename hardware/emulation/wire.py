@@ -133,7 +133,8 @@ class Wire:
     def __init__(self, bitrate: float) -> None:
         """Free bus; `bitrate` in bit/s, 0 for a bus on which nothing takes time and frames keep their order."""
         self._bit_time = 1.0 / bitrate if bitrate else 0.0
-        self._waiting: dict[int, deque[tuple[float, Frame]]] = {}
+        self._waiting: dict[int, deque[tuple[float, int, Frame]]] = {}
+        # by node: when a frame is ready, its arbitration key, the frame
         self._current: tuple[float, int, Frame] | None = None
         self._free_at = -math.inf
         self.busy = 0.0
@@ -143,7 +144,7 @@ class Wire:
 
     def submit(self, node: int, frame: Frame, time: float) -> None:
         """Queue a frame that is ready to be sent at `time`, s."""
-        self._waiting.setdefault(node, deque()).append((time, frame))
+        self._waiting.setdefault(node, deque()).append((time, arbitration_key(frame), frame))
 
     def waiting(self, node: int) -> int:
         """Frames of a node that are not yet on the bus."""
@@ -171,11 +172,11 @@ class Wire:
             self.frames += 1
             return Transmission(time, node, frame)
         now = self.next_time
-        contenders = [(queue[0], node) for node, queue in self._waiting.items() if queue[0][0] <= now]
+        ready = [(queue[0], node) for node, queue in self._waiting.items() if queue[0][0] <= now]
         if self._bit_time:
-            (_, frame), node = min(contenders, key=lambda entry: (arbitration_key(entry[0][1]), entry[1]))
+            (_, _, frame), node = min(ready, key=lambda entry: (entry[0][1], entry[1]))
         else:
-            (_, frame), node = min(contenders, key=lambda entry: entry[0][0])
+            (_, _, frame), node = min(ready, key=lambda entry: entry[0][0])
         queue = self._waiting[node]
         queue.popleft()
         if not queue:

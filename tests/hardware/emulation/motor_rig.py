@@ -1,0 +1,100 @@
+"""A single emulated motor without a bus, and robots small enough for quick tests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from humanoid_sim.hardware.emulation import firmware
+from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Sensed, Stored
+from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
+from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
+from humanoid_sim.hardware.robstride.messages import (
+    Command,
+    FaultReport,
+    Ignored,
+    Malformed,
+    OperationControl,
+    ParameterReply,
+    ReadParameter,
+    Reply,
+    Status,
+    WriteParameter,
+)
+from humanoid_sim.hardware.robstride.models import MODELS
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
+
+ID = 11
+HOST = 0xFD
+
+
+def identity(model: str = "rs-02", version: str | None = None) -> MotorIdentity:
+    motor = MODELS[model]
+    number = parse_version(version or f"0.{model[-1]}.3.9")
+    quirks = firmware_of(motor, number)
+    return MotorIdentity(quirks.applied_to(motor), bytes(range(8)), number, quirks)
+
+
+@dataclass
+class Motor:
+    """A motor whose sensors the test sets, and that answers in messages."""
+
+    identity: MotorIdentity = field(default_factory=identity)
+    sensed: Sensed = field(default_factory=lambda: Sensed(0.0))
+    time: float = 0.0
+    state: MotorState = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.state = firmware.power_on(self.identity, Stored(ID), self.sensed)
+
+    def feel(self, **changes: object) -> None:
+        self.sensed = self.sensed._replace(**changes)  # type: ignore[arg-type]
+
+    def tell(self, command: Command) -> list[Reply]:
+        frame = encode_command(command, self.identity.model)
+        return self._take(firmware.receive(self.identity, self.state, frame, self.sensed, self.time))
+
+    def wait(self, duration: float) -> list[Reply]:
+        """Let the firmware look after itself every ms."""
+        replies = []
+        for _ in range(round(duration / 0.001)):
+            self.time += 0.001
+            replies += self._take(firmware.advance(self.identity, self.state, self.sensed, self.time))
+        return replies
+
+    def status(self, command: Command) -> Status:
+        (reply,) = self.tell(command)
+        assert isinstance(reply, Status)
+        return reply
+
+    def mit(self, position: float = 0.0, stiffness: float = 0.0, damping: float = 0.0, effort: float = 0.0) -> Status:
+        return self.status(OperationControl(self.state.can_id, position, 0.0, effort, stiffness, damping))
+
+    def write(self, name: str, value: float) -> Status:
+        parameter = PARAMETERS[name]
+        payload = pack_value(parameter.type, value)
+        return self.status(WriteParameter(self.state.can_id, parameter.index, payload))
+
+    def read(self, name: str) -> float:
+        parameter = PARAMETERS[name]
+        (reply,) = self.tell(ReadParameter(self.state.can_id, parameter.index))
+        assert isinstance(reply, ParameterReply)
+        assert reply.is_success
+        assert reply.index == parameter.index
+        return unpack_value(parameter.type, reply.payload)
+
+    def cycle_power(self) -> None:
+        self.state = firmware.power_on(self.identity, self.state.stored, self.sensed)
+
+    def _take(self, reaction: firmware.Reaction) -> list[Reply]:
+        self.state = reaction.state
+        models = dict.fromkeys(range(1, 128), self.identity.model)
+        replies = []
+        for frame in reaction.frames:
+            reply = decode_reply(frame, models, self.state.host_id)
+            assert not isinstance(reply, Ignored | Malformed)
+            replies.append(reply)
+        return replies
+
+
+def fault_reports(replies: list[Reply]) -> list[FaultReport]:
+    return [reply for reply in replies if isinstance(reply, FaultReport)]

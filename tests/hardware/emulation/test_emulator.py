@@ -1,0 +1,291 @@
+"""Motors on modelled buses, driven by frames with times of the test's choosing; no thread and no clock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from bus_rig import IDS, LITE, MODELS_BY_ID, Bench
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.emulation.emulator import Emulator
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
+from humanoid_sim.hardware.robstride.faults import MotorMode, StatusFault
+from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.robstride.messages import (
+    DeviceId,
+    Enable,
+    FaultReport,
+    OperationControl,
+    SetActiveReport,
+    Status,
+    WriteParameter,
+)
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+
+ELBOW = "left_elbow_pitch"
+ELBOW_ID = 14
+INSTANT = EmulationSettings(bitrate=0.0, reply_delay=0.0)
+
+
+def test_fourteen_motors_at_200_hz_fill_one_bus_to_73_to_90_percent_and_all_answer() -> None:
+    bench = Bench()
+    bench.enable()
+    before, start = bench.emulator.load(0), bench.emulator.time
+    for _ in range(100):
+        replies = bench.command(duration=0.005, damping=2.0)
+        assert sorted(reply.motor_id for reply in replies) == sorted(IDS)
+    after, elapsed = bench.emulator.load(0), bench.emulator.time - start
+    assert after.frames - before.frames == 2 * 14 * 100
+    assert 0.73 <= (after.busy - before.busy) / elapsed <= 0.90
+
+
+def test_a_burst_of_commands_goes_out_first_and_the_replies_follow() -> None:
+    bench = Bench()
+    bench.enable()
+    sent = bench.emulator.time
+    arrivals = bench.arrivals(lambda motor_id: OperationControl(motor_id, 0.0, 0.0, 0.0, 0.0, 1.0), 0.005)
+    times = [1e3 * (arrival.time - sent) for arrival in arrivals]
+    assert 14 * 0.131 <= times[0] <= 15 * 0.160, "the first reply waits for 14 commands"
+    assert 3.7 <= times[-1] <= 4.5
+    assert times == sorted(times)
+    assert [arrival.frame.arbitration_id >> 8 & 0xFF for arrival in arrivals] == sorted(IDS), "the lower id wins"
+
+
+def test_two_buses_share_the_load() -> None:
+    bench = Bench(buses=2)
+    bench.enable()
+    sent = bench.emulator.time
+    arrivals = bench.arrivals(lambda motor_id: OperationControl(motor_id, 0.0, 0.0, 0.0, 0.0, 1.0), 0.005)
+    assert [arrival.bus for arrival in arrivals].count(0) == 7
+    assert 1.8 <= 1e3 * (arrivals[-1].time - sent) <= 2.3
+
+
+def test_the_number_of_channels_must_fit_the_robot() -> None:
+    with pytest.raises(InputError, match="lite: 3 channels, but its motors are on 1 or 2"):
+        Emulator(LITE, 3)
+
+
+def test_on_a_bus_that_cannot_keep_up_commands_wait_and_no_motor_gets_a_word_in() -> None:
+    bench = Bench()
+    bench.enable()
+    replies = [bench.command(duration=0.0018, damping=1.0) for _ in range(100)]
+    assert bench.emulator.waiting(0) > 100, "14 commands alone take 2 ms"
+    assert replies[50:] == [[]] * 50, "a command's identifier outranks that of a reply"
+
+
+def test_the_plant_is_that_of_play_fed_with_the_quantised_commands() -> None:
+    period, steps = 0.005, 60
+    bench = Bench(settings=INSTANT)
+    bench.enable()
+    robot = MujocoRobot(LITE, control_period=period)
+    bench.emulator.advance(0.1 + 1e-9)
+    for _ in range(20):
+        robot.write(MITCommand.zeros(14))
+    for step in range(steps):
+        wanted = LITE.initial_position + 0.2 * np.sin(0.1 * step * np.ones(14))
+        quantised = np.zeros((5, 14))
+        for i, joint in enumerate(LITE.joints):
+            motor, model = joint.motor, MODELS_BY_ID[IDS[i]]
+            assert motor is not None
+            turn = bench.turn(i)
+            command = OperationControl(motor.can_id, motor.direction * wanted[i] + turn, 0.0, 0.0, 50.0, 2.0)
+            frame = encode_command(command, model)
+            read = decode_command(frame, motor.can_id, model)
+            assert isinstance(read, OperationControl)
+            quantised[:, i] = (
+                motor.direction * (read.position - turn),
+                motor.direction * read.velocity,
+                motor.direction * read.effort,
+                read.stiffness,
+                read.damping,
+            )
+            bench.emulator.submit(0, frame, bench.emulator.time)
+        bench.emulator.advance(0.1 + (step + 1) * period + 1e-9)
+        robot.write(MITCommand(*quantised))
+    state, _ = robot.read()
+    truth = bench.emulator.motors.plant.truth(0.0)
+    assert np.abs(state.joint_position - LITE.initial_position).max() > 0.05, "they have moved"
+    np.testing.assert_allclose(truth.joint_position, state.joint_position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(truth.joint_effort, state.joint_effort, rtol=0, atol=1e-6)
+
+
+def test_offsets_and_directions_hide_nothing_but_the_motor_frame() -> None:
+    offsets = {name: 0.1 * i - 0.5 for i, name in enumerate(LITE.joint_names)}
+    bench = Bench(settings=EmulationSettings(homing_offset=offsets))
+    for status in bench.ask(Enable):
+        assert isinstance(status, Status)
+        i = IDS.index(status.motor_id)
+        motor = LITE.joints[i].motor
+        assert motor is not None
+        expected = motor.direction * LITE.initial_position[i] + offsets[LITE.joint_names[i]]
+        assert (status.position - expected) / (2 * math.pi) == pytest.approx(
+            round((status.position - expected) / (2 * math.pi)), abs=2e-3
+        )
+        assert -4e-4 <= status.position < 2 * math.pi
+
+
+def test_a_motor_without_commands_stops_by_its_can_timeout_and_its_joint_falls() -> None:
+    bench = Bench()
+    bench.enable()
+    for motor_id in IDS:
+        bench.tell(WriteParameter(motor_id, 0x7028, (2000).to_bytes(4, "little")))
+    bench.command(duration=0.02, effort=1.0)
+    assert np.abs(bench.torque()).min() > 0.9
+    bench.advance(0.1)
+    assert np.abs(bench.torque()).max() == 0.0
+    assert {state.mode for state in bench.emulator.motors.states} == {MotorMode.RESET}
+
+
+def test_the_torque_limit_is_the_written_one() -> None:
+    bench = Bench()
+    bench.enable()
+    wrist = IDS.index(15)
+    bench.tell(WriteParameter(15, 0x700B, np.float32(4.0).tobytes()))
+    bench.command(duration=0.01, effort=5.0)
+    assert abs(bench.torque()[wrist]) == pytest.approx(4.0, rel=1e-6)
+
+
+def test_work_makes_windings_warm() -> None:
+    bench = Bench()
+    bench.enable()
+    bench.command(duration=1.0, effort=5.0)
+    (warm,) = [reply for reply in bench.command(duration=0.02) if reply.motor_id == 15]
+    assert 26.0 < warm.temperature < 40.0, "3 times its rated torque for 1 s"
+
+
+def test_active_reports_arrive_every_10_ms_over_the_bus() -> None:
+    bench = Bench()
+    bench.tell(SetActiveReport(ELBOW_ID, True))
+    replies = bench.advance(0.1)
+    assert len(replies) in (9, 10)
+    assert all(isinstance(reply, Status) and reply.is_report for reply in replies)
+
+
+class TestFaults:
+    def test_a_silent_motor_obeys_but_does_not_answer(self) -> None:
+        bench = Bench(faults=[Fault("silent", (ELBOW,), start=0.05)])
+        bench.enable()
+        bench.advance(0.06)
+        replies = bench.command(duration=0.01, effort=1.0)
+        assert ELBOW_ID not in {reply.motor_id for reply in replies}
+        assert len(replies) == 13
+        assert abs(bench.torque()[IDS.index(ELBOW_ID)]) == pytest.approx(1.0, abs=1e-3)
+
+    def test_an_unplugged_motor_boots_when_it_is_plugged_in_again(self) -> None:
+        bench = Bench(faults=[Fault("unplugged", (ELBOW,), start=0.05, duration=0.2)])
+        bench.enable()
+        bench.command(duration=0.1, effort=1.0)
+        assert bench.torque()[IDS.index(ELBOW_ID)] == 0.0
+        assert len(bench.command(duration=0.02)) == 13
+        replies = bench.advance(0.2)
+        assert [type(reply) for reply in replies] == [DeviceId]
+        (status,) = [reply for reply in bench.command(duration=0.02) if reply.motor_id == ELBOW_ID]
+        assert status.mode is MotorMode.RESET
+
+    @pytest.mark.parametrize(
+        ("kind", "fault"),
+        [
+            ("over_temperature", StatusFault.MOTOR_OVERTEMPERATURE),
+            ("under_voltage", StatusFault.UNDERVOLTAGE),
+            ("over_voltage", StatusFault(0)),
+            ("overcurrent", StatusFault.PHASE_OVERCURRENT),
+            ("stalled", StatusFault.STALL_OVERLOAD),
+            ("encoder_fault", StatusFault.ENCODER_FAULT),
+            ("reset", StatusFault(0)),
+        ],
+    )
+    def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(self, kind: str, fault: StatusFault) -> None:
+        bench = Bench()
+        bench.enable()
+        bench.emulator.inject(Fault(kind, (ELBOW,), duration=0.05))
+        bench.advance(0.01)
+        replies = [reply for reply in bench.command(duration=0.02, effort=1.0) if reply.motor_id == ELBOW_ID]
+        assert [(reply.mode, reply.faults) for reply in replies] == [(MotorMode.RESET, fault)]
+        assert bench.torque()[IDS.index(ELBOW_ID)] == 0.0
+        bench.advance(0.1)
+        replies = [reply for reply in bench.command(duration=0.02, effort=1.0) if reply.motor_id == ELBOW_ID]
+        assert [(reply.mode, reply.faults) for reply in replies] == [(MotorMode.RESET, fault)]
+
+    def test_overvoltage_shows_in_a_fault_report_only(self) -> None:
+        bench = Bench()
+        bench.emulator.inject(Fault("over_voltage", (ELBOW,)))
+        replies = bench.advance(0.01)
+        assert [type(reply) for reply in replies] == [FaultReport]
+
+    def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(self) -> None:
+        bench = Bench()
+        bench.enable()
+        hold = bench.command(duration=0.02)
+        here = {reply.motor_id: reply.position for reply in hold}
+        bench.emulator.inject(Fault("encoder_jump", (ELBOW,), value=-0.3))
+        bench.emulator.submit(
+            0,
+            encode_command(OperationControl(ELBOW_ID, here[ELBOW_ID], 0.0, 0.0, 50.0, 2.0), MODELS_BY_ID[ELBOW_ID]),
+            bench.emulator.time,
+        )
+        bench.advance(0.5)
+        moved = bench.emulator.motors.plant.truth(0.0).joint_position[IDS.index(ELBOW_ID)]
+        assert moved - LITE.initial_position[IDS.index(ELBOW_ID)] == pytest.approx(-0.3, abs=0.05)
+
+    def test_a_jammed_joint_does_not_move_whatever_pulls(self) -> None:
+        bench = Bench()
+        bench.enable()
+        bench.emulator.inject(Fault("stalled", (ELBOW,)))
+        bench.advance(0.01)
+        bench.emulator.motors.plant.lead({ELBOW: -1.0, "right_elbow_pitch": -1.0})
+        bench.advance(0.5)
+        position = bench.emulator.motors.plant.truth(0.0).joint_position
+        assert position[IDS.index(ELBOW_ID)] == pytest.approx(LITE.initial_position[3], abs=0.02)
+        assert position[IDS.index(24)] < -0.6
+
+    def test_another_master_is_heard_and_obeyed(self) -> None:
+        bench = Bench()
+        bench.enable()
+        bench.emulator.inject(Fault("other_master", duration=0.1, value=100.0))
+        bench.command(duration=0.005, effort=1.0)
+        frames = [arrival.frame for arrival in bench.emulator.advance(bench.emulator.time + 0.2)]
+        foreign = [frame for frame in frames if frame.arbitration_id >> 24 == 1]
+        assert len(foreign) in (14 * 9, 14 * 10)
+        assert np.abs(bench.torque()).max() < 1e-3
+
+    def test_bus_off_is_said_once_and_then_nothing_passes(self) -> None:
+        bench = Bench(buses=2)
+        bench.enable()
+        bench.emulator.inject(Fault("bus_off", (ELBOW,)))
+        arrivals = bench.emulator.advance(bench.emulator.time + 0.01)
+        assert [(arrival.bus, arrival.frame.is_error, arrival.frame.arbitration_id) for arrival in arrivals] == [
+            (0, True, 0x40)
+        ]
+        assert (bench.emulator.host_fault(0), bench.emulator.host_fault(1)) == ("bus_off", "")
+        replies = bench.command(duration=0.02)
+        assert sorted(reply.motor_id for reply in replies) == [21, 22, 23, 24, 25, 26, 27]
+
+    def test_no_room_in_the_hosts_queue_is_a_fault_of_its_end(self) -> None:
+        bench = Bench()
+        bench.emulator.inject(Fault("enobufs", duration=0.1))
+        bench.advance(0.05)
+        assert bench.emulator.host_fault(0) == "enobufs"
+        bench.advance(0.1)
+        assert bench.emulator.host_fault(0) == ""
+
+    def test_a_joint_that_is_not_driven_is_refused(self) -> None:
+        with pytest.raises(InputError, match="fault 'silent': unknown joint 'tail'"):
+            Emulator(LITE, faults=[Fault("silent", ("tail",))])
+
+
+def test_the_same_frames_and_faults_give_the_same_answers() -> None:
+    def run() -> list[tuple[float, Frame]]:
+        bench = Bench(faults=[Fault("lost", value=0.3), Fault("reordered", ("left_wrist_yaw",))])
+        bench.ask(Enable)
+        for step in range(20):
+            bench.command(duration=0.005, effort=0.1 * step)
+        return [(arrival.time, arrival.frame) for arrival in bench.log]
+
+    first = run()
+    assert first == run()
+    assert len(first) > 100

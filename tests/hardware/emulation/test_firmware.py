@@ -1,0 +1,319 @@
+"""What an emulated motor answers and does, frame by frame, without a bus and without physics."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from motor_rig import HOST, ID, Motor, fault_reports, identity
+
+from humanoid_sim.hardware.emulation import firmware
+from humanoid_sim.hardware.emulation.motor_state import Sensed
+from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.robstride.messages import (
+    BaudRate,
+    DeviceId,
+    Enable,
+    GetDeviceId,
+    ParameterReply,
+    Protocol,
+    ReadParameter,
+    ReadVersion,
+    SaveParameters,
+    SetActiveReport,
+    SetBaudRate,
+    SetDeviceId,
+    SetProtocol,
+    SetZero,
+    Status,
+    Stop,
+    WriteParameter,
+)
+
+
+def _enabled(model: str = "rs-02", version: str | None = None, shaft: float = 0.0) -> Motor:
+    motor = Motor(identity(model, version), Sensed(shaft))
+    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+    return motor
+
+
+def test_after_power_on_it_is_not_enabled_and_knows_its_angle_within_one_turn_only() -> None:
+    motor = Motor(sensed=Sensed(-0.13))
+    status = motor.mit()
+    assert status.mode is MotorMode.RESET
+    assert status.position == pytest.approx(2 * math.pi - 0.13, abs=4e-4)
+    motor = Motor(sensed=Sensed(0.13 + 14 * math.pi))
+    assert motor.mit().position == pytest.approx(0.13, abs=4e-4)
+
+
+def test_a_saved_zero_sta_makes_the_first_position_lie_around_zero() -> None:
+    motor = Motor(sensed=Sensed(-0.13))
+    motor.write("zero_sta", 1)
+    motor.tell(SaveParameters(ID))
+    motor.cycle_power()
+    assert motor.mit().position == pytest.approx(-0.13, abs=4e-4)
+
+
+def test_what_is_not_saved_is_lost_without_power() -> None:
+    motor = Motor()
+    motor.write("limit_torque", 3.0)
+    assert motor.read("limit_torque") == 3.0
+    motor.cycle_power()
+    assert motor.read("limit_torque") == 17.0
+
+
+def test_commands_are_obeyed_only_while_enabled() -> None:
+    motor = Motor()
+    motor.mit(1.0, 20.0)
+    assert motor.state.command is None
+    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+    assert motor.state.command is None, "enabling brings no torque by itself"
+    motor.mit(1.0, 20.0)
+    command = motor.state.command
+    assert command is not None
+    assert command.position == pytest.approx(1.0, abs=4e-4)
+    assert command.stiffness == pytest.approx(20.0, abs=8e-3)
+    assert motor.status(Stop(ID)).mode is MotorMode.RESET
+    assert motor.state.command is None
+    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+    assert motor.state.command is None, "the old command does not come back"
+
+
+def test_it_answers_whoever_asked_last_because_type_1_has_no_room_for_a_host() -> None:
+    motor = Motor()
+    motor.tell(Enable(ID, host_id=0xAA))
+    assert motor.mit().host_id == 0xAA
+    motor.tell(GetDeviceId(ID, host_id=HOST))
+    assert motor.mit().host_id == HOST
+
+
+def test_identity_and_version() -> None:
+    motor = Motor()
+    assert motor.tell(GetDeviceId(ID)) == [DeviceId(ID, bytes(range(8)))]
+    frame = firmware.receive(
+        motor.identity, motor.state, Frame(0x0400FD0B, b"\0\xc4" + bytes(6)), motor.sensed, 0.0
+    ).frames[0]
+    assert frame.data == bytes.fromhex("00C4560002030900")
+    assert motor.tell(ReadVersion(ID)), "it is answered like any command"
+
+
+def test_frames_for_others_and_malformed_ones_change_nothing() -> None:
+    motor = _enabled()
+    before = motor.state
+    for frame in (
+        Frame(0x0300FD0C, bytes(8)),
+        Frame(0x0400FD0B, bytes(8), is_extended=False),
+        Frame(0x0400FD0B, b"", is_remote=True),
+        Frame(0x017FFF0B, bytes(7)),
+        Frame(0x1300FD0B, bytes(8)),
+    ):
+        assert firmware.receive(motor.identity, motor.state, frame, motor.sensed, 1.0) == (before, ())
+
+
+@given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8), st.booleans(), st.booleans())
+def test_no_frame_makes_it_fail(number: int, data: bytes, extended: bool, addressed: bool) -> None:
+    motor = _enabled()
+    number = number & ~0xFF | ID if addressed else number
+    frame = Frame(number if extended else number & 0x7FF, data, extended)
+    reaction = firmware.receive(motor.identity, motor.state, frame, motor.sensed, 1.0)
+    assert len(reaction.frames) <= 1
+    again = firmware.advance(motor.identity, reaction.state, motor.sensed, 2.0)
+    assert again.state.mode in (MotorMode.RESET, MotorMode.RUN)
+
+
+def test_the_can_timeout_is_off_by_default() -> None:
+    motor = _enabled()
+    motor.mit(effort=1.0)
+    motor.wait(10.0)
+    assert motor.state.is_running
+    assert motor.state.command is not None
+
+
+def test_the_can_timeout_drops_it_to_reset_mode_without_a_fault_bit() -> None:
+    motor = _enabled()
+    motor.write("canTimeout", 2000)
+    motor.wait(0.098)
+    assert motor.state.is_running
+    motor.mit()
+    motor.wait(0.099)
+    assert motor.state.is_running, "a command restarts it"
+    motor.wait(0.002)
+    status = motor.mit()
+    assert (status.mode, status.faults) == (MotorMode.RESET, StatusFault(0))
+    assert motor.state.is_running is False, "and it stays so"
+
+
+@pytest.mark.parametrize(
+    ("feeling", "in_status", "in_report"),
+    [
+        ({"temperature": 136.0}, StatusFault.MOTOR_OVERTEMPERATURE, FaultBit.MOTOR_OVERTEMPERATURE),
+        ({"voltage": 11.0}, StatusFault.UNDERVOLTAGE, FaultBit.UNDERVOLTAGE),
+        ({"voltage": 61.0}, StatusFault(0), FaultBit.OVERVOLTAGE),
+        ({"encoder_fault": True}, StatusFault.ENCODER_FAULT, FaultBit(0)),
+        ({"overcurrent": True}, StatusFault.PHASE_OVERCURRENT, FaultBit.PHASE_A_OVERCURRENT),
+        ({"overloaded": True}, StatusFault.STALL_OVERLOAD, FaultBit.STALL_OVERLOAD),
+    ],
+)
+def test_a_fault_stops_it_is_latched_and_cleared_only_when_its_cause_is_gone(
+    feeling: dict[str, object], in_status: StatusFault, in_report: FaultBit
+) -> None:
+    motor = _enabled()
+    healthy = motor.sensed
+    motor.feel(**feeling)
+    reports = fault_reports(motor.wait(0.003))
+    assert [report.faults for report in reports] == ([in_report] if in_report else [])
+    status = motor.mit(effort=1.0)
+    assert (status.mode, status.faults) == (MotorMode.RESET, in_status)
+
+    assert motor.status(Enable(ID)).mode is MotorMode.RESET, "a faulted motor is not enabled"
+    assert motor.status(Stop(ID, clear_fault=True)).faults == in_status, "the cause is still there"
+    motor.sensed = healthy
+    cooled = bool(in_report & FaultBit.MOTOR_OVERTEMPERATURE)  # the warning ends with its cause, and that is reported
+    assert len(motor.wait(0.1)) == cooled
+    assert motor.mit().faults == in_status, "latched"
+    assert motor.status(Stop(ID)).faults == in_status
+    assert motor.status(Stop(ID, clear_fault=True)).faults == StatusFault(0)
+    assert motor.state.faults == FaultBit(0)
+    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+
+
+def test_it_warns_before_it_is_too_hot() -> None:
+    motor = _enabled("rs-00")
+    motor.feel(temperature=136.0)
+    (report,) = fault_reports(motor.wait(0.003))
+    assert (report.faults, report.warnings) == (FaultBit(0), WarningBit.MOTOR_OVERTEMPERATURE_WARNING)
+    assert motor.mit().mode is MotorMode.RUN
+    motor.feel(temperature=80.0)
+    (report,) = fault_reports(motor.wait(0.003))
+    assert (report.faults, report.warnings) == (FaultBit(0), WarningBit(0))
+
+
+def test_full_torque_without_motion_trips_the_overload_protection_after_a_while() -> None:
+    motor = _enabled()
+    motor.write("limit_torque", 4.0)
+    motor.feel(torque=4.0)
+    motor.wait(1.9)
+    assert motor.state.is_running
+    motor.feel(velocity=1.0)
+    motor.wait(0.2)
+    motor.feel(velocity=0.0)
+    motor.wait(1.9)
+    assert motor.state.is_running, "motion starts the time afresh"
+    motor.wait(0.2)
+    assert motor.mit().faults == StatusFault.STALL_OVERLOAD
+
+
+def test_active_reports() -> None:
+    motor = _enabled()
+    motor.write("EPScan_time", 3)
+    motor.tell(SetActiveReport(ID, True))
+    reports = motor.wait(0.1)
+    assert len(reports) == 5, "every 20 ms"
+    assert all(isinstance(report, Status) and report.is_report for report in reports)
+    motor.tell(SetActiveReport(ID, False))
+    assert motor.wait(0.1) == []
+
+
+def test_older_firmware_reports_as_type_2_and_still_older_does_not_know_the_command() -> None:
+    motor = _enabled("rs-00", "0.0.3.1")
+    motor.tell(SetActiveReport(ID, True))
+    reports = motor.wait(0.03)
+    assert len(reports) == 3
+    assert not any(report.is_report for report in reports if isinstance(report, Status))
+    motor = _enabled("rs-00", "0.0.2.9")
+    assert motor.tell(SetActiveReport(ID, True)) == []
+    assert motor.wait(0.1) == []
+
+
+def test_set_zero_makes_here_zero_and_moves_the_target_unless_the_firmware_is_old() -> None:
+    motor = _enabled(shaft=1.5)
+    motor.mit(1.5, 50.0)
+    assert motor.status(SetZero(ID)).position == pytest.approx(0.0, abs=4e-4)
+    assert motor.state.command is not None
+    assert motor.state.command.position == 0.0
+
+    motor = _enabled(version="0.2.2.11", shaft=1.5)
+    motor.mit(1.5, 50.0)
+    motor.tell(SetZero(ID))
+    assert motor.state.command is not None
+    assert motor.state.command.position == pytest.approx(1.5, abs=4e-4), "it will jump"
+
+
+def test_set_zero_is_ignored_in_profile_position_mode() -> None:
+    motor = Motor(sensed=Sensed(1.5))
+    motor.write("run_mode", 1)
+    assert motor.status(SetZero(ID)).position == pytest.approx(1.5, abs=4e-4)
+
+
+def test_position_feedback_runs_cyclically_and_mechpos_does_not() -> None:
+    motor = Motor()
+    motor.feel(shaft=13.0)
+    assert motor.mit().position == pytest.approx(13.0 - 8 * math.pi, abs=4e-4)
+    assert motor.read("mechPos") == pytest.approx(13.0, abs=1e-5)
+    old = Motor(identity(version="0.2.2.11"))
+    old.feel(shaft=12.55)
+    reaction = firmware.receive(old.identity, old.state, Frame(0x017FFF0B, bytes(8)), old.sensed, 0.0)
+    raw = int.from_bytes(reaction.frames[0].data[:2], "big")
+    assert (raw / 32767 - 1) * 12.5 == pytest.approx(12.55 - 25.0, abs=4e-4)
+
+
+def test_a_new_id_holds_at_once_and_without_power() -> None:
+    motor = Motor()
+    assert motor.tell(SetDeviceId(ID, 33)) == [DeviceId(33, bytes(range(8)))]
+    assert motor.tell(GetDeviceId(ID)) == []
+    motor.cycle_power()
+    assert motor.tell(GetDeviceId(33)) == [DeviceId(33, bytes(range(8)))]
+
+
+@pytest.mark.parametrize("command", [SetProtocol(ID, Protocol.MIT), SetBaudRate(ID, BaudRate.KBIT_500)])
+def test_another_protocol_or_bit_rate_makes_it_unreachable_after_the_next_power_on(
+    command: SetProtocol | SetBaudRate,
+) -> None:
+    motor = Motor()
+    assert isinstance(motor.tell(command)[0], DeviceId)
+    assert motor.tell(GetDeviceId(ID)) != []
+    motor.cycle_power()
+    assert motor.tell(GetDeviceId(ID)) == []
+
+
+def test_reading_and_writing_parameters() -> None:
+    motor = Motor()
+    motor.feel(velocity=2.5, torque=1.7, voltage=47.0)
+    assert motor.read("mechVel") == pytest.approx(2.5)
+    assert motor.read("VBUS") == 47.0
+    assert motor.read("iqf") == pytest.approx(1.7 * 23.0 / 17.0, rel=1e-6)
+    assert motor.read("canTimeout") == 0
+    motor.write("mechPos", 1.0)
+    assert motor.read("mechPos") == 0.0, "read only"
+    motor.write("run_mode", 9)
+    assert motor.read("run_mode") == 0
+    (reply,) = motor.tell(ReadParameter(ID, 0x7FFF))
+    assert isinstance(reply, ParameterReply)
+    assert not reply.is_success
+    motor.tell(WriteParameter(ID, 0x700B, b"\x00\x00\xc0\x7f"))
+    assert motor.read("limit_torque") == 17.0, "NaN is not taken"
+
+
+def test_the_run_mode_stays_while_it_runs() -> None:
+    motor = _enabled()
+    motor.write("run_mode", 2)
+    assert motor.read("run_mode") == 0
+
+
+def test_the_fault_word_can_be_read() -> None:
+    motor = Motor()
+    motor.feel(voltage=61.0)
+    motor.wait(0.002)
+    (reply,) = motor.tell(ReadParameter(ID, 0x3022))
+    assert isinstance(reply, ParameterReply)
+    assert int.from_bytes(reply.payload, "little") == FaultBit.OVERVOLTAGE
+
+
+def test_parameters_that_came_with_newer_firmware() -> None:
+    for version, is_there in (("0.2.3.9", True), ("0.2.2.9", False)):
+        (reply,) = Motor(identity(version=version)).tell(ReadParameter(ID, 0x702B))
+        assert isinstance(reply, ParameterReply)
+        assert reply.is_success is is_there
