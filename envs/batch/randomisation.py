@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.envs.batch.counter_random import Words, uniforms
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
 __all__ = ["Randomisation", "Range", "vary_model"]
@@ -69,6 +70,21 @@ class Randomisation:
                 object.__setattr__(self, field.name, _checked_range(field.name, value))
             elif not _is_number(value) or not 0.0 <= value < math.inf:
                 raise InputError(f"randomisation: {field.name} is {value!r}, expected a finite number >= 0")
+
+    @classmethod
+    def of(cls, values: Randomisation | Mapping[str, Any] | None) -> Randomisation:
+        """The randomisation itself, one with these fields, or one without any differences for None.
+
+        Raises:
+            InputError: there is no such field, or it is not what it should be.
+        """
+        if isinstance(values, Randomisation):
+            return values
+        known = [field.name for field in fields(cls)]
+        for name in values or {}:
+            if name not in known:
+                raise InputError(f"randomisation: {known_names('field', name, known)}")
+        return cls(**(values or {}))
 
     @property
     def varies_models(self) -> bool:

@@ -1,0 +1,300 @@
+"""A policy's view of many robots as one Gymnasium vector environment, stepped natively on several threads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from humanoid_sim.controllers.context import VELOCITY_COMMAND
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
+from humanoid_sim.envs.batch import BatchSimulation, Randomisation
+from humanoid_sim.envs.batch.selection import memory_with, state_rows
+from humanoid_sim.envs.batch.start_numbers import StartNumbers
+from humanoid_sim.envs.inputs import Named
+from humanoid_sim.envs.policy_side import PolicyMemory
+from humanoid_sim.envs.rendering import Pictures
+from humanoid_sim.envs.setting import make_setting
+from humanoid_sim.envs.spaces import action_space, observation_space
+from humanoid_sim.envs.tasks.sample import BaseSample, StepSample
+from humanoid_sim.envs.tasks.task import Judgement
+from humanoid_sim.envs.vector_info import VectorInfo
+from humanoid_sim.envs.vector_options import autoreset, reset_command, reset_mask, reset_seeds
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.policy.motion import Motion
+from humanoid_sim.robots.description import RobotDescription
+
+__all__ = ["PolicyVectorEnv"]
+
+Float32Array = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+IndexArray = npt.NDArray[np.intp]
+Step = tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]
+
+
+class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
+    """N `PolicyEnv`s with the affine plant in one: `humanoid_sim.envs.batch` steps them, arrays do the rest.
+
+    Seeded with the same numbers, and given the same actions, every environment does what a `PolicyEnv` does: the same
+    starts, states equal to 1e-9 per step, the same faults. A fault ends the episode of its environment and touches no
+    other. `info` is that of `PolicyEnv` as Gymnasium's vector environments merge it, each key with a mask `_key`.
+
+    What may differ between environments is a `Randomisation`; an environment's differences are drawn when it is seeded.
+    Observations are then late and noisy as it says, rewards and terminations are those of the true state.
+
+    `reset` takes a seed (environment i gets `seed + i`), or one per environment, and these options:
+
+    - `command`: vx, vy in m/s and yaw rate in rad/s, or one such row per environment, held for the whole episode.
+    - `reset_mask`: shape (N,), the environments to reset, as `SyncVectorEnv` takes it.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        contract: Named | PolicyContract,
+        robot: Named | RobotDescription,
+        motion: Named | Motion | None = None,
+        *,
+        task: str = "auto",
+        physics_timestep: float | None = None,
+        action_limit: float = ACTION_LIMIT,
+        randomisation: Randomisation | Mapping[str, Any] | None = None,
+        threads: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str | None = None,
+        **task_options: Any,
+    ) -> None:
+        """Build the robots.
+
+        Args:
+            num_envs: N.
+            contract: of the policy; or the name or path of a checkpoint (.onnx) or a contract file (.yaml).
+            robot: a description, or what `load_robot` takes.
+            motion: what a tracking policy follows, as `PolicyEnv` takes it.
+            task: as `PolicyEnv` takes it.
+            physics_timestep: s; None for the robot's.
+            action_limit: largest magnitude of a raw action.
+            randomisation: how the environments differ, or its fields by name; None: not at all.
+            threads: that step physics; None for one per processor that this process may use.
+            autoreset_mode: what happens after an episode's end, as Gymnasium defines it.
+            max_episode_steps: policy steps after which an episode is truncated, whatever the task says; None: any.
+            render_mode: `rgb_array` or None.
+            width: pixels of one environment's picture.
+            height: pixels of one environment's picture.
+            camera: of the model; None looks at the robot from the front.
+            task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
+
+        Raises:
+            InputError: one line that says what cannot be read, or what does not fit.
+        """
+        if render_mode not in (None, "rgb_array"):
+            raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise InputError(f"max_episode_steps: is {max_episode_steps!r}, expected a whole number >= 1 or None")
+        self.setting = setting = make_setting(
+            contract,
+            robot,
+            motion,
+            task=task,
+            physics_timestep=physics_timestep,
+            action_limit=action_limit,
+            **task_options,
+        )
+        self.simulation = BatchSimulation(
+            setting.description,
+            num_envs,
+            control_period=setting.contract.policy_dt,
+            physics_timestep=setting.physics_timestep,
+            threads=threads,
+            anchor_body=setting.contract.anchor_body,
+            bodies=setting.bodies,
+            randomisation=Randomisation.of(randomisation),
+        )
+        self.num_envs = num_envs
+        self.single_observation_space = bounds = observation_space(setting.side, setting.description)
+        self.single_action_space = action_space(setting.side, setting.description)
+        self.observation_space = batch_space(bounds, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.autoreset_mode = autoreset(autoreset_mode)
+        self.render_mode = render_mode
+        self.metadata = {
+            "render_modes": ["rgb_array"],
+            "render_fps": round(1.0 / setting.contract.policy_dt),
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.fault_count = 0
+        """Episodes that a fault has ended so far."""
+        self._pictures = Pictures(setting.description, width, height, camera)
+        self._low, self._high = bounds.low, bounds.high
+        self._longest = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
+        self._numbers = StartNumbers(num_envs, setting.task.draws)
+        self._memory: PolicyMemory | None = None
+        self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)
+        self._commands: FloatArray = setting.task.start(np.zeros((num_envs, setting.task.draws))).commands
+        self._velocity = np.zeros((num_envs, 3))
+        self._steps = np.zeros(num_envs, dtype=np.int64)
+        self._is_over = np.zeros(num_envs, dtype=np.bool_)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Float32Array, dict[str, Any]]:
+        """Start episodes; the same seeds give the same starts.
+
+        Raises:
+            InputError: a seed or an option is not what it should be.
+        """
+        options = {} if options is None else dict(options)
+        mask = reset_mask(options.pop("reset_mask", None), self.num_envs)
+        command = reset_command(options, self.num_envs)
+        seeds = reset_seeds(seed, self.num_envs)
+        if self._memory is None and not mask.all():
+            raise gymnasium.error.ResetNeeded("reset_mask: the first reset is of all environments")
+        super().reset(seed=seeds[0])
+        chosen = np.flatnonzero(mask)
+        self._seed(chosen, [seeds[i] for i in chosen.tolist()])
+        self._begin(chosen, command)
+        assert self._memory is not None
+        info = VectorInfo(self.num_envs)
+        info.add("frame", np.asarray(self._memory.frame), mask)
+        return self._observation.copy(), info.entries
+
+    def _seed(self, chosen: IndexArray, seeds: Sequence[int | None]) -> None:
+        before = self._numbers.seeds.copy()
+        self._numbers.seed(chosen, seeds)
+        is_new = self._numbers.seeds != before
+        is_new[chosen] |= [seed is not None for seed in seeds]
+        if is_new.any():
+            self.simulation.reseed(self._numbers.seeds[is_new], np.flatnonzero(is_new))
+
+    def _begin(self, chosen: IndexArray, command: FloatArray | None = None) -> None:
+        """Put some environments at the start of an episode, and observe it."""
+        task, side = self.setting.task, self.setting.side
+        start = task.start(self._numbers.take(chosen))
+        qpos, qvel = self.setting.generalised(start)
+        self.simulation.reset(chosen, qpos=qpos, qvel=qvel)
+        self._commands[chosen] = start.commands if command is None else command[chosen, None]
+        self._steps[chosen] = 0
+        self._is_over[chosen] = False
+        self._velocity[chosen] = task.command(self._commands[chosen], self._steps[chosen])
+        state = self._with_command(self.simulation.state())
+        everyone = len(chosen) == self.num_envs
+        rows = state if everyone else state_rows(state, chosen)
+        observation, memory = side.observe(side.activate(rows), rows)
+        if everyone or self._memory is None:
+            self._memory = memory
+        else:
+            self._memory = memory_with(self._memory, chosen, memory)
+        self._observation[chosen] = observation
+
+    def step(self, actions: Float32Array) -> Step:
+        """One policy step of every environment.
+
+        In the mode `NEXT_STEP` an environment whose episode has ended ignores its action and starts the next one.
+
+        Raises:
+            InputError: the actions have another shape than the space's.
+            gymnasium.error.ResetNeeded: there was no reset yet, or, without autoreset, none since an episode's end.
+        """
+        if self._memory is None:
+            raise gymnasium.error.ResetNeeded("call reset before step")
+        if self.autoreset_mode == AutoresetMode.DISABLED and self._is_over.any():
+            raise gymnasium.error.ResetNeeded("an episode has ended: call reset with a reset_mask before step")
+        with np.errstate(over="ignore"):  # becomes infinite, and is refused
+            raw = np.array(actions, dtype=np.float32)
+        if raw.shape != self.action_space.shape:
+            raise InputError(f"actions: have shape {raw.shape}, expected {self.action_space.shape}")
+        starting = self._is_over.copy()
+        accepted = self.setting.side.accepts(raw)
+        before = self._memory
+        sound, judgement, faults = self._advance(raw, accepted & ~starting)
+        faults |= {int(i): self.setting.side.refusal(raw[i]) for i in np.flatnonzero(~accepted & ~starting)}
+        self.fault_count += len(faults)
+
+        reward = np.where(sound, judgement.reward, 0.0)
+        terminated = np.where(sound, judgement.terminated, ~starting)
+        truncated = sound & (judgement.truncated | (self._steps >= self._longest))
+        info = VectorInfo(self.num_envs)
+        info.add("frame", np.where(sound, self._memory.frame, before.frame), ~starting)
+        info.add_terms("terms", judgement.terms, sound, ~starting)
+        info.add_texts("fault", faults)
+        self._is_over = terminated | truncated
+        if starting.any():
+            self._begin(np.flatnonzero(starting))
+            info.merge("frame", np.asarray(self._memory.frame), starting)
+        elif self.autoreset_mode == AutoresetMode.SAME_STEP and self._is_over.any():
+            info = self._begin_again(info)
+        return self._observation.copy(), reward, terminated, truncated, info.entries
+
+    def _begin_again(self, info: VectorInfo) -> VectorInfo:
+        """Start the next episodes in the step that ended the last ones, whose info and observation go along."""
+        over = self._is_over.copy()
+        following = info.with_final(over, self._observation)
+        self._begin(np.flatnonzero(over))
+        assert self._memory is not None
+        following.merge("frame", np.asarray(self._memory.frame), over)
+        return following
+
+    def _advance(self, raw: Float32Array, moving: BoolArray) -> tuple[BoolArray, Judgement, dict[int, str]]:
+        """Let the actions of the moving environments act.
+
+        Returns:
+            Shape (N,), which of them are sound afterwards; what the task thinks of all; and the others' faults.
+        """
+        side, task, simulation = self.setting.side, self.setting.task, self.simulation
+        assert self._memory is not None
+        previous, asked = self._memory.last_action, self._velocity
+        action = raw if moving.all() else np.where(moving[:, None], raw, 0.0).astype(np.float32)
+        memory, command = side.act(self._memory, action)
+        simulation.step(command, where=None if moving.all() else moving)
+        self._steps = self._steps + moving
+        self._velocity = task.command(self._commands, self._steps).copy()
+        observation, self._memory = side.observe(memory, self._with_command(simulation.state()))
+        inside = (observation >= self._low) & (observation <= self._high)
+        broken = moving & simulation.fault
+        sound = moving & ~broken & inside.all(axis=1)
+        faults = {int(i): "simulation unstable" for i in np.flatnonzero(broken)}
+        faults |= {int(i): side.outlier(observation[i], inside[i]) for i in np.flatnonzero(moving & ~broken & ~sound)}
+        self._observation = np.where(sound[:, None], observation, self._observation)
+        position, quaternion = simulation.body_poses(in_base=True)
+        sample = StepSample(
+            state=self._with_command(simulation.truth()),
+            action=action,
+            previous_action=previous,
+            torque=simulation.effort,
+            frame=memory.frame,
+            step=np.maximum(self._steps, 1),
+            body_position=position,
+            body_quaternion=quaternion,
+            command=asked,
+            base=None if simulation.base is None else BaseSample(*simulation.base),
+            alignment=memory.alignment,
+        )
+        return sound, task.judge(sample), faults
+
+    def _with_command(self, state: MITState) -> MITState:
+        if not self.setting.side.takes_command:
+            return state
+        return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self._velocity, 0.0)})
+
+    def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
+        """A picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""
+        if self.render_mode is None:
+            return None
+        return tuple(self._pictures.draw(qpos) for qpos in self.simulation.qpos)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Stop the threads, close the rendering context."""
+        self._pictures.close()
+        self.simulation.close()

@@ -1,0 +1,354 @@
+"""The native vector environment against Gymnasium's own, which steps `PolicyEnv`s one by one."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.envs.batch import Randomisation
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import load_robot
+
+LITE = "humanoid_sim/LiteTracking-v0"
+BIPED = "humanoid_sim/BipedVelocity-v0"
+COUNT = 3
+
+# Read once: YAML takes longer than a thousand steps.
+ROBOTS = {"lite": load_robot("lite"), "lite_biped": load_robot("lite_biped")}
+ROBOT_OF = {LITE: ROBOTS["lite"], BIPED: ROBOTS["lite_biped"]}
+
+
+def make(name: str, mode: str = "vector_entry_point", count: int = COUNT, **options: Any) -> Any:
+    if mode == "vector_entry_point":
+        options = {"threads": 1, **options}
+    if name in ROBOT_OF:
+        options = {"robot": ROBOT_OF[name], **options}
+    return gymnasium.make_vec(name, num_envs=count, vectorization_mode=mode, **options)
+
+
+@pytest.fixture
+def both(request: pytest.FixtureRequest) -> Iterator[tuple[PolicyVectorEnv, SyncVectorEnv]]:
+    """Both kinds of the environment, and with the options, that the test asks for."""
+    name, options = request.param
+    mode = options.pop("autoreset_mode", AutoresetMode.NEXT_STEP)
+    native = make(name, autoreset_mode=mode, **options)
+    sync = make(name, "sync", vector_kwargs={"autoreset_mode": mode}, **options)
+    yield native, sync
+    native.close()
+    sync.close()
+
+
+def memory_policy() -> PolicyContract:
+    """A walking contract with a history, a gait clock and an anchor-free estimate of the base's velocity."""
+    robot = ROBOTS["lite_biped"]
+    return PolicyContract(
+        task_type="locomotion",
+        joint_names=robot.joint_names[::-1],
+        action_joint_names=robot.joint_names[:12],
+        joint_stiffness=robot.stiffness[::-1],
+        joint_damping=robot.damping[::-1],
+        default_joint_pos=np.zeros(14),
+        observation=[
+            Term("base_ang_vel", history=3),
+            Term("projected_gravity", history=2),
+            Term("base_lin_vel"),
+            Term("velocity_commands"),
+            Term("gait_phase"),
+            Term("joint_pos", history=3),
+            Term("joint_vel", scale=0.05),
+            Term("last_action", history=2),
+        ],
+        command_names=(),
+        action_scale=np.full(12, 0.25),
+        policy_dt=0.02,
+        body_names=(),
+        phase=PhaseRule(0.8, standing_threshold=0.1),
+    )
+
+
+def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
+    """Nested infos: the same keys, texts and masks, values equal to 1e-9."""
+    if isinstance(theirs, Mapping):
+        assert set(ours) == set(theirs), where
+        for key in theirs:
+            assert_same(ours[key], theirs[key], f"{where}/{key}")
+    elif theirs.dtype == object:
+        for i, (one, other) in enumerate(zip(ours, theirs, strict=True)):
+            if isinstance(other, np.ndarray):
+                np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6, err_msg=f"{where}[{i}]")
+            else:
+                assert one == other, f"{where}[{i}]"
+    else:
+        assert ours.dtype == theirs.dtype, where
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9, err_msg=where)
+
+
+def assert_states(native: PolicyVectorEnv, sync: SyncVectorEnv) -> None:
+    """Positions and velocities agree to 1e-9."""
+    for i, env in enumerate(sync.envs):
+        data = env.unwrapped.robot.data  # type: ignore[attr-defined]
+        np.testing.assert_allclose(native.simulation.qpos[i], data.qpos, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(native.simulation.qvel[i], data.qvel, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "both",
+    [
+        (LITE, {"max_episode_steps": 5}),
+        (LITE, {"max_episode_steps": 5, "autoreset_mode": AutoresetMode.SAME_STEP}),
+        (BIPED, {"max_episode_steps": 9}),
+        (
+            "humanoid_sim/Policy-v0",
+            {"contract": memory_policy(), "robot": ROBOTS["lite_biped"], "max_episode_steps": 6},
+        ),
+    ],
+    ids=["tracking", "tracking, same step", "velocity", "memory"],
+    indirect=True,
+)
+def test_every_step_is_that_of_single_environments(both: tuple[PolicyVectorEnv, SyncVectorEnv]) -> None:
+    native, sync = both
+    assert native.observation_space == sync.observation_space
+    assert native.action_space == sync.action_space
+    assert native.single_observation_space == sync.single_observation_space
+    ours, theirs = native.reset(seed=5), sync.reset(seed=5)
+    np.testing.assert_array_equal(ours[0], theirs[0])
+    assert_same(ours[1], theirs[1])
+    native.action_space.seed(0)
+    ended = np.zeros(COUNT, dtype=np.int64)
+    for step in range(14):
+        action = 0.2 * native.action_space.sample()
+        if step in (3, 11):
+            action[1, 4] = np.nan if step == 3 else 1e6
+        ours, theirs = native.step(action), sync.step(action)
+        assert ours[0].dtype == np.float32
+        np.testing.assert_allclose(ours[0], theirs[0], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(ours[1], theirs[1], rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(ours[2], theirs[2])
+        np.testing.assert_array_equal(ours[3], theirs[3])
+        assert_same(ours[4], theirs[4])
+        assert_states(native, sync)
+        ended += ours[2] | ours[3]
+    assert ended[1] >= 2
+    assert ended.min() >= 1
+    assert native.fault_count == sum(env.unwrapped.fault_count for env in sync.envs) >= 1  # type: ignore[attr-defined]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("both", [(LITE, {"joint_noise": 0.0})], indirect=True)
+def test_a_whole_motion_ends_as_in_single_environments(both: tuple[PolicyVectorEnv, SyncVectorEnv]) -> None:
+    native, sync = both
+    native.reset(seed=0)
+    sync.reset(seed=0)
+    frames = native.setting.side.reference.frame_count
+    rest = np.zeros(native.action_space.shape, dtype=np.float32)
+    for _ in range(frames + 1):
+        ours, theirs = native.step(rest), sync.step(rest)
+        for one, other in zip(ours[1:4], theirs[1:4], strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+        if (ours[2] | ours[3]).any():
+            break
+    assert (ours[2] | ours[3]).all()
+    assert_states(native, sync)
+
+
+def test_seeds_make_starts() -> None:
+    native = make(BIPED)
+    first, _ = native.reset(seed=7)
+    following, _ = native.reset()
+    again, _ = native.reset(seed=[7, 8, 9])
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(native.reset()[0], following)
+    assert np.abs(first - following).max() > 1e-3
+    assert native.np_random_seed == 7
+    mixed, _ = native.reset(seed=[7, None, 9])
+    np.testing.assert_array_equal(mixed[[0, 2]], first[[0, 2]])
+    assert np.abs(mixed[1] - first[1]).max() > 1e-3
+    native.close()
+
+
+def test_starts_without_a_seed_differ() -> None:
+    one, other = make(LITE), make(LITE)
+    starts = np.concatenate([one.reset()[0], other.reset()[0]])
+    assert len(np.unique(starts, axis=0)) == 2 * COUNT
+    one.close()
+    other.close()
+
+
+def test_the_number_of_environments_and_threads_does_not_matter() -> None:
+    options = {"randomisation": Randomisation(mass=(0.8, 1.2), command_delay=(0.0, 0.02), joint_position_noise=0.01)}
+    few, many = make(LITE, count=1, **options), make(LITE, count=5, threads=2, **options)
+    observed, _ = few.reset(seed=13)
+    np.testing.assert_array_equal(observed[0], many.reset(seed=10)[0][3])
+    many.action_space.seed(0)
+    for _ in range(4):
+        action = 0.1 * many.action_space.sample()
+        ours, all_of_them = few.step(action[3:4]), many.step(action)
+        np.testing.assert_array_equal(ours[0][0], all_of_them[0][3])
+        np.testing.assert_array_equal(ours[1][0], all_of_them[1][3])
+    few.close()
+    many.close()
+
+
+def test_a_mask_resets_some() -> None:
+    native = make(LITE, autoreset_mode="Disabled", max_episode_steps=2)
+    action = np.zeros(native.action_space.shape, dtype=np.float32)
+    mask = np.array([True, False, True])
+    with pytest.raises(gymnasium.error.ResetNeeded, match="the first reset is of all environments"):
+        native.reset(options={"reset_mask": mask})
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset before step"):
+        native.step(action)
+    native.reset(seed=1)
+    native.step(action)
+    observation, info = native.reset(seed=[30, 31, 32], options={"reset_mask": mask})
+    assert info["frame"].tolist() == [0, 0, 0]
+    assert info["_frame"].tolist() == mask.tolist()
+    fresh = make(LITE)
+    np.testing.assert_array_equal(observation[mask], fresh.reset(seed=30)[0][mask])
+    _, _, _, truncated, _ = native.step(action)
+    assert truncated.tolist() == [False, True, False]
+    with pytest.raises(gymnasium.error.ResetNeeded, match="an episode has ended"):
+        native.step(action)
+    native.reset(options={"reset_mask": ~mask})
+    native.step(action)
+    native.close()
+    fresh.close()
+
+
+def test_commands_of_the_caller_hold() -> None:
+    native = make(BIPED)
+    names = [term.name for term in native.setting.contract.terms]
+    layout = native.setting.side.layout.terms[names.index("velocity_commands")]
+
+    def commanded(observation: Any) -> FloatArray:
+        return np.asarray(observation[:, layout.start : layout.stop], dtype=np.float64)
+
+    native.reset(seed=0, options={"command": (0.5, 0.1, -0.2)})
+    observation, *_ = native.step(np.zeros(native.action_space.shape, dtype=np.float32))
+    np.testing.assert_allclose(commanded(observation), [[0.5, 0.1, -0.2]] * COUNT, rtol=1e-6)
+    rows = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
+    observation, _ = native.reset(options={"command": rows})
+    np.testing.assert_allclose(commanded(observation), rows, rtol=1e-6)
+    native.close()
+
+
+def test_a_simulation_that_breaks_ends_its_episode_only() -> None:
+    native = make(LITE)
+    native.reset(seed=0)
+    last = native.step(np.zeros(native.action_space.shape, dtype=np.float32))[0]
+    qvel = native.simulation.qvel.copy()
+    qvel[2] = 1e12
+    qpos = native.simulation.qpos.copy()
+    native.simulation.reset([2], qpos=qpos[2:], qvel=qvel[2:])
+    observation, reward, terminated, _, info = native.step(np.zeros(native.action_space.shape, dtype=np.float32))
+    assert terminated.tolist() == [False, False, True]
+    assert reward[2] == 0.0
+    assert info["fault"].tolist() == [None, None, "simulation unstable"]
+    np.testing.assert_array_equal(observation[2], last[2])
+    native.step(np.zeros(native.action_space.shape, dtype=np.float32))
+    assert np.isfinite(native.step(np.zeros(native.action_space.shape, dtype=np.float32))[0]).all()
+    assert native.fault_count == 1
+    native.close()
+
+
+def test_an_observation_beyond_its_bounds_is_a_fault() -> None:
+    native = make(LITE)
+    native.reset(seed=0)
+    qpos, qvel = native.simulation.qpos.copy(), native.simulation.qvel.copy()
+    qpos[0, 3] = 5.0
+    native.simulation.reset([0], qpos=qpos[:1], qvel=qvel[:1])
+    *_, terminated, _, info = native.step(np.zeros(native.action_space.shape, dtype=np.float32))
+    assert terminated.tolist() == [True, False, False]
+    assert "beyond any robot's" in info["fault"][0]
+    native.close()
+
+
+def test_randomised_environments_differ_and_are_seeded() -> None:
+    native = make(LITE, count=4, randomisation={"mass": (0.5, 2.0), "joint_friction": [0.5, 2.0]}, joint_noise=0.0)
+    native.reset(seed=3)
+    masses = [native.simulation.model(i).body_mass.sum() for i in range(4)]
+    assert len(set(masses)) == 4
+    native.reset()
+    assert [native.simulation.model(i).body_mass.sum() for i in range(4)] == masses
+    native.reset(seed=4)
+    assert [native.simulation.model(i).body_mass.sum() for i in range(3)] == masses[1:]
+    native.close()
+
+
+def test_rewards_are_of_the_true_state() -> None:
+    noisy = make(LITE, randomisation={"joint_position_noise": 0.3, "joint_velocity_noise": 1.0})
+    quiet = make(LITE)
+    noisy.reset(seed=0)
+    quiet.reset(seed=0)
+    action = np.zeros(quiet.action_space.shape, dtype=np.float32)
+    ours, truth = noisy.step(action), quiet.step(action)
+    np.testing.assert_array_equal(ours[1], truth[1])
+    assert np.abs(ours[0] - truth[0]).max() > 0.1
+    noisy.close()
+    quiet.close()
+
+
+def test_what_is_returned_belongs_to_the_caller() -> None:
+    native = make(LITE)
+    observation, _ = native.reset(seed=0)
+    kept = observation.copy()
+    action = np.full(native.action_space.shape, np.nan, dtype=np.float32)
+    observation[:] = 7.0
+    np.testing.assert_array_equal(native.step(action)[0], np.clip(kept, native.observation_space.low, None))
+    native.close()
+
+
+def test_specs_are_picklable() -> None:
+    native = gymnasium.make_vec(LITE, num_envs=2, threads=1)
+    spec = pickle.loads(pickle.dumps(native.unwrapped.spec))
+    again = gymnasium.make_vec(spec)
+    assert isinstance(again, PolicyVectorEnv)
+    assert again.num_envs == 2
+    assert again.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    native.close()
+    again.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"render_mode": "human"}, "render_mode: is 'human', expected rgb_array or None for a vector environment"),
+        ({"max_episode_steps": 0}, "max_episode_steps: is 0, expected a whole number >= 1 or None"),
+        ({"autoreset_mode": "Later"}, "autoreset_mode: is 'Later', expected NextStep, SameStep or Disabled"),
+        ({"randomisation": {"colour": (0, 1)}}, "randomisation: unknown field 'colour'; known: mass, friction"),
+        ({"threads": 0}, "threads: is 0"),
+        ({"motion": "polka"}, "polka"),
+    ],
+)
+def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make(LITE, **options)
+
+
+def test_bad_resets_and_actions_are_named() -> None:
+    native = make(LITE)
+    for arguments, message in (
+        ({"seed": [1, 2]}, "reset: seed has 2 values, expected one number or 3"),
+        ({"options": {"speed": 1}}, "reset: unknown option 'speed'; known: command, reset_mask"),
+        ({"options": {"command": (1.0, 2.0)}}, "reset: command is"),
+        ({"options": {"command": "fast"}}, "reset: command is 'fast'"),
+        ({"options": {"reset_mask": np.zeros(3, dtype=bool)}}, "reset: reset_mask is"),
+        ({"options": {"reset_mask": [True, True, True]}}, "reset: reset_mask is"),
+    ):
+        with pytest.raises(InputError, match=message):
+            native.reset(**arguments)
+    native.reset(seed=0)
+    with pytest.raises(InputError, match=r"actions: have shape \(14,\), expected \(3, 14\)"):
+        native.step(np.zeros(14, dtype=np.float32))
+    native.close()
