@@ -1,0 +1,36 @@
+"""The report of a regression run: one self-contained HTML page (extra `report`).
+
+Matplotlib draws its plots as SVG inside the page, which needs no network, no script and no other file. The same results
+give the same page, to the byte.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.regress.results import Results
+
+__all__ = ["report_page", "require_report"]
+
+
+def require_report() -> None:
+    """Ask for what the report needs, before anything has run for it.
+
+    Raises:
+        MissingPackageError: if Matplotlib is not installed.
+    """
+    if find_spec("matplotlib") is None:
+        raise MissingPackageError("matplotlib", "report", "--report")
+
+
+def report_page(results: Results) -> str:
+    """The page, as HTML.
+
+    Raises:
+        MissingPackageError: if Matplotlib is not installed.
+    """
+    require_report()
+    from humanoid_sim.regress.report.page import assemble  # noqa: PLC0415 - Matplotlib only where there is a report
+
+    return assemble(results)

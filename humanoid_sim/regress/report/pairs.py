@@ -1,0 +1,96 @@
+"""Episodes of a candidate beside the baseline's: what lies between them, and which are worth a look."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.regress.results import Episode, MetricInfo, PolicyRun
+
+__all__ = ["Pair", "by_case", "metric_values", "pair_up", "trace", "trace_difference", "worst"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A candidate's episode, and the baseline's of the same case and seed if there is one."""
+
+    candidate: Episode
+    baseline: Episode | None
+
+    def value(self, metric: MetricInfo) -> float | None:
+        """The candidate's, in the metric's unit."""
+        return self.candidate.metrics.get(metric.name)
+
+    def change(self, metric: MetricInfo) -> float | None:
+        """Candidate less baseline, in the metric's unit; None where one of them is missing."""
+        value = self.value(metric)
+        before = None if self.baseline is None else self.baseline.metrics.get(metric.name)
+        return None if value is None or before is None else value - before
+
+    def worsening(self, metric: MetricInfo) -> float | None:
+        """The change, positive where it is for the worse."""
+        change = self.change(metric)
+        return None if change is None else change * _sign(metric)
+
+
+def _sign(metric: MetricInfo) -> float:
+    return 1.0 if metric.better == "lower" else -1.0
+
+
+def pair_up(candidate: PolicyRun, baseline: PolicyRun | None) -> tuple[Pair, ...]:
+    """Every episode of the candidate with its counterpart, in the candidate's order."""
+    known = {(e.case, e.seed): e for e in baseline.episodes} if baseline is not None else {}
+    return tuple(Pair(episode, known.get((episode.case, episode.seed))) for episode in candidate.episodes)
+
+
+def worst(pairs: Sequence[Pair], metric: MetricInfo, count: int) -> tuple[Pair, ...]:
+    """The episodes to look at first: failures that the baseline does not have, other failures, then by worsening.
+
+    Where there is nothing to compare with, by the metric itself. Equals stay in their order.
+    """
+
+    def key(pair: Pair) -> tuple[int, float, float]:
+        failed = bool(pair.candidate.failure)
+        is_new = failed and not (pair.baseline is not None and pair.baseline.failure)
+        rank = 0 if is_new else 1 if failed else 2
+        value, change = pair.value(metric), pair.worsening(metric)
+        size = change if change is not None else -np.inf if value is None else _sign(metric) * value
+        return rank, pair.candidate.duration if failed else 0.0, -size
+
+    return tuple(sorted(pairs, key=key)[:count])
+
+
+def by_case(episodes: Sequence[Episode]) -> Mapping[str, tuple[Episode, ...]]:
+    """Episodes by their case, both in order of appearance."""
+    found: dict[str, list[Episode]] = {}
+    for episode in episodes:
+        found.setdefault(episode.case, []).append(episode)
+    return {case: tuple(members) for case, members in found.items()}
+
+
+def metric_values(episodes: Sequence[Episode], metric: str) -> FloatArray:
+    """Shape (K,), of the episodes that have it."""
+    values = [episode.metrics.get(metric) for episode in episodes]
+    return np.array([value for value in values if value is not None], dtype=np.float64)
+
+
+def trace_difference(pair: Pair, name: str) -> float:
+    """Root mean square of the difference of a trace over the time that both episodes have, in the trace's unit."""
+    if pair.baseline is None or name not in pair.candidate.traces or name not in pair.baseline.traces:
+        return 0.0
+    times = np.array(pair.candidate.trace_times)
+    before_times = np.array(pair.baseline.trace_times)
+    if not times.size or not before_times.size:
+        return 0.0
+    before = np.interp(times, before_times, trace(pair.baseline, name))
+    difference = (trace(pair.candidate, name) - before)[times <= before_times[-1]]
+    known = difference[np.isfinite(difference)]
+    return float(np.sqrt((known * known).mean())) if known.size else 0.0
+
+
+def trace(episode: Episode, name: str) -> FloatArray:
+    """A trace of shape (K,); NaN where there is no value."""
+    return np.array([np.nan if value is None else value for value in episode.traces[name]], dtype=np.float64)

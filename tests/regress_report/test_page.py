@@ -1,0 +1,240 @@
+"""The report as a whole: one file, well formed, the same every time, saying what the results say."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import invented
+import msgspec
+import pytest
+from invented import Behaviour
+
+from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.regress import report
+from humanoid_sim.regress.report import report_page, require_report
+
+VOID = {"meta", "br"}
+
+
+class Page(HTMLParser):
+    """Checks that elements nest, and keeps what a test may ask for."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.elements: list[str] = []
+        self.words: list[str] = []
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value)
+            if name in ("src", "href", "xlink:href") and value:
+                self.links.append(value)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] != "style":
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+
+@pytest.fixture(scope="module")
+def worse_html() -> str:
+    return report_page(invented.worse(with_margins=True))
+
+
+@pytest.fixture(scope="module")
+def worse_page(worse_html: str) -> Page:
+    return Page(worse_html)
+
+
+def test_the_page_needs_nothing_else(worse_html, worse_page):
+    assert all(link.startswith("#") for link in worse_page.links)
+    assert not {"script", "link", "img", "iframe", "object"} & set(worse_page.elements)
+    assert "@import" not in worse_html
+    assert not [url for url in re.findall(r"url\(([^)]*)\)", worse_html) if not url.startswith("#")]
+    addresses = set(re.findall(r"https?://[^\"'\s<>]+", worse_html))
+    assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+
+
+def test_names_are_unique_and_every_reference_has_its_target(worse_html, worse_page):
+    assert len(set(worse_page.ids)) == len(worse_page.ids)
+    targets = set(re.findall(r"url\(#([^)]*)\)", worse_html)) | {link[1:] for link in worse_page.links}
+    assert targets
+    assert targets <= set(worse_page.ids)
+
+
+def test_every_svg_is_well_formed(worse_html):
+    found = re.findall(r"<svg.*?</svg>", worse_html, re.DOTALL)
+    assert len(found) == 4 + 4 + 1 + 4 + 1  # bars, distributions, map, traces, margins
+    for svg in found:
+        root = ElementTree.fromstring(svg)
+        assert root.get("aria-label")
+        assert root.get("viewBox")
+
+
+def test_the_same_results_give_the_same_bytes(worse_html):
+    assert report_page(invented.worse(with_margins=True)) == worse_html
+
+
+def test_the_page_follows_a_dark_system(worse_html):
+    body = worse_html.partition("</style>")[2]
+    assert "prefers-color-scheme: dark" in worse_html
+    for colour in set(re.findall(r"#[0-9a-f]{6}", body)):
+        # What is left are shades of the map between two colours, and no colour of the palette itself.
+        assert colour not in report.palette.COLOURS.values()
+
+
+def test_verdicts_come_first(worse_page):
+    text = worse_page.text
+    assert text.index("FAILED") < text.index("Distributions") < text.index("Worst episodes") < text.index("Traces that")
+    assert "tonight is worse than last week in body position error ; 3 of 48 episodes failed" in text.replace(
+        "error;", "error ;"
+    )
+
+
+def test_the_verdict_table_holds_every_metric(worse_html):
+    results = invented.worse(with_margins=True)
+    table = worse_html[worse_html.index('id="verdict-0"') : worse_html.index('id="distributions"')]
+    rows = re.findall(r"<tr>(?:(?!</tr>).)*</tr>", table, re.DOTALL)[1:]
+    assert len(rows) == len(results.metrics)
+    for row, comparison in zip(rows, results.candidates[0].comparisons, strict=True):
+        assert comparison.metric.replace("_", " ") in row
+        assert f">{comparison.verdict}</span>" in row
+    assert "+18.9 %" in rows[0]
+    assert "17.1 mm" in rows[0]
+
+
+def test_the_worst_episodes_are_named(worse_html):
+    table = worse_html[worse_html.index('id="worst-0"') : worse_html.index('id="traces-0"')]
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>.*?</tr>", table, re.DOTALL)][1:]
+    assert [(row[0], row[1]) for row in rows[:3]] == [("wave", "1"), ("circle", "3"), ("drum", "7")]
+    assert rows[0][6] == "action of left_elbow_pitch is nan"
+    assert {row[0] for row in rows[3:]} == {"circle"}
+    assert len(rows) == 10
+
+
+def test_what_did_not_move_is_a_click_away(worse_page):
+    assert "Not moved: action rate" in worse_page.text
+    assert worse_page.elements.count("details") == 1
+
+
+def test_policies_that_do_the_same():
+    old = invented.run(Behaviour(name="a"))
+    same = msgspec.structs.replace(old, name="b")
+    page = Page(report_page(invented.results(same, baseline=old)))
+    assert "PASSED" in page.text
+    assert "b is not worse than a ." in page.text.replace("a.", "a .")
+    assert "No trace differs from the baseline's" in page.text
+    assert "The same in every episode of every policy: losses." in page.text
+
+
+@pytest.mark.slow
+def test_without_a_baseline_values_are_shown():
+    page = Page(report_page(invented.results(invented.run(Behaviour(failing=(("wave", 0),))))))
+    assert "No baseline was given" in page.text
+    assert "PASSED" not in page.text
+    assert "mean over the episodes" in page.text
+    assert "wave, seed 0" in page.text
+
+
+@pytest.mark.slow
+def test_other_seeds_than_the_baselines():
+    new, old = invented.run(Behaviour(), invented.seeds(100)), invented.run(Behaviour(name="last week"))
+    page = Page(report_page(invented.results(new, baseline=old)))
+    assert "compared case by case, because the seeds differ" in page.text
+    assert "change by case" not in page.text
+
+
+@pytest.mark.slow
+def test_several_candidates():
+    old = invented.run(Behaviour(name="last week"))
+    runs = [invented.run(Behaviour(name=f"try {i}", factors={"effort": 1.0 + 0.1 * i})) for i in range(5)]
+    page = Page(report_page(invented.results(*runs, baseline=old)))
+    for i in range(5):
+        assert f"verdict-{i}" in page.ids
+        assert f"Worst episodes of try {i}" in page.text
+    assert "try 0 is not worse than last week" in page.text
+    assert "try 4 is worse than last week in effort" in page.text
+
+
+@pytest.mark.slow
+def test_names_from_files_are_text():
+    nasty = Behaviour(name='<script>alert("$x_1$")</script> & co')
+    html = report_page(invented.results(invented.run(nasty), baseline=invented.run(Behaviour(name="a<b"))))
+    page = Page(html)
+    assert "script" not in page.elements
+    assert nasty.name in page.text
+    assert "&lt;script&gt;alert(" in html
+
+
+@pytest.mark.slow
+def test_episodes_without_values_and_traces_with_holes():
+    old = invented.run(Behaviour(name="last week"))
+    broken = []
+    for i, episode in enumerate(invented.run(Behaviour()).episodes):
+        holes = {name: (None, *values[1:-1], None) for name, values in episode.traces.items()}
+        changed = msgspec.structs.replace(episode, traces=holes)
+        if i % 5 == 0:
+            nothing = dict.fromkeys(episode.metrics) | {"losses": 0.0}
+            changed = msgspec.structs.replace(
+                episode, metrics=nothing, steps=0, duration=0.0, failure="NaN", kind="fault", trace_times=(), traces={}
+            )
+        broken.append(changed)
+    page = Page(
+        report_page(invented.results(msgspec.structs.replace(old, name="new", episodes=tuple(broken)), baseline=old))
+    )
+    assert "10 of 48 episodes failed" in page.text
+
+
+@pytest.mark.slow
+def test_every_episode_failed():
+    lost = Behaviour(failing=tuple((case, seed) for case in invented.CASES for seed in range(12)))
+    page = Page(report_page(invented.results(invented.run(lost), baseline=invented.run(Behaviour(name="old")))))
+    assert "48 of 48 episodes failed" in page.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 61])
+def test_few_and_many_seeds(count):
+    new = invented.run(Behaviour(), invented.seeds(count=count))
+    old = invented.run(Behaviour(name="old"), invented.seeds(count=count))
+    html = report_page(invented.results(new, baseline=old))
+    assert ('id="map-0-figure' in html) == (count <= 60)
+    Page(html)
+
+
+@pytest.mark.slow
+def test_margins_without_a_baseline():
+    page = Page(report_page(invented.results(invented.run(Behaviour(), with_margins=True))))
+    assert "≥ 2×" in page.text
+    assert "20 ms" in page.text
+
+
+def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(report, "find_spec", lambda _: None)
+    with pytest.raises(MissingPackageError, match=r"--report needs the package 'matplotlib'.*humanoid_sim\[report\]"):
+        require_report()
+    with pytest.raises(MissingPackageError):
+        report_page(invented.worse())
