@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.robstride.models import MotorModel
+from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
 
-__all__ = ["Firmware", "FirmwareVersion", "firmware_of", "parse_version", "version_text"]
+__all__ = ["Firmware", "FirmwareVersion", "firmware_of", "model_name", "parse_version", "version_text"]
 
 FirmwareVersion: TypeAlias = tuple[int, int, int, int]
 
@@ -71,6 +71,16 @@ def firmware_of(model: MotorModel, version: FirmwareVersion) -> Firmware:
         has_active_reports=version >= _FIRST_REPORTS.get(name, (0, 0, 0, 0)),
         reports_as_status=version <= _LAST_REPORTS_AS_STATUS.get(name, (0, 0, 0, -1)),
     )
+
+
+def model_name(version: FirmwareVersion) -> str | None:
+    """The model that a version is of; none if it is of no known one.
+
+    The second number is the model's in everything that the vendor prints of rs-00 to rs-04; rs-05 and rs-06 are taken
+    to follow.
+    """
+    name = f"rs-{version[1]:02d}"
+    return name if name in MODELS else None
 
 
 def parse_version(text: str) -> FirmwareVersion:

@@ -1,0 +1,54 @@
+"""`python -m humanoid_sim.hardware discover|ping|param|calibrate|identify|budget|emulate`: tools for the bench."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+from humanoid_sim.cli import complain
+
+__all__ = ["main"]
+
+_TOOLS = {
+    "Discover": "humanoid_sim.hardware.cli.discover:discover",
+    "Ping": "humanoid_sim.hardware.cli.ping:ping",
+    "Param": "humanoid_sim.hardware.cli.param:param",
+    "Calibrate": "humanoid_sim.hardware.cli.calibrate:calibrate",
+    "Identify": "humanoid_sim.hardware.cli.identify:identify",
+    "Budget": "humanoid_sim.hardware.cli.budget:budget",
+    "EmulateConfig": "humanoid_sim.hardware.emulation.program:emulate",
+}
+"""What carries out which options; imported when it is needed."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `hardware` with command-line arguments; returns the exit status."""
+    import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
+
+    from humanoid_sim.hardware.cli.options import Budget, Calibrate, Discover, Identify, Param, Ping  # noqa: PLC0415
+    from humanoid_sim.hardware.emulation.config import EmulateConfig  # noqa: PLC0415
+
+    options: Any = tyro.cli(
+        Discover | Ping | Param | Calibrate | Identify | Budget | Annotated[EmulateConfig, _named("emulate")],
+        prog="humanoid_sim.hardware",
+        description="Find, test, set up and calibrate motors on a CAN bus, or emulate them.",
+        args=arguments,
+        config=(tyro.conf.OmitSubcommandPrefixes,),
+    )
+    from humanoid_sim.hardware.cli.client import SilentMotorError  # noqa: PLC0415
+    from humanoid_sim.hardware.cli.exit_codes import NOTHING_ANSWERS  # noqa: PLC0415
+
+    module, _, name = _TOOLS[type(options).__name__].partition(":")
+    tool: Callable[[Any], int] = getattr(importlib.import_module(module), name)
+    try:
+        return tool(options)
+    except SilentMotorError as error:
+        complain(f"error: {error}")
+        return NOTHING_ANSWERS
+
+
+def _named(name: str) -> Any:
+    import tyro  # noqa: PLC0415
+
+    return tyro.conf.subcommand(name)

@@ -1,0 +1,104 @@
+"""`hardware budget`: whether a robot's motors fit on its channels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.budget import COMFORTABLE, DEFAULT_QUEUE, ChannelBudget, channel_budgets
+from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
+from humanoid_sim.hardware.bus.opening import bus_hints
+from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
+from humanoid_sim.hardware.cli.options import Budget
+from humanoid_sim.hardware.robstride.parameters import report_interval
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.schema import RobotDescription
+
+__all__ = ["budget"]
+
+_NO_BUFFER = """\
+If sending fails with "no buffer space available" (ENOBUFS), the kernel's queue is full:
+  - it takes {queue} frames by default and a period sends {burst} at once: sudo ip link set CHANNEL txqueuelen {wanted}
+  - or frames do not leave at all, because nobody acknowledges them (motors without power, a missing terminator, the
+    wrong bit rate): the controller repeats the first one for ever. See the error counters and the state of
+    ip -details -statistics link show CHANNEL, and what python -m humanoid_sim.hardware discover CHANNEL says
+  - or the bus is full: the load above"""
+
+
+def budget(config: Budget) -> int:
+    """Print the budget; the exit status.
+
+    Raises:
+        InputError: an option is not accepted.
+    """
+    description = load_robot(config.robot)
+    rate = config.rate if config.rate is not None else description.hardware.control_frequency
+    for name, value in (("--rate", rate), ("--bitrate", config.bitrate)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"{name}: is {value}, expected a number above 0")
+    reports = 1.0 / report_interval(1) if config.reports else 0.0
+    console = Console(highlight=False)
+    fits, bursts = [], []
+    for addresses in _layouts(config, description):
+        count = len(addresses)
+        budgets = channel_budgets(description, count, rate, config.bitrate, reports)
+        names = [str(address) for address in addresses if address is not None] or _unnamed(count)
+        console.print(_table(description, names, budgets))
+        fits.append(all(channel.load[1] <= 1.0 for channel in budgets))
+        bursts.append(max(channel.burst for channel in budgets))
+        for address, channel in zip(addresses, budgets, strict=True):
+            for hint in bus_hints(address, channel.burst) if address is not None else ():
+                print(f"{address}: {hint}")
+    burst = max(bursts)
+    print(_NO_BUFFER.format(queue=DEFAULT_QUEUE, burst=burst, wanted=max(4 * burst, 100)))
+    # Without --channels it is enough that one of the two layouts fits.
+    return 0 if any(fits) else NOT_AS_EXPECTED
+
+
+def _layouts(config: Budget, description: RobotDescription) -> list[Sequence[BusAddress | None]]:
+    """Addresses by layout; None for a channel without a name."""
+    if config.channels is not None:
+        return [parse_addresses(config.channels)]
+    buses = {joint.motor.bus for joint in description.joints if joint.motor is not None}
+    counts = sorted({1, max(buses, default=0) + 1})
+    return [[None] * count for count in counts]
+
+
+def _unnamed(count: int) -> list[str]:
+    return ["all motors"] if count == 1 else [f"bus {i}" for i in range(count)]
+
+
+def _table(description: RobotDescription, names: Sequence[str], budgets: Sequence[ChannelBudget]) -> Table:
+    first = budgets[0]
+    title = f"{description.name} on {len(budgets)} channel{'s' if len(budgets) > 1 else ''} at {first.rate:g} Hz"
+    if first.reports_per_second:
+        title += f", with a report of each motor every {1000.0 / first.reports_per_second:g} ms"
+    table = Table(title=escape(title), title_justify="left")
+    table.add_column("channel")
+    for heading in ("motors", "commands and replies", "load", "full at"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for name, channel in zip(names, budgets, strict=True):
+        table.add_row(
+            escape(name),
+            str(channel.burst),
+            f"{1e3 * channel.period_time[0]:.2f}–{1e3 * channel.period_time[1]:.2f} ms",
+            f"{100.0 * channel.load[0]:.0f}–{100.0 * channel.load[1]:.0f} %",
+            f"{channel.highest_rate[1]:.0f}–{channel.highest_rate[0]:.0f} Hz",
+            _verdict(channel),
+        )
+    return table
+
+
+def _verdict(channel: ChannelBudget) -> str:
+    slow = channel.load[1]
+    if slow <= COMFORTABLE:
+        return "[green]fits[/]"
+    if slow <= 1.0:
+        return "[yellow]tight: a repeated frame delays the next period[/]"
+    return "[red]does not fit[/]"

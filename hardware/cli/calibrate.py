@@ -1,0 +1,231 @@
+"""`hardware calibrate`: homing offsets from joints swept by hand."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.cli import complain
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.hardware.bus.address import parse_addresses
+from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
+from humanoid_sim.hardware.cli.client import MotorClient
+from humanoid_sim.hardware.cli.exchange import read_values
+from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
+from humanoid_sim.hardware.cli.options import Calibrate
+from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.sweep import Sweep, SweepResult, Verdict, evaluate
+from humanoid_sim.robots.description import RobotDescription, load_robot
+
+__all__ = ["calibrate"]
+
+_POLL_PERIOD = 0.02
+"""s between two readings of all positions."""
+_TABLE_PERIOD = 0.2
+"""s between two pictures of the table."""
+_ANSWER_TIME = 0.02
+"""s; a position that comes later is the next one's."""
+_SILENT = 1.0
+"""s without a position after which a motor counts as silent."""
+
+
+@dataclass(slots=True)
+class _Track:
+    """What was seen of one joint."""
+
+    angle: float = float("nan")
+    """rad, `direction · motor`, without an offset."""
+    heard: float = -float("inf")
+    """s, when."""
+    sweep: Sweep = field(default_factory=Sweep)
+
+
+def calibrate(config: Calibrate) -> int:
+    """Sweep, write the file, and return the exit status.
+
+    Raises:
+        InputError: an option or the existing file is not accepted, or the file cannot be written.
+        SilentMotorError: a motor does not answer.
+        RobotError: a channel cannot be used.
+    """
+    description = load_robot(config.robot)
+    chosen = _chosen_joints(config, description)
+    entries = dict(load_calibration(config.output, description).entries) if config.output.exists() else {}
+    _check_options(config)
+    addresses = parse_addresses(config.channels)
+    wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
+    with contextlib.ExitStack() as opened:
+        clients = [opened.enter_context(MotorClient(address, host_id=config.host_id)) for address in addresses]
+        tracks = _sweep(config, description, wiring, clients, chosen)
+    results = {i: _result(config, description, wiring, i, tracks[i].sweep) for i in chosen}
+    _report(description, wiring, results, entries)
+    swept = {i: result.homing_offset for i, result in results.items() if result.homing_offset is not None}
+    if swept:
+        for i, offset in swept.items():
+            entries[wiring.names[i]] = CalibrationEntry(wiring.motor_id[i], int(wiring.direction[i]), offset)
+        order = [*description.joint_names, *entries]
+        save_calibration(config.output, {name: entries[name] for name in dict.fromkeys(order) if name in entries})
+        print(f"wrote {config.output}: {len(swept)} joints calibrated, {len(entries) - len(swept)} kept")
+    else:
+        print(f"{config.output}: not written, no joint was calibrated")
+    missing = [name for name in description.joint_names if name not in entries]
+    if missing:
+        print(f"not calibrated yet: {', '.join(missing)}")
+    unusable = any(result.verdict in {Verdict.FLIPPED, Verdict.INCOMPLETE} for result in results.values())
+    return NOT_AS_EXPECTED if unusable else 0
+
+
+def _chosen_joints(config: Calibrate, description: RobotDescription) -> list[int]:
+    for name in config.joints:
+        if name not in description.joint_names:
+            raise InputError(f"--joints: {known_names('joint', name, description.joint_names)}")
+    chosen = [i for i, name in enumerate(description.joint_names) if not config.joints or name in config.joints]
+    for i in chosen:
+        joint = description.joints[i]
+        if not (np.isfinite(joint.lower) and np.isfinite(joint.upper)):
+            raise InputError(f"{description.name}: {joint.name} has no limits, so that a sweep cannot calibrate it")
+    return chosen
+
+
+def _check_options(config: Calibrate) -> None:
+    for name, value in (("--threshold", config.threshold), ("--tolerance", config.tolerance)):
+        if not value >= 0.0:
+            raise InputError(f"{name}: is {value}, expected a number >= 0, in rad")
+    if config.duration is not None and not config.duration > 0.0:
+        raise InputError(f"--duration: is {config.duration}, expected more than 0 s")
+    if config.duration is None and not sys.stdin.isatty():
+        raise InputError("--duration: is needed where standard input is no terminal; else Enter ends the sweep")
+    if not config.output.parent.is_dir():
+        raise InputError(f"--output: there is no folder '{config.output.parent}'")
+
+
+def _result(config: Calibrate, description: RobotDescription, wiring: Wiring, joint: int, sweep: Sweep) -> SweepResult:
+    return evaluate(
+        description.joints[joint],
+        int(wiring.direction[joint]),
+        sweep,
+        threshold=config.threshold,
+        tolerance=config.tolerance,
+        any_offset=config.any_offset,
+    )
+
+
+def _sweep(
+    config: Calibrate,
+    description: RobotDescription,
+    wiring: Wiring,
+    clients: Sequence[MotorClient],
+    chosen: Sequence[int],
+) -> dict[int, _Track]:
+    """Read positions until it is enough; show them meanwhile. Reading is all that the motors are asked for."""
+    tracks = {i: _Track() for i in chosen}
+    begin = time.monotonic()
+    next_table = begin
+    console = Console(highlight=False)
+    print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
+    with contextlib.ExitStack() as shown:
+        live = shown.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
+        while True:
+            now = time.monotonic()
+            _poll(wiring, clients, tracks)
+            for i, track in tracks.items():
+                if now - max(track.heard, begin) > _SILENT:
+                    raise clients[wiring.channel[i]].silence(f"{wiring.names[i]} (motor {wiring.motor_id[i]})")
+            if live is not None and now >= next_table:
+                next_table = max(next_table + _TABLE_PERIOD, now)
+                live.update(_table(config, description, wiring, tracks), refresh=True)
+            if _is_over(config, now - begin):
+                break
+            time.sleep(max(now + _POLL_PERIOD - time.monotonic(), 0.0))
+        last = _table(config, description, wiring, tracks)
+        if live is not None:
+            live.update(last, refresh=True)
+        else:
+            console.print(last)
+    return tracks
+
+
+def _how_to_end(config: Calibrate) -> str:
+    ends = [f"the sweep ends after {config.duration:g} s"] if config.duration is not None else []
+    if sys.stdin.isatty():
+        ends.append("Enter writes the file, Ctrl-C leaves it alone")
+    return "; ".join(ends)
+
+
+def _is_over(config: Calibrate, elapsed: float) -> bool:
+    if config.duration is not None and elapsed >= config.duration:
+        return True
+    if sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
+        sys.stdin.readline()
+        return True
+    return False
+
+
+def _poll(wiring: Wiring, clients: Sequence[MotorClient], tracks: Mapping[int, _Track]) -> None:
+    """One reading of `mechPos`, which counts turns and does not wrap, of every chosen joint's motor."""
+    for channel, client in enumerate(clients):
+        joints = {wiring.motor_id[i]: i for i in tracks if wiring.channel[i] == channel}
+        positions = read_values(client, list(joints), PARAMETERS["mechPos"], _ANSWER_TIME)
+        for motor_id, position in positions.items():
+            i = joints[motor_id]
+            track = tracks[i]
+            track.angle = float(wiring.direction[i]) * position
+            track.heard = time.monotonic()
+            track.sweep = track.sweep.with_angle(track.angle)
+
+
+_COLOURS = {Verdict.GOOD: "green", Verdict.FLIPPED: "red", Verdict.INCOMPLETE: "yellow", Verdict.UNSWEPT: "dim"}
+
+
+def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tracks: Mapping[int, _Track]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=0)
+    table.add_column("joint", no_wrap=True)
+    for heading in ("id", "now", "lowest", "highest", "swept", "range", "offset"):
+        table.add_column(heading, justify="right")
+    table.add_column("", no_wrap=True)
+    for i, track in tracks.items():
+        result = _result(config, description, wiring, i, track.sweep)
+        joint = description.joints[i]
+        numbers = (track.angle, track.sweep.lowest, track.sweep.highest, track.sweep.width, joint.upper - joint.lower)
+        offset = "" if result.homing_offset is None else f"{result.homing_offset:.4f}"
+        verdict = f"[{_COLOURS[result.verdict]}]{result.verdict.value}[/]"
+        shown = (f"{number:.3f}" for number in numbers)
+        table.add_row(escape(joint.name), str(wiring.motor_id[i]), *shown, offset, verdict)
+    return table
+
+
+def _report(
+    description: RobotDescription,
+    wiring: Wiring,
+    results: Mapping[int, SweepResult],
+    entries: Mapping[str, CalibrationEntry],
+) -> None:
+    """Say what changes, and why what was swept is not used."""
+    for i, result in results.items():
+        joint = description.joints[i]
+        before = entries.get(joint.name)
+        if result.homing_offset is not None and before is not None:
+            print(f"{joint.name}: {before.homing_offset:.4f} -> {result.homing_offset:.4f} rad")
+        if result.verdict is Verdict.INCOMPLETE:
+            complain(
+                f"warning: {joint.name}: swept {result.width:.2f} rad of a range of {joint.upper - joint.lower:.2f}: "
+                "not used. Reach both stops, or raise --tolerance"
+            )
+        if result.verdict is Verdict.FLIPPED:
+            complain(
+                f"warning: {joint.name}: swept outside its limits of {joint.lower:g} to {joint.upper:g} rad: not used. "
+                f"Its direction, {wiring.direction[i]:+g} in the robot description, is flipped, or its motor's zero "
+                "was never set (--any-offset)"
+            )

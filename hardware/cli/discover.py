@@ -1,0 +1,115 @@
+"""`hardware discover`: who is on the buses."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.cli import complain
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
+from humanoid_sim.hardware.cli.client import MotorClient
+from humanoid_sim.hardware.cli.exchange import read_version
+from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED, NOTHING_ANSWERS
+from humanoid_sim.hardware.cli.options import Discover
+from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.firmware import model_name, version_text
+from humanoid_sim.robots.description import load_robot
+
+__all__ = ["discover"]
+
+_Found = Mapping[tuple[int, int], set[bytes]]
+"""Unique ids by channel and motor id."""
+
+
+def discover(config: Discover) -> int:
+    """Scan, print, and return the exit status.
+
+    Raises:
+        InputError: an option is not accepted.
+        RobotError: a channel cannot be used.
+    """
+    if not 1 <= config.first <= config.last <= LARGEST_MOTOR_ID:
+        raise InputError(f"--first, --last: are {config.first} and {config.last}, expected 1 <= first <= last <= 127")
+    if not 0.0 < config.wait <= 10.0:
+        raise InputError(f"--wait: is {config.wait}, expected more than 0 and at most 10 s")
+    addresses = parse_addresses(config.channels)
+    wiring = None
+    if config.robot is not None:
+        description = load_robot(config.robot)
+        wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
+    with contextlib.ExitStack() as opened:
+        clients = [opened.enter_context(MotorClient(address, host_id=config.host_id)) for address in addresses]
+        found = _scan(clients, config)
+        firmware = _firmware(clients, found) if config.firmware else None
+        troubles = [f" ({client.trouble})" if client.trouble else "" for client in clients]
+    joints = {} if wiring is None else _joints(wiring)
+    if found:
+        _print(addresses, found, firmware, joints if wiring is not None else None)
+    for address, trouble in zip(addresses, troubles, strict=True):
+        if not any(addresses[channel] == address for channel, _ in found):
+            complain(f"no motor answers on {address}{trouble}: ids {config.first} to {config.last} were asked")
+    if not found:
+        return NOTHING_ANSWERS
+    missing = [
+        f"{name} (motor {motor_id} on {addresses[channel]})"
+        for (channel, motor_id), name in joints.items()
+        if (channel, motor_id) not in found
+    ]
+    if missing:
+        complain(f"missing: {', '.join(missing)}")
+    return NOT_AS_EXPECTED if missing else 0
+
+
+def _scan(clients: list[MotorClient], config: Discover) -> dict[tuple[int, int], set[bytes]]:
+    found: dict[tuple[int, int], set[bytes]] = {}
+    for channel, client in enumerate(clients):
+        for motor_id in range(config.first, config.last + 1):
+            for reply in client.scan(motor_id, config.wait):
+                found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
+    return dict(sorted(found.items()))
+
+
+def _firmware(clients: list[MotorClient], found: _Found) -> dict[tuple[int, int], str]:
+    texts = {}
+    for channel, motor_id in found:
+        version = read_version(clients[channel], motor_id)
+        model = None if version is None else model_name(version)
+        texts[channel, motor_id] = "unknown" if version is None else f"{version_text(version)} ({model or 'unknown'})"
+    return texts
+
+
+def _joints(wiring: Wiring) -> dict[tuple[int, int], str]:
+    return {(wiring.channel[i], wiring.motor_id[i]): name for i, name in enumerate(wiring.names)}
+
+
+def _print(
+    addresses: tuple[BusAddress, ...],
+    found: _Found,
+    firmware: Mapping[tuple[int, int], str] | None,
+    joints: Mapping[tuple[int, int], str] | None,
+) -> None:
+    table = Table()
+    table.add_column("channel")
+    table.add_column("id", justify="right")
+    table.add_column("unique id")
+    if firmware is not None:
+        table.add_column("firmware")
+    if joints is not None:
+        table.add_column("joint")
+    for (channel, motor_id), uids in found.items():
+        row = [escape(str(addresses[channel])), str(motor_id), " and ".join(sorted(uid.hex() for uid in uids))]
+        if firmware is not None:
+            row.append(firmware[channel, motor_id])
+        if joints is not None:
+            row.append(escape(joints.get((channel, motor_id), "none of this robot's")))
+        table.add_row(*row)
+    Console(highlight=False).print(table)
+    for (channel, motor_id), uids in found.items():
+        if len(uids) > 1:
+            complain(f"{len(uids)} motors on {addresses[channel]} have the id {motor_id}: give one another id, alone")

@@ -1,0 +1,186 @@
+"""The options of `hardware`. Nothing heavy is imported here: `--help` must be quick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+__all__ = ["Budget", "Calibrate", "Discover", "Get", "Identify", "Param", "Ping", "Save", "Set"]
+
+_Channel = Annotated[str, tyro.conf.Positional]
+"""`can0`, or `interface:channel` for any interface of python-can."""
+ParameterKind = Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32"]
+
+
+@dataclass(frozen=True)
+class Discover:
+    """Ask every id on a channel who is there. Reads only. Exit status 3 if nothing answers.
+
+    With --robot, exit status 1 if one of its motors is missing.
+    """
+
+    channels: _Channel
+    """Such as can0, can0,can1 or udp_multicast:239.74.163.2."""
+    first: int = 1
+    """First id to ask."""
+    last: int = 127
+    """Last id to ask."""
+    wait: float = 0.02
+    """s to wait for each id."""
+    firmware: bool = False
+    """Ask for the firmware's version as well. A motor that does not know this question takes it for a stop."""
+    robot: str | None = None
+    """Name the joints of this robot, and what is missing of it."""
+    host_id: int = 0xFD
+    """Our own id on the bus, 253 (0xFD) in the vendor's tools."""
+
+
+@dataclass(frozen=True)
+class Ping:
+    """Ask one motor who it is and how long it takes to answer. Reads only, but for --read-status.
+
+    Exit status 3 if it does not answer.
+    """
+
+    channel: _Channel
+    """Such as can0."""
+    motor_id: Annotated[int, tyro.conf.Positional]
+    """1 to 127."""
+    count: int = 10
+    """Times to ask."""
+    read_status: bool = False
+    """Enable the motor for a moment, without torque, for its position, velocity, effort, temperature and faults."""
+    model: str | None = None
+    """Such as rs-02, for --read-status. Default: as its firmware's version tells."""
+    host_id: int = 0xFD
+    """Our own id on the bus."""
+
+
+@dataclass(frozen=True)
+class Get:
+    """Read parameters."""
+
+    channel: _Channel
+    """Such as can0."""
+    motor_id: Annotated[int, tyro.conf.Positional]
+    """1 to 127."""
+    names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Names such as canTimeout, or indices such as 0x7028. Default: all that have a name."""
+    type: ParameterKind | None = None
+    """Type of the values, for indices without a name."""
+    host_id: int = 0xFD
+    """Our own id on the bus."""
+
+
+@dataclass(frozen=True)
+class Set:
+    """Write a parameter and read it back. It is lost at power-off unless saved."""
+
+    channel: _Channel
+    """Such as can0."""
+    motor_id: Annotated[int, tyro.conf.Positional]
+    """1 to 127."""
+    name: Annotated[str, tyro.conf.Positional]
+    """A name such as canTimeout, or an index such as 0x7028."""
+    value: Annotated[float, tyro.conf.Positional]
+    """In the parameter's own unit."""
+    type: ParameterKind | None = None
+    """Type of the value, for an index without a name."""
+    host_id: int = 0xFD
+    """Our own id on the bus."""
+
+
+@dataclass(frozen=True)
+class Save:
+    """Have the motor keep its parameters beyond power-off."""
+
+    channel: _Channel
+    """Such as can0."""
+    motor_id: Annotated[int, tyro.conf.Positional]
+    """1 to 127."""
+    host_id: int = 0xFD
+    """Our own id on the bus."""
+
+
+@dataclass(frozen=True)
+class Param:
+    """Read, write or save the parameters of one motor. Exit status 3 if it does not answer."""
+
+    action: (
+        Annotated[Get, tyro.conf.subcommand("get")]
+        | Annotated[Set, tyro.conf.subcommand("set")]
+        | Annotated[Save, tyro.conf.subcommand("save")]
+    )
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Find homing offsets by moving every joint by hand from stop to stop. No motor is enabled at any time.
+
+    Joints that are not swept keep what the file has for them. Enter ends the sweep and writes the file, Ctrl-C ends it
+    and writes nothing. Exit status 1 if a swept joint could not be used, 3 if a motor does not answer.
+    """
+
+    channels: _Channel
+    """One channel for all motors, or one for each of the robot's buses: can0,can1."""
+    robot: str = "lite"
+    """A shipped robot's name, or its YAML file."""
+    output: Path = Path("calibration.yaml")
+    """The file to write, and to keep the other joints of."""
+    joints: tuple[str, ...] = ()
+    """Only these. Default: all."""
+    threshold: float = 0.5
+    """rad; a joint that was moved less keeps its previous offset."""
+    tolerance: float = 0.2
+    """rad by which a sweep may differ from the joint's range."""
+    any_offset: bool = False
+    """The motors' zeros were never set: a sweep outside a joint's limits is no flipped direction."""
+    duration: float | None = None
+    """s after which the sweep ends by itself."""
+    host_id: int = 0xFD
+    """Our own id on the bus."""
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Move one joint a little to see which one it is, and which way it goes. Nothing else is enabled.
+
+    Exit status 1 if it did not move, or another one did; 3 if a motor does not answer.
+    """
+
+    channels: _Channel
+    """One channel for all motors, or one for each of the robot's buses: can0,can1."""
+    joint: Annotated[str, tyro.conf.Positional]
+    """The joint's name."""
+    robot: str = "lite"
+    """A shipped robot's name, or its YAML file."""
+    angle: float = 0.15
+    """rad to move, in the joint's positive direction, and back."""
+    torque: float = 1.5
+    """N·m that are reached when nothing moves."""
+    yes: bool = False
+    """Do not ask first."""
+    host_id: int = 0xFD
+    """Our own id on the bus."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Predict the load of a robot's buses and the highest rate that they allow. Opens no bus.
+
+    Exit status 1 if it does not fit.
+    """
+
+    robot: str = "lite"
+    """A shipped robot's name, or its YAML file."""
+    channels: str | None = None
+    """One channel for all motors, or one for each of the robot's buses: can0,can1. Default: both layouts, unnamed."""
+    rate: float | None = None
+    """Hz of control. Default: the robot's on hardware."""
+    reports: bool = True
+    """With the active reports that `play --hardware` switches on where the firmware has them, every 10 ms."""
+    bitrate: float = 1e6
+    """bit/s."""
