@@ -14,6 +14,7 @@ from gymnasium import spaces
 from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
 from humanoid_sim.controllers.supervisor import SupervisorMemory
+from humanoid_sim.envs.episode_robot import EpisodeRobot
 from humanoid_sim.envs.inputs import Named, read_policy, velocity_option
 from humanoid_sim.envs.modes_spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
 from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
@@ -23,7 +24,6 @@ from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.remote import RemoteInbox
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.stack import build_supervisor
 
@@ -92,7 +92,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         period = 1.0 / (control_frequency or description.simulation.control_frequency)
         loaded = None if policy is None else read_policy(policy, motion, description.joint_names)
         anchor = "" if loaded is None else loaded.contract.anchor_body
-        self.robot = MujocoRobot(description, control_period=period, actuation=actuation, anchor_body=anchor)
+        self.robot = EpisodeRobot(description, control_period=period, actuation=actuation, anchor_body=anchor)
         live = {**self.robot.extern, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
         self.supervisor = build_supervisor(
             description, period, loaded, remote=remote, live=live, action_limit=action_limit
@@ -101,14 +101,15 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         self.observation_space = modes_observation_space(description)
         self.metadata = self.metadata | {"render_fps": round(1.0 / period)}
         self.render_mode = render_mode
-        self._takes_remote = remote
+        self.is_remote = remote
+        """Whether REMOTE is available, and actions have a remote command."""
         self._episode_steps = max(round(episode_seconds / period), 1)
         self._pictures = Pictures(description, width, height, camera)
         self._window: Window | None = None
         self._memory: SupervisorMemory | None = None
         self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time)
         self._velocity: FloatArray = np.zeros(3)
-        self._begin = 0.0
+        self._sound, _ = self._read()
         self._steps = 0
 
     def reset(
@@ -128,12 +129,12 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         self._velocity = velocity_option(options.pop("command", np.zeros(3)))
         if options:
             raise InputError(f"reset: {known_names('option', next(iter(options)), ('command',))}")
-        self.robot.activate()
-        self._memory, self._begin, self._steps = self.supervisor.initial(), self.robot.time, 0
+        self.robot.relaunch()
+        self._memory, self._steps = self.supervisor.initial(), 0
         self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time)
         state, safety = self._read()
         info = {"controller": self._memory.controller, "status": self._memory.status_message, "time": 0.0}
-        return modes_observation(state, None, safety), info | {"refusals": (), "faults": ()}
+        return self._observe(state, None, safety), info | {"refusals": (), "faults": ()}
 
     def step(self, action: Any) -> Step:
         """One control tick.
@@ -161,10 +162,10 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
             "status": output.control_mode.status_message,
             "refusals": (*refusals, *output.refusals),
             "faults": tuple(f"{fault.controller}: {fault.message}" for fault in output.faults),
-            "time": self._steps * self.robot.control_period,
+            "time": self.robot.time,
         }
         state, safety = self._read()
-        observation = modes_observation(state, output, safety)
+        observation = self._observe(state, output, safety)
         return observation, reward, output.quit, self._steps >= self._episode_steps, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -181,17 +182,24 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
 
     def _read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         state, safety = self.robot.read()
-        live = Extern(self._velocity, self._begin)
-        return replace(state, extern={**state.extern, VELOCITY_COMMAND: live}), safety
+        return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self._velocity, 0.0)}), safety
+
+    def _observe(self, state: MITState, output: TickOutput | None, safety: tuple[SafetyStatus, ...]) -> dict[str, Any]:
+        """What is shown: of a simulation that is no longer sound the last state in which it was."""
+        if all(status.is_ok for status in safety):
+            self._sound = state
+        return modes_observation(self._sound, output, safety)
 
     def _take(self, action: Any) -> tuple[Intent | None, tuple[str, ...]]:
         """The intent of an action, and why its remote command, which goes where those of others do, is refused."""
-        number = action["intent"] if self._takes_remote else action
+        if self.is_remote and not (isinstance(action, Mapping) and {"intent", "send"} <= action.keys()):
+            raise InputError(f"action: is {action!r}, expected a mapping with intent, send and command")
+        number = action["intent"] if self.is_remote else action
         if not spaces.Discrete(len(INTENTS)).contains(number):
             raise InputError(f"action: intent is {number!r}, expected a whole number from 0 to {len(INTENTS) - 1}")
-        if self._takes_remote and action["send"]:
+        if self.is_remote and action["send"]:
             try:
-                self._inbox.put(self.robot.joints, MITCommand(*action["command"]))
+                self._inbox.put(self.robot.joints, MITCommand(*action.get("command", ())))
             except (FieldError, TypeError) as error:
                 return INTENTS[int(number)], (str(error),)
         return INTENTS[int(number)], ()

@@ -99,6 +99,8 @@ def make_setting(
     Raises:
         InputError: one line that says what cannot be read, or what does not fit.
     """
+    if not action_limit > 0.0:
+        raise InputError(f"action_limit: is {action_limit}, expected a number > 0")
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
     loaded = read_policy(contract, motion, described.joint_names)
     read = loaded.contract

@@ -1,0 +1,305 @@
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from humanoid_sim.controllers.observation import stack
+from humanoid_sim.envs.episode_robot import PlantState
+from humanoid_sim.envs.policy_env import PolicyEnv
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import mit_torque
+from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.robots.description import load_robot
+
+# Actions are those of the policy, in its own units: nothing to be normalised.
+pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
+
+ARMS = {"contract": "lite_tracking", "robot": "lite", "motion": "wave"}
+LEGS = {"contract": "lite_biped_velocity", "robot": "lite_biped"}
+
+
+@pytest.fixture(scope="module")
+def arms() -> Iterator[PolicyEnv]:
+    env = PolicyEnv(**ARMS)  # type: ignore[arg-type]
+    yield env
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def legs() -> Iterator[PolicyEnv]:
+    env = PolicyEnv(**LEGS, episode_seconds=1.0)  # type: ignore[arg-type]
+    yield env
+    env.close()
+
+
+@pytest.mark.parametrize("name", ["LiteTracking-v0", "BipedVelocity-v0"])
+def test_gymnasium_s_checker_has_nothing_to_say(name: str) -> None:
+    env = gymnasium.make(f"humanoid_sim/{name}")
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_the_sample_policy_follows_its_motion_to_the_end(arms: PolicyEnv) -> None:
+    observation, info = arms.reset(seed=1)
+    total, steps, over = 0.0, 0, False
+    while not over:
+        assert arms.observation_space.contains(observation)
+        action = arms.setting.policy(observation, info["frame"])
+        assert arms.action_space.contains(action)
+        observation, reward, terminated, over, info = arms.step(action)
+        steps += 1
+        assert not terminated
+        assert reward == pytest.approx(sum(info["terms"].values()), abs=1e-15)
+        assert info["frame"] == min(steps, 400)
+        total += reward
+    assert steps == 400  # 401 frames, 20 ms apart
+    assert 1.47 < total / 8.0 < 1.5  # 1.5 per second is perfect
+
+
+def test_a_seed_decides_the_episode(arms: PolicyEnv) -> None:
+    def rollout(seed: int | None) -> list[bytes]:
+        observation, info = arms.reset(seed=seed)
+        seen = [observation.tobytes()]
+        for _ in range(5):
+            observation, reward, *_, info = arms.step(arms.setting.policy(observation, info["frame"]))
+            seen += [observation.tobytes(), np.float64(reward).tobytes()]
+        return seen
+
+    first, second = rollout(3), rollout(None)
+    assert first != second  # the generator goes on
+    assert rollout(3) == first
+    assert rollout(None) == second
+    assert rollout(4) != first
+
+
+def test_a_command_of_the_user_holds_for_the_episode(legs: PolicyEnv) -> None:
+    drawn, _ = legs.reset(seed=2)
+    commanded, _ = legs.reset(seed=2, options={"command": (0.3, -0.1, 0.5)})
+    np.testing.assert_array_equal(commanded[6:9], np.float32([0.3, -0.1, 0.5]))
+    assert (drawn[6:9] != commanded[6:9]).all()
+    np.testing.assert_array_equal(
+        np.delete(drawn, [6, 7, 8]), np.delete(commanded, [6, 7, 8])
+    )  # the rest is the seed's
+    commanded, *_ = legs.step(np.zeros(14))
+    np.testing.assert_array_equal(commanded[6:9], np.float32([0.3, -0.1, 0.5]))
+
+
+def test_standing_legs_stand_until_the_time_is_up(legs: PolicyEnv) -> None:
+    legs.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
+    for step in range(1, 51):
+        _, reward, terminated, truncated, info = legs.step(np.zeros(14, dtype=np.float32))
+        assert (terminated, truncated) == (False, step == 50)
+    assert info["frame"] == 0
+    assert reward == pytest.approx(2.0 * 0.02, rel=0.05)  # stands still, as it is told
+
+
+def test_folding_legs_fall(legs: PolicyEnv) -> None:
+    legs.reset(seed=0)
+    action = np.zeros(14, dtype=np.float32)
+    action[[0, 7]] = 5.0  # both hips stretch: it falls on its face
+    for _ in range(49):
+        _, _, terminated, _, info = legs.step(action)
+        if terminated:
+            break
+    assert terminated
+    assert "fault" not in info  # a failure at the task, not of the policy
+    base = legs.robot.base_state
+    assert base is not None
+    assert base.tilt > 1.0 or base.height < 0.5
+
+
+@pytest.mark.parametrize(("value", "shown"), [(np.nan, "nan"), (-np.inf, "-inf"), (101.0, "101.0"), (1e300, "inf")])
+def test_a_bad_action_is_a_counted_fault_and_ends_the_episode(arms: PolicyEnv, value: float, shown: str) -> None:
+    observation, _ = arms.reset(seed=0)
+    observation, *_ = arms.step(np.zeros(14))
+    before, count = arms.robot.qpos, arms.fault_count
+    action = np.zeros(14)
+    action[3] = value
+    after, reward, terminated, truncated, info = arms.step(action)
+    assert (reward, terminated, truncated, arms.fault_count) == (0.0, True, False, count + 1)
+    assert info["fault"] == f"action of left_elbow_pitch is {shown}, expected a magnitude <= 100"
+    np.testing.assert_array_equal(after, observation)
+    np.testing.assert_array_equal(arms.robot.qpos, before)  # nothing was commanded
+    arms.reset(seed=0)
+    assert not arms.step(np.zeros(14))[2]
+
+
+def test_a_simulation_that_is_no_longer_sound_is_a_fault(arms: PolicyEnv) -> None:
+    arms.reset(seed=0)
+    arms.robot.data.qvel[5] = np.nan
+    observation, reward, terminated, _, info = arms.step(np.zeros(14))
+    assert terminated
+    assert reward == 0.0
+    assert info["fault"].startswith("simulation unstable: ")
+    assert arms.observation_space.contains(observation)
+    assert "fault" not in arms.reset(seed=0)[1]
+    assert "fault" not in arms.step(np.zeros(14))[4]
+
+
+def test_an_observation_beyond_any_robot_s_is_a_fault(arms: PolicyEnv) -> None:
+    arms.reset(seed=0)
+    qpos = arms.robot.qpos.copy()
+    qpos[0] += 5.0
+    arms.reset(options={"state": PlantState(qpos, np.zeros(14))})
+    observation, _, terminated, _, info = arms.step(np.zeros(14))
+    assert terminated
+    assert info["fault"].startswith("observation joint_pos[0] is ")
+    assert arms.observation_space.contains(observation)
+
+
+def test_actions_beyond_their_bounds_command_no_more(arms: PolicyEnv) -> None:
+    side, robot = arms.setting.side, arms.setting.description
+    state, _ = arms.robot.read()
+    for bound, stop, sign in ((arms.action_space.low, robot.upper, -1), (arms.action_space.high, robot.lower, 1)):
+        _, command = side.act(side.activate(state), bound)
+        at_the_other_stop = type(state)(0.0, stop, *[np.zeros(14)] * 3, state.imu_quaternion, *[np.zeros(3)] * 2)
+        np.testing.assert_allclose(
+            mit_torque(at_the_other_stop, command, robot.effort_limit), sign * robot.effort_limit
+        )
+        at_this_stop = type(state)(
+            0.0, robot.lower if sign < 0 else robot.upper, *[np.zeros(14)] * 3, state.imu_quaternion, *[np.zeros(3)] * 2
+        )
+        torque = mit_torque(at_this_stop, command, np.inf)
+        np.testing.assert_allclose(torque, sign * robot.effort_limit, rtol=1e-4)
+
+
+def test_observation_bounds_follow_scale_and_history() -> None:
+    contract = placeholder_checkpoint(load_robot("lite")).contract
+    terms = [
+        term if term.name != "joint_vel" else type(term)("joint_vel", scale=-0.5, history=2) for term in contract.terms
+    ]
+    changed = type(contract)(
+        **{
+            name: getattr(contract, name)
+            for name in contract.__dataclass_fields__
+            if name not in ("observation", "provenance")
+        },
+        observation=terms,
+    )
+    env = PolicyEnv(changed, "lite")
+    low, high = env.observation_space.low, env.observation_space.high  # type: ignore[attr-defined]
+    assert low.shape == (14 + 28 + 14,)
+    np.testing.assert_allclose(high[14:42], 50.0, rtol=0.01)
+    np.testing.assert_array_equal(low[14:42], -high[14:42])
+    np.testing.assert_allclose(high[42:], 100.0, rtol=0.01)
+    observation, _ = env.reset(seed=0)
+    step = env.setting.side.layout.step_width
+    assert stack(env.setting.side.layout, np.zeros(step, dtype=np.float32), None)[0].shape == observation.shape
+
+
+def test_delays_are_between_robot_and_policy_and_not_in_the_reward() -> None:
+    prompt, late = PolicyEnv(**ARMS), PolicyEnv(**ARMS, state_delay=0.01)  # type: ignore[arg-type]
+    starts = [env.reset(seed=5)[0] for env in (prompt, late)]
+    np.testing.assert_array_equal(*starts)
+    action = np.full(14, 0.5, dtype=np.float32)
+    (seen, reward, *_), (seen_late, reward_late, *_) = prompt.step(action), late.step(action)
+    assert np.abs(seen[36:50] - seen_late[36:50]).max() > 1e-3  # joint positions, half a step apart
+    assert reward == pytest.approx(reward_late, abs=1e-12)
+    behind = PolicyEnv(**ARMS, command_delay=0.005)  # type: ignore[arg-type]
+    behind.reset(seed=5)
+    assert behind.step(action)[1] != pytest.approx(reward, abs=1e-9)
+
+
+def test_both_plants_give_the_same_episode() -> None:
+    envs = [PolicyEnv(**ARMS, actuation=actuation) for actuation in ("affine", "qfrc_applied")]  # type: ignore[arg-type]
+    for env in envs:
+        env.reset(seed=7)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        action = rng.normal(0.0, 0.5, 14)
+        (a, reward_a, *_), (b, reward_b, *_) = (env.step(action) for env in envs)
+        np.testing.assert_allclose(a, b, atol=1e-6)  # float32
+        assert reward_a == pytest.approx(reward_b, abs=1e-9)
+
+
+def test_any_contract_on_any_robot() -> None:
+    for robot in ("lite_neck", "lite_biped"):
+        env = PolicyEnv(placeholder_checkpoint(load_robot(robot)).contract, robot, task="balance", episode_seconds=0.1)
+        env.reset(seed=0)
+        steps = [env.step(np.zeros(env.action_space.shape)) for _ in range(5)]  # type: ignore[arg-type]
+        assert [step[3] for step in steps] == [False] * 4 + [True]
+        assert all("fault" not in step[4] for step in steps)
+        assert steps[0][1] == pytest.approx(0.02, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({**ARMS, "robot": "lite_biped"}, "joint_names of the policy do not match the robot's joints"),
+        ({**ARMS, "motion": None}, r"motion: is missing; .*lite_tracking\.onnx is a tracking policy and follows one"),
+        ({**ARMS, "motion": "tango"}, "'tango' is neither a file nor a sample motion; samples: circle, drum"),
+        ({**ARMS, "contract": "lite_dance"}, r"policy: is 'lite_dance', expected a checkpoint .* lite_tracking"),
+        ({**LEGS, "robot": "atlas"}, "unknown robot 'atlas'"),
+        ({**ARMS, "task": "velocity"}, "lite: has a fixed base, expected a floating one"),
+        ({**ARMS, "action_limit": 0.0}, "action_limit: is 0.0, expected a number > 0"),
+        ({**ARMS, "physics_timestep": 0.003}, "physics timestep: 0.003 s does not divide the control period"),
+        ({**ARMS, "actuation": "magic"}, "actuation: is 'magic', expected qfrc_applied or affine"),
+        ({**ARMS, "weights": {"speed": 1.0}}, "weights: unknown reward term 'speed'"),
+        ({**ARMS, "render_mode": "ansi"}, "render_mode: is 'ansi', expected human, rgb_array or None"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message) as refused:
+        PolicyEnv(**options)
+    assert "\n" not in str(refused.value)
+
+
+def test_reset_and_step_refuse_what_they_cannot_take(arms: PolicyEnv) -> None:
+    with pytest.raises(InputError, match="reset: unknown option 'speed'; known: command, recording, state, memory"):
+        arms.reset(options={"speed": 1})
+    for command in ((0.1, 0.2), (0.1, 0.2, np.nan), "fast"):
+        with pytest.raises(InputError, match=r"reset: command is .*, expected vx, vy and yaw rate"):
+            arms.reset(options={"command": command})
+    with pytest.raises(InputError, match="reset: memory is a dict, expected an RLPolicyMemory"):
+        arms.reset(options={"memory": {}})
+    arms.reset(seed=0)
+    with pytest.raises(InputError, match=r"action: has shape \(3,\), expected \(14,\)"):
+        arms.step(np.zeros(3))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        PolicyEnv(**ARMS).step(np.zeros(14))  # type: ignore[arg-type]
+
+
+def test_pictures_show_the_robot_as_it_is() -> None:
+    env = PolicyEnv(**ARMS, render_mode="rgb_array", width=160, height=120)  # type: ignore[arg-type]
+    env.reset(seed=0)
+    before = env.render()
+    for _ in range(20):
+        env.step(np.full(14, 1.5, dtype=np.float32))
+    after = env.render()
+    assert before is not None
+    assert after is not None
+    assert before.shape == after.shape == (120, 160, 3)
+    assert before.dtype == np.uint8
+    assert (before != after).any(axis=-1).mean() > 0.005
+    env.close()
+    env.close()
+    assert env.metadata["render_fps"] == 50
+
+
+def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    env = PolicyEnv(**ARMS, render_mode="human")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"^render_mode: human cannot be shown here: no display .*; use rgb_array"):
+        env.reset()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
+@pytest.mark.parametrize("name", ["LiteTracking-v0", "LiteModes-v0"])
+def test_gymnasium_s_checker_with_every_render_mode(name: str) -> None:
+    script = (
+        "import gymnasium, humanoid_sim\nfrom gymnasium.utils.env_checker import check_env\n"
+        f"env = gymnasium.make('humanoid_sim/{name}', render_mode='human')\n"
+        "check_env(env.unwrapped)\nenv.close()\nprint('checked')"
+    )
+    command = ["xvfb-run", "-a", sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.stdout == "checked\n", done.stderr

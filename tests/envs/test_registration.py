@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+
+from humanoid_sim.envs.registration import ENVIRONMENTS, register_environments
+
+
+@pytest.mark.parametrize("order", ["gymnasium, humanoid_sim", "humanoid_sim, gymnasium"])
+def test_importing_the_package_registers_whichever_comes_first(order: str) -> None:
+    script = f"import {order}\nprint(*sorted(name for name in gymnasium.registry if name.startswith('humanoid_sim/')))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.split() == sorted(ENVIRONMENTS)
+    assert done.stderr == ""
+
+
+def test_importing_the_package_does_not_import_gymnasium() -> None:
+    script = "import sys, humanoid_sim\nprint('gymnasium' in sys.modules, 'numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "False False\n"
+
+
+def test_registering_twice_changes_nothing() -> None:
+    before = {name: gymnasium.registry[name] for name in ENVIRONMENTS}
+    register_environments()
+    assert all(gymnasium.registry[name] is spec for name, spec in before.items())
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("LiteTracking-v0", {"weights": {"effort": -0.1}, "joint_noise": 0.0}),
+        ("BipedVelocity-v0", {"episode_seconds": 2.0}),
+        ("Policy-v0", {"contract": "lite_tracking", "robot": "lite", "motion": "drum"}),
+        ("LiteModes-v0", {"remote": True}),
+    ],
+)
+def test_specs_are_pickled_and_written_as_json(name: str, options: dict[str, Any]) -> None:
+    env = gymnasium.make(f"humanoid_sim/{name}", **options)
+    assert env.spec is not None
+    pickled = pickle.loads(pickle.dumps(env.spec))
+    read = EnvSpec.from_json(env.spec.to_json())
+    for spec in (pickled, read):
+        again = gymnasium.make(spec)
+        assert again.spec is not None
+        assert again.spec.kwargs == env.spec.kwargs
+        expected, found = (one.reset(seed=3)[0] for one in (env, again))
+        for key in expected if isinstance(expected, dict) else [...]:
+            np.testing.assert_array_equal(found[key], expected[key])  # type: ignore[index]
