@@ -36,7 +36,7 @@ class EmulateConfig:
     scale: Literal["reference", "manual"] = "reference"
     """Convention in which the motors read and write signed values; `manual` is half a step off around 0."""
     sweep: bool = False
-    """A hand leads the joints to and fro between their limits, one after the other, to try `calibrate`."""
+    """A hand leads the joints to and fro between their limits, one after the other, 4 s each, to try `calibrate`."""
     duration: float | None = None
     """s after which to end; none: never."""
     seed: int = 0

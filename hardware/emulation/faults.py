@@ -42,23 +42,21 @@ FAULTS: Mapping[str, FaultInfo] = MappingProxyType(
         ),
         "corrupted_id": FaultInfo("frames", "one bit of the motor's frame ids is inverted", "bit", 27, 0, 28, True),
         "corrupted_dlc": FaultInfo("frames", "the motor's frames have another length", "bytes", 7, 0, 8, True),
-        "silent": FaultInfo("motor", "hears and obeys, but no longer answers"),
-        "unplugged": FaultInfo("motor", "has neither power nor bus; plugged in again it boots"),
-        "reset": FaultInfo("motor", "falls back to reset mode, with no fault bit"),
-        "over_temperature": FaultInfo("motor", "is as hot as that", "°C", 150.0, 0.0, 500.0),
-        "under_voltage": FaultInfo("motor", "is supplied with that little", "V", 11.0, 0.0, 100.0),
-        "over_voltage": FaultInfo("motor", "is supplied with that much", "V", 61.0, 0.0, 100.0),
-        "overcurrent": FaultInfo("motor", "phase current beyond what its driver takes"),
+        "silent": FaultInfo("motor", "the motor hears and obeys, but no longer answers"),
+        "unplugged": FaultInfo("motor", "the motor has neither power nor bus; plugged in again it boots"),
+        "reset": FaultInfo("motor", "the motor falls back to reset mode, with no fault bit"),
+        "over_temperature": FaultInfo("motor", "the motor is that hot", "°C", 150.0, 0.0, 500.0),
+        "under_voltage": FaultInfo("motor", "the supply voltage falls to that", "V", 11.0, 0.0, 100.0),
+        "over_voltage": FaultInfo("motor", "the supply voltage rises to that", "V", 61.0, 0.0, 100.0),
+        "overcurrent": FaultInfo("motor", "the phase current is beyond what the driver takes"),
         "stalled": FaultInfo("motor", "the joint is jammed, and the firmware's overload protection trips"),
-        "encoder_fault": FaultInfo("motor", "the magnetic encoder reports a fault"),
+        "encoder_fault": FaultInfo("motor", "the motor's magnetic encoder reports a fault"),
         "encoder_jump": FaultInfo(
             "motor", "the angle that the encoder reads jumps by that, with no fault bit", "rad", 1.0
         ),
-        "other_master": FaultInfo(
-            "bus", "somebody else sends zero-torque commands to every motor", "Hz", 50.0, 0.1, 1e3
-        ),
-        "bus_off": FaultInfo("bus", "the controller reports bus-off; no frame passes any more"),
-        "enobufs": FaultInfo("host", "every frame is refused for want of buffer space"),
+        "other_master": FaultInfo("bus", "another computer commands zero torque to every motor", "Hz", 50.0, 0.1, 1e3),
+        "bus_off": FaultInfo("bus", "the CAN controller reports bus-off; no frame passes any more"),
+        "enobufs": FaultInfo("host", "every frame to be sent is refused for want of buffer space"),
     }
 )
 """By name, in the order in which they are listed."""

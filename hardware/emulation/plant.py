@@ -22,11 +22,11 @@ __all__ = ["MotorPlant", "PlantTruth"]
 _JAM = 1e4
 """N·m·s/rad of a jammed joint, which then creeps by mrad per second at most. Dry friction would be a soft
 constraint in MuJoCo, and slip; viscous damping is integrated implicitly, and so cannot make the simulation unstable."""
-_HAND_STIFFNESS = 60.0
+_HAND_STIFFNESS = 150.0
 """N·m/rad with which a hand leads a joint."""
-_HAND_DAMPING = 3.0
+_HAND_DAMPING = 4.0
 """N·m·s/rad"""
-_HAND_STRENGTH = 30.0
+_HAND_STRENGTH = 40.0
 """N·m"""
 
 

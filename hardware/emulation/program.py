@@ -23,7 +23,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 
 __all__ = ["emulate"]
 
-_WAKE = 0.1
+_WAKE = 0.05
 """s between two looks at what should end the program."""
 
 
@@ -58,12 +58,12 @@ def emulate(config: EmulateConfig) -> int:
         ) as motors:
             channels = ", ".join(str(address) for address in addresses)
             console.print(f"{len(motors.joints)} motors of {description.name} on {channels}", highlight=False)
-            sweep = HandSweep(description, motors) if config.sweep else None
+            sweep, begin = HandSweep(description, motors.truth.joint_position), motors.time
             while not ending.wait(_WAKE):
                 if motors.failure is not None:
                     raise RobotError(f"{description.name}: the emulation has failed: {motors.failure}")
-                if sweep is not None:
-                    sweep.update(motors.time)
+                if config.sweep:
+                    motors.move_by_hand(sweep.at(motors.time - begin))
                 if config.duration is not None and motors.time >= config.duration:
                     break
             _report(console, motors, addresses)

@@ -1,0 +1,96 @@
+"""`python -m humanoid_sim.hardware emulate`."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.hardware import main
+
+CHANNEL = "udp_multicast:239.74.163.62"
+
+
+@pytest.fixture
+def emulate(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    def run(*arguments: str) -> tuple[int, str, str]:
+        try:
+            status = run_program(main, ["emulate", *arguments])
+        except SystemExit as exit_:  # tyro's own refusals
+            status = exit_.code if isinstance(exit_.code, int) else 1
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+def test_it_says_what_happens_and_ends_with_a_summary(emulate: Callable[..., tuple[int, str, str]]) -> None:
+    status, out, err = emulate(
+        "--channel", CHANNEL, "--fault", "over_temperature:14@0.05", "--fault", "silent@0.1", "--duration", "0.3"
+    )
+    assert (status, err) == (0, "")
+    assert out.splitlines()[0] == f"14 motors of lite on {CHANNEL}"
+    assert re.search(r"0\.05\d s  left_elbow_pitch: motor_overtemperature", out)
+    assert "0.100 s  fault: silent@0.1" in out
+    assert re.search(r"frames, \d+\.\d % load", out)
+
+
+def test_a_signal_ends_it(emulate: Callable[..., tuple[int, str, str]]) -> None:
+    killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM))
+    killer.start()
+    try:
+        status, out, _ = emulate("--channel", CHANNEL, "--quiet")
+    finally:
+        killer.cancel()
+        killer.join()
+    assert status == 0
+    assert "load on average" in out
+
+
+def test_the_list_of_faults(emulate: Callable[..., tuple[int, str, str]]) -> None:
+    status, out, _ = emulate("--channel", "can0", "--fault", "help")
+    assert status == 0
+    assert "encoder_jump=1" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["--channel", "virtual:x"], "error: --channel: is 'virtual:x', which no other process can reach"),
+        (["--channel", CHANNEL, "--fault", "enobufs"], "error: --fault: is 'enobufs@0', which is made at the other"),
+        (["--channel", CHANNEL, "--fault", "fire"], "error: --fault 'fire': unknown fault 'fire'"),
+        (["--channel", CHANNEL, "--firmware", "rs-02"], "error: --firmware: is 'rs-02', expected JOINT=VERSION"),
+        (
+            ["--channel", CHANNEL, "--firmware", "rs-09=0.2.3.5"],
+            "error: firmware: unknown joint or motor model 'rs-09'",
+        ),
+        (["--channel", CHANNEL, "--firmware", "rs-02=0.1.3.5"], "error: firmware of left_shoulder_pitch: is 0.1.3.5"),
+        (["--channel", CHANNEL, "--bitrate", "-1"], "error: bitrate: is -1.0, expected a finite number >= 0"),
+        (["--channel", CHANNEL, "--duration", "0"], "error: --duration: is 0.0, expected a finite number above 0"),
+        (["--channel", CHANNEL, "--robot", "nobody"], "error: unknown robot 'nobody'"),
+        (["--channel", f"{CHANNEL},can8,can9"], "error: lite: 3 channels, but its motors are on 1 or 2"),
+    ],
+)
+def test_what_is_refused_is_one_line(
+    arguments: list[str], problem: str, emulate: Callable[..., tuple[int, str, str]]
+) -> None:
+    status, out, err = emulate(*arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith(problem)
+    assert err.count("\n") == 1
+
+
+def test_a_calibration_assembles_the_motors(emulate: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    path = tmp_path / "calibration.yaml"
+    path.write_text("left_elbow_pitch: {id: 14, direction: -1, homing_offset: 0.5}\n")
+    status, _, err = emulate("--channel", CHANNEL, "--calibration", str(path), "--duration", "0.1")
+    assert (status, err) == (0, "")
+    status, _, err = emulate("--channel", CHANNEL, "--calibration", str(tmp_path / "none.yaml"))
+    assert status == 2
+    assert "none.yaml" in err

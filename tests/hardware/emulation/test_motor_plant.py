@@ -1,0 +1,118 @@
+"""What the motors move, seen from their shafts; and how warm they get."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bus_rig import LITE
+from msgspec.structs import replace
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.emulation.hand import HandSweep
+from humanoid_sim.hardware.emulation.plant import MotorPlant
+from humanoid_sim.hardware.emulation.settings import NEW_FIRMWARE, EmulationSettings, motor_identities
+from humanoid_sim.hardware.emulation.thermal import RATED_RISE, TIME_CONSTANT, heat
+from humanoid_sim.hardware.robstride.models import MODELS
+from humanoid_sim.robots.schema import RobotDescription
+
+DIRECTION = np.array([joint.motor.direction for joint in LITE.joints if joint.motor is not None])
+
+
+def test_shafts_turn_as_the_calibration_says() -> None:
+    plant = MotorPlant(LITE, homing_offset={"left_elbow_pitch": 0.7})
+    offset = np.where(np.array(LITE.joint_names) == "left_elbow_pitch", 0.7, 0.0)
+    np.testing.assert_allclose(plant.shaft, DIRECTION * LITE.initial_position + offset, atol=1e-12)
+    torque = 3.0 * DIRECTION
+    for _ in range(40):
+        plant.step(torque)
+    truth = plant.truth(1.5)
+    np.testing.assert_allclose(plant.shaft, DIRECTION * truth.joint_position + offset, atol=1e-12)
+    np.testing.assert_allclose(plant.velocity, DIRECTION * truth.joint_velocity, atol=1e-12)
+    np.testing.assert_allclose(truth.joint_effort, np.full(14, 3.0), atol=1e-12)
+    assert truth.time == 1.5
+    assert truth.joint_velocity[LITE.joint_names.index("left_wrist_yaw")] > 1.0, "a positive torque, joint frame"
+    assert plant.fault() == ""
+
+
+def test_an_offset_of_a_joint_that_is_not_driven_is_refused() -> None:
+    with pytest.raises(InputError, match="homing_offset: unknown joint 'tail'"):
+        MotorPlant(LITE, homing_offset={"tail": 0.1})
+
+
+def _without_motors(names: tuple[str, ...]) -> RobotDescription:
+    joints = (replace(joint, motor=None) if joint.name in names else joint for joint in LITE.joints)
+    return replace(LITE, joints=tuple(joints))
+
+
+def test_a_robot_without_motors_has_nothing_to_emulate() -> None:
+    with pytest.raises(InputError, match="no joint has a motor"):
+        MotorPlant(_without_motors(LITE.joint_names))
+
+
+def test_joints_without_a_motor_stay_passive() -> None:
+    plant = MotorPlant(_without_motors(LITE.joint_names[2:4]))
+    assert [joint.name for joint in plant.joints] == [*LITE.joint_names[:2], *LITE.joint_names[4:]]
+    plant.step(np.ones(12))
+    effort = plant.truth(0.0).joint_effort
+    np.testing.assert_array_equal(effort, np.where(np.isin(np.arange(14), [2, 3]), 0.0, DIRECTION))
+
+
+def test_windings_at_rated_torque_end_at_the_rated_rise() -> None:
+    rated = np.array([MODELS["rs-00"].rated_torque, MODELS["rs-05"].rated_torque])
+    rise = heat(np.zeros(2), rated, rated, TIME_CONSTANT)
+    np.testing.assert_allclose(rise, RATED_RISE * (1.0 - np.exp(-1.0)))
+    np.testing.assert_allclose(heat(rise, rated, rated, 1e5), RATED_RISE)
+    np.testing.assert_allclose(heat(rise, np.zeros(2), rated, 1e5), 0.0, atol=1e-9)
+    halves = heat(heat(rise, 2 * rated, rated, 5.0), 2 * rated, rated, 5.0)
+    np.testing.assert_allclose(halves, heat(rise, 2 * rated, rated, 10.0), rtol=1e-12)
+
+
+def test_firmware_by_joint_beats_firmware_by_model() -> None:
+    settings = EmulationSettings(firmware={"rs-02": "0.2.2.11", "right_shoulder_pitch": "0.2.3.5"})
+    found = {
+        joint.name: identity for joint, identity in zip(LITE.joints, motor_identities(LITE, settings), strict=True)
+    }
+    assert found["left_shoulder_pitch"].version == (0, 2, 2, 11)
+    assert found["left_shoulder_pitch"].model.position == 12.5
+    assert found["left_shoulder_pitch"].firmware.gain_factor == 1.4167
+    assert found["right_shoulder_pitch"].version == (0, 2, 3, 5)
+    assert found["right_shoulder_pitch"].model.position == MODELS["rs-02"].position
+    assert found["left_elbow_pitch"].version == NEW_FIRMWARE["rs-00"]
+    assert len({identity.uid for identity in found.values()}) == 14
+
+
+def test_a_hand_sweeps_one_joint_after_the_other_from_stop_to_stop() -> None:
+    plant = MotorPlant(LITE)
+    sweep = HandSweep(LITE, np.array(LITE.initial_position))
+    reached = []
+    for step in range(round((2.0 + 4.0) / plant.timestep)):
+        if step % 100 == 0:
+            plant.lead(sweep.at(step * plant.timestep))
+        plant.step(np.zeros(14))
+        reached.append(plant.shaft * DIRECTION)
+    lowest, highest = np.min(reached[4000:], axis=0), np.max(reached[4000:], axis=0)
+    joint = LITE.joints[0]
+    assert lowest[0] == pytest.approx(joint.lower, abs=0.06)
+    assert highest[0] == pytest.approx(joint.upper, abs=0.06)
+    np.testing.assert_allclose(lowest[7:], np.zeros(7), atol=0.2)
+    np.testing.assert_allclose(highest[7:], np.zeros(7), atol=0.2)
+
+
+def test_the_sweep_goes_from_joint_to_joint_and_begins_again() -> None:
+    sweep = HandSweep(LITE, np.array(LITE.initial_position))
+    led = []
+    for time in np.arange(2.0 + 1.0, 15 * 4.0 + 2.0, 4.0):
+        position = sweep.at(time)
+        led.append([name for name in LITE.joint_names if position[name]])
+    assert led == [[name] for name in (*LITE.joint_names, LITE.joint_names[0])]
+
+
+def test_a_hand_on_what_is_no_joint_is_refused_and_one_that_lets_go_pulls_no_more() -> None:
+    plant = MotorPlant(LITE)
+    with pytest.raises(InputError, match="unknown joint 'tail'"):
+        plant.lead({"tail": 1.0})
+    plant.lead({"left_wrist_yaw": 1.0})
+    plant.lead(None)
+    for _ in range(100):
+        plant.step(np.zeros(14))
+    np.testing.assert_allclose(plant.shaft * DIRECTION, LITE.initial_position, atol=0.01)
