@@ -31,7 +31,20 @@ class PlayConfig:
     base_height: float | None = None
     """Height in m at which a free-standing robot is held until its policy starts. Default: the robot's."""
     hardware: str | None = None
-    """CAN channels of a real robot, such as can0 or can0,can1. Default: simulation."""
+    """CAN channels of a real robot, such as can0, can0,can1 or udp_multicast:239.74.163.2; virtual:NAME emulates the
+    motors in this process. Default: simulation."""
+    calibration: str | None = None
+    """The real robot's calibration. Default: calibration.yaml in this folder; emulated motors need none."""
+    dry_run: bool = False
+    """On hardware: do everything but enable the motors, print what was checked, and end."""
+    yes: bool = False
+    """On hardware: enable the motors without asking first."""
+    allow_script: bool = False
+    """Let --script move a real robot, with nobody at the keys."""
+    imu: str = "none"
+    """IMU of a real robot: none, or microstrain:PORT, or microstrain:PORT@BAUD. Emulated motors bring their own."""
+    imu_mounting: str = "0,1,0,0"
+    """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
     viewer: Literal["auto", "none", "native", "web"] = "auto"
     """A window to watch; auto opens one where there is a display."""
     record: str = "auto"
@@ -59,7 +72,7 @@ class PlayConfig:
     pace: Literal["auto", "realtime", "fast"] = "auto"
     """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
     video: str = "auto"
-    """Video of the run (.mp4); auto makes one where there is no display; none for no video."""
+    """Video of the run (.mp4); auto makes one of a simulation where there is no display; none for no video."""
     snapshot: str | None = None
     """Picture of the robot at the end of the motion (.png)."""
     summary: str | None = None
@@ -67,7 +80,7 @@ class PlayConfig:
     actuation: Literal["qfrc_applied", "affine"] = "qfrc_applied"
     """How the simulated motors run the MIT law: at every physics step in Python, or as MuJoCo's own actuators."""
     control_frequency: float | None = None
-    """Hz; default: the robot's."""
+    """Hz; default: the robot's, for simulation and for hardware."""
     physics_timestep: float | None = None
     """s; default: the robot's."""
     command_delay: float = 0.0

@@ -28,6 +28,7 @@ __all__ = [
     "choose_outputs",
     "control_rate",
     "motion_path",
+    "no_outputs",
     "refuse_conflicts",
 ]
 
@@ -49,7 +50,6 @@ def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections
         InputError: naming the option.
     """
     missing = {
-        "--hardware": (config.hardware is not None, "the CAN adapter for real motors"),
         "--gamepad": (config.gamepad, "the gamepad reader"),
         "--viewer web": (config.viewer == "web", "the browser console"),
         "--remote dds": (config.remote == "dds", "the DDS bridge"),
@@ -57,6 +57,7 @@ def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections
     for option, (wanted, part) in missing.items():
         if wanted:
             raise InputError(f"{option}: needs {part}, which this version does not have yet")
+    _refuse_hardware_conflicts(config)
     if config.manual and config.script is not None:
         raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
     if config.viewer == "native" and not has_display():
@@ -77,6 +78,32 @@ def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections
             raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
 
 
+_SIMULATION_ONLY = (
+    "actuation",
+    "base_height",
+    "command_delay",
+    "physics_timestep",
+    "state_delay",
+    "state_sampling",
+    "yaw",
+)
+_HARDWARE_ONLY = ("allow_script", "calibration", "dry_run", "imu", "imu_mounting", "yes")
+
+
+def _refuse_hardware_conflicts(config: PlayConfig) -> None:
+    """Refuse options that mean nothing with, or without, real motors, and a motion that nobody there has asked for."""
+    others, where = (_HARDWARE_ONLY, "without") if config.hardware is None else (_SIMULATION_ONLY, "with")
+    for name in others:
+        if getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
+            raise InputError(f"--{name.replace('_', '-')}: means nothing {where} --hardware")
+    if config.hardware is None:
+        return
+    if config.pace == "fast":
+        raise InputError("--pace: is fast, but the time of a real robot is real")
+    if config.script is not None and not config.allow_script:
+        raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
+
+
 @dataclass(frozen=True, slots=True)
 class Outputs:
     """The files that a run leaves; None for those that it does not."""
@@ -87,6 +114,11 @@ class Outputs:
     summary: Path | None
 
 
+def no_outputs() -> Outputs:
+    """None at all."""
+    return Outputs(None, None, None, None)
+
+
 def choose_outputs(config: PlayConfig) -> Outputs:
     """Resolve `auto` and `none`, and refuse to replace files that the user named.
 
@@ -94,12 +126,11 @@ def choose_outputs(config: PlayConfig) -> Outputs:
         InputError: naming the option and the file.
     """
     stem = time.strftime("play-%Y%m%d-%H%M%S")
+    is_drawn = config.hardware is None and config.viewer != "none"
     watched = config.viewer == "native" or (config.viewer == "auto" and has_display())
     outputs = Outputs(
         record=_output("--record", config.record, _free(_RUNS / f"{stem}.mcap")),
-        video=_output(
-            "--video", config.video, None if watched or config.viewer == "none" else _free(_RUNS / f"{stem}.mp4")
-        ),
+        video=_output("--video", config.video, _free(_RUNS / f"{stem}.mp4") if is_drawn and not watched else None),
         snapshot=_output("--snapshot", config.snapshot, None),
         summary=_output("--summary", config.summary, None),
     )
@@ -181,7 +212,8 @@ def motion_path(name: str) -> Path:
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:
     """The control period, and what to tell the user if it is not the robot's own.
 
-    Where the policy's period is no multiple of the control period, the control rate moves to the nearest that is.
+    Where the policy's period is no multiple of the control period, the control rate moves to the nearest that is. On
+    hardware there is no physics step to divide it.
 
     Returns:
         Control period in s, and a notice or ''.
@@ -189,7 +221,8 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
     Raises:
         InputError: if the physics step does not divide the control period, or the policy's period has too many ticks.
     """
-    frequency = config.control_frequency or description.simulation.control_frequency
+    settings = description.simulation if config.hardware is None else description.hardware
+    frequency = config.control_frequency or settings.control_frequency
     period, notice = 1.0 / frequency, ""
     if policy_dt is not None:
         if policy_dt * frequency > MOST_STEPS:
@@ -204,6 +237,8 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
                 f"the control rate moves from {frequency:g} Hz to {1.0 / period:g} Hz, "
                 f"{ticks} times the policy's {1.0 / policy_dt:g} Hz"
             )
+    if config.hardware is not None:
+        return period, notice
     timestep = description.simulation.physics_timestep if config.physics_timestep is None else config.physics_timestep
     try:
         steps_per_period(period, timestep, step_name="--physics-timestep")

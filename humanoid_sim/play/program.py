@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import FrameType
 
 from rich.console import Console
@@ -15,7 +15,9 @@ from rich.progress import Progress
 from humanoid_sim.cli import complain, mute_output
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.assembly import Run, assemble
+from humanoid_sim.play.bring_up import bring_up
 from humanoid_sim.play.config import PlayConfig
+from humanoid_sim.play.plan import Plan, make_plan
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.video import save_snapshot
 from humanoid_sim.session.session import SessionResult
@@ -36,22 +38,29 @@ def play(config: PlayConfig) -> int:
         InputError: before anything moves.
     """
     output, console = sys.stdout, _new_console()
-    run = assemble(config, console)
-    try:
-        _introduce(console, run)
-        with _signals(run) as received:
-            result = run.session.run()
-    finally:
-        for operator in run.operators:
-            operator.close()
-        if run.console.error is not None or run.console.is_alive:
-            mute_output()  # what is printed from here on would fail as well, or wait as that thread does
-            console = _new_console()  # that thread may hold the lock of the other one
-    problems = _problems(run, result)
-    summary = summarise(run, result)
-    if run.outputs.summary is not None:  # before anything is printed: whoever reads that may leave early
+    plan = make_plan(config)
+    with ExitStack() as left:
+        left.callback(plan.parts.release)
+        _introduce(console, plan)
+        if plan.parts.bring_up is not None:
+            left.callback(plan.parts.robot.close)
+            if not bring_up(plan.parts.bring_up, config, console):
+                return 0
+        run = assemble(plan, console)
+        try:
+            with _signals(run) as received:
+                result = run.session.run()
+        finally:
+            for operator in run.operators:
+                operator.close()
+            if run.console.error is not None or run.console.is_alive:
+                mute_output()  # what is printed from here on would fail as well, or wait as that thread does
+                console = _new_console()  # that thread may hold the lock of the other one
+        problems = _problems(run, result)
+        summary = summarise(run, result)
+    if run.plan.outputs.summary is not None:  # before anything is printed: whoever reads that may leave early
         with _noting(problems):
-            write_summary(run.outputs.summary, summary)
+            write_summary(run.plan.outputs.summary, summary)
     with _printing(problems):
         print_report(console, summary)
     _write_files(console, run, problems)
@@ -71,12 +80,12 @@ def _new_console() -> Console:
     return Console(highlight=False, soft_wrap=not sys.stdout.isatty())
 
 
-def _introduce(console: Console, run: Run) -> None:
-    if run.policy.warning:
-        console.print(f" {run.policy.warning} ", style="bold white on red", markup=False)
-    motion = "" if run.policy.motion_file is None else f", motion {run.policy.motion_file.name}"
-    console.print(f"robot {run.description.name}, policy {run.policy.checkpoint.source}{motion}", markup=False)
-    for notice in run.notices:
+def _introduce(console: Console, plan: Plan) -> None:
+    if plan.policy.warning:
+        console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
+    motion = "" if plan.policy.motion_file is None else f", motion {plan.policy.motion_file.name}"
+    console.print(f"robot {plan.description.name}, policy {plan.policy.checkpoint.source}{motion}", markup=False)
+    for notice in plan.notices:
         console.print(f"note: {notice}", markup=False, style="dim")
 
 
@@ -90,7 +99,7 @@ def _signals(run: Run) -> Iterator[list[int]]:
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
         received.append(number)
-        if run.parts.robot.is_closed:
+        if run.plan.parts.robot.is_closed:
             signal.signal(number, before[signal.Signals(number)])
             signal.raise_signal(number)
         run.session.request_stop(signal.Signals(number).name)
@@ -146,7 +155,7 @@ def _noting(problems: list[str]) -> Iterator[None]:
 
 def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     """Draw what was asked for and name every file that the run left."""
-    outputs = run.outputs
+    outputs = run.plan.outputs
     if outputs.record is not None:
         repeat = f"   (repeat it: python -m humanoid_sim.replay {outputs.record})"
         with _printing(problems):
@@ -166,8 +175,9 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
                 console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
     if outputs.snapshot is not None:
         with _noting(problems):
-            pose = run.parts.qpos() if run.monitor.pose is None else run.monitor.pose
-            save_snapshot(outputs.snapshot, run.parts.model(), pose)
+            parts = run.plan.parts
+            pose = parts.qpos(run.session.state) if run.monitor.pose is None else run.monitor.pose
+            save_snapshot(outputs.snapshot, parts.model(), pose)
             with _printing(problems):
                 console.print(f"snapshot   {outputs.snapshot}", markup=False)
     if outputs.summary is not None and outputs.summary.exists():

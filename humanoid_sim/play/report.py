@@ -14,6 +14,7 @@ from rich.table import Table
 
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
+from humanoid_sim.play.loop_figures import loop_figures, loop_table
 from humanoid_sim.recording.whole_file import whole_file
 from humanoid_sim.session.anchor_errors import AnchorErrors
 from humanoid_sim.session.base_motion import BaseMotion
@@ -28,12 +29,11 @@ _SHOWN = 10
 
 def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     """Everything that the final table shows, in SI units and radians."""
-    monitor = run.monitor
-    times = monitor.tick_time
+    plan, monitor = run.plan, run.monitor
     summary: dict[str, Any] = {
-        "robot": run.description.name,
-        "policy": run.policy.checkpoint.source,
-        "motion": None if run.policy.motion_file is None else str(run.policy.motion_file),
+        "robot": plan.description.name,
+        "policy": plan.policy.checkpoint.source,
+        "motion": None if plan.policy.motion_file is None else str(plan.policy.motion_file),
         "reason": result.reason,
         "duration": result.duration,
         "modes": [
@@ -50,24 +50,14 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "refusals": [{"time": time, "message": message} for time, message in monitor.refusals],
         "safety": [{"time": time, "message": message} for time, message in monitor.safety],
         "not_kept": monitor.dropped,
-        "loop": {
-            "ticks": result.ticks,
-            "control_period": run.control_period,
-            "realtime": run.realtime,
-            "real_time_factor": result.duration / result.wall_time,
-            "overruns": result.overruns,
-            "skipped_deadlines": result.skipped,
-            "tick_time_mean": times.mean,
-            "tick_time_p50": times.percentile(50.0),
-            "tick_time_p99": times.percentile(99.0),
-            "tick_time_max": times.max,
-            "inferences": monitor.inferences,
-        },
+        "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
         "effort": {"largest": monitor.largest_effort, "saturated_ticks": monitor.saturated},
         "tracking": None if run.tracking is None else _tracking_figures(run.tracking.summary()),
         "anchor": _figures(run.anchor),
         "base": _figures(run.monitor.base),
-        "recording": None if run.outputs.record is None else str(run.outputs.record),
+        "hardware": plan.parts.figures(),
+        "never_injected": list(plan.injector.pending),
+        "recording": None if plan.outputs.record is None else str(plan.outputs.record),
     }
     return summary
 
@@ -87,10 +77,14 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         console.print(_anchor(summary["anchor"]))
     if summary["base"]:
         console.print(_base(summary["base"]))
-    console.print(_loop(summary))
+    console.print(loop_table(summary["loop"], summary["effort"]))
+    if summary["hardware"]:
+        console.print(_hardware(summary["hardware"]))
     for kind in ("fault", "safety"):
         for event in summary["faults" if kind == "fault" else kind][:_SHOWN]:
             console.print(f"[red]{kind} at {event['time']:.3f} s[/red]  {escape(event['message'])}", highlight=False)
+    for injection in summary["never_injected"]:
+        console.print(f"[yellow]--inject {injection}: never came about[/yellow], the run was over or in another mode")
 
 
 def _modes(summary: dict[str, Any]) -> Table:
@@ -148,6 +142,14 @@ def _anchor(anchor: dict[str, Any]) -> Table:
     return table
 
 
+def _hardware(figures: dict[str, Any]) -> Table:
+    table = Table(title="Buses and motors", title_justify="left", title_style="bold", show_header=False)
+    table.add_column("figure")
+    for line in figures["lines"]:
+        table.add_row(escape(line))
+    return table
+
+
 def _base(base: dict[str, Any]) -> Table:
     table = Table(title="Base, from its release on", title_justify="left", title_style="bold", show_header=False)
     table.add_column("figure")
@@ -159,27 +161,4 @@ def _base(base: dict[str, Any]) -> Table:
     table.add_row("largest tilt", f"{np.degrees(base['tilt_max']):.1f}°")
     stood, fell = f"none in {base['duration']:.2f} s", base["fall"]
     table.add_row("fall", stood if fell is None else f"[red]after {fell:.2f} s[/red]")
-    return table
-
-
-def _loop(summary: dict[str, Any]) -> Table:
-    loop, effort = summary["loop"], summary["effort"]
-    table = Table(title="Loop", title_justify="left", title_style="bold", show_header=False)
-    table.add_column("figure")
-    table.add_column("value")
-    pace = "in real time" if loop["realtime"] else f"{loop['real_time_factor']:.1f} times real time"
-    table.add_row("ticks", f"{loop['ticks']} at {1.0 / loop['control_period']:g} Hz, {pace}")
-    overruns = f"{loop['overruns']} missed deadlines, {loop['skipped_deadlines']} skipped"
-    if not loop["realtime"]:
-        overruns = f"none to miss; {loop['overruns']} ticks took longer than the control period"
-    table.add_row("deadlines", overruns)
-    table.add_row(
-        "tick time, physics aside",
-        f"median {1e6 * loop['tick_time_p50']:.0f} µs, 99 % {1e6 * loop['tick_time_p99']:.0f} µs, "
-        f"max {1e6 * loop['tick_time_max']:.0f} µs",
-    )
-    table.add_row("policy steps", str(loop["inferences"]))
-    table.add_row(
-        "largest joint effort", f"{effort['largest']:.2f} N·m, {effort['saturated_ticks']} ticks at an effort limit"
-    )
     return table

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import mujoco
 
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.messages import Mode
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.interface import Robot
 
-__all__ = ["PlayedRobot", "RobotParts"]
+__all__ = ["BringUp", "PlayedRobot", "RobotParts"]
 
 
 class PlayedRobot(Robot, Protocol):
@@ -23,6 +24,20 @@ class PlayedRobot(Robot, Protocol):
         """Whether `close` was called."""
 
 
+class BringUp(Protocol):
+    """What an operator is shown, and asked, before a real robot is enabled."""
+
+    @property
+    def question(self) -> str:
+        """To be answered with yes before anything is enabled; empty where nothing can be hurt."""
+
+    def prepare(self) -> None:
+        """Do everything but enable. Raises `RobotError` if something is wrong."""
+
+    def checks(self) -> Sequence[tuple[str, str, str]]:
+        """What was found so far: verdict (`ok`, `warning`, `problem`), subject, text."""
+
+
 @dataclass(frozen=True, slots=True)
 class RobotParts:
     """A robot, and how a run shows and drives it."""
@@ -30,16 +45,22 @@ class RobotParts:
     robot: PlayedRobot
     live: Mapping[str, int]
     """Names and widths of the live inputs that its state carries."""
-    qpos: Callable[[], FloatArray]
-    """Shape (nq,), MuJoCo's generalised position of `model`, as the robot now is, for viewers and pictures."""
+    qpos: Callable[[MITState], FloatArray]
+    """Shape (nq,), MuJoCo's generalised position of `model` with the robot as it is, given its latest state."""
     model: Callable[[], mujoco.MjModel]
     """A model to draw the robot with. Each viewer draws with its own, so that none can touch the robot's."""
     simulated: bool
-    """Writing to the robot also advances its physics."""
-    check_gains: Callable[[FloatArray, FloatArray], str]
-    """Whether the robot can be driven with a policy's K_p, shape (n,), N·m/rad, and K_d, shape (n,), N·m·s/rad: what an
-    operator should know about them, or ''. Raises `InputError` if it cannot."""
+    """Writing to the robot also advances its physics, and its base's pose is known."""
+    check_policy: Callable[[PolicyContract], tuple[str, ...]]
+    """What an operator should know about driving this robot with a policy that fits its joints, one line each. Raises
+    `InputError` if it cannot be driven with it."""
     mode_listener: Callable[[Mode], str] | None = None
     """Told of each new mode; see `Session`."""
     notices: tuple[str, ...] = ()
     """What an operator should know about it, one line each."""
+    bring_up: BringUp | None = None
+    """Of a real robot."""
+    figures: Callable[[], Mapping[str, Any] | None] = lambda: None
+    """What happened on its buses, for the summary: JSON, with `lines` for people."""
+    release: Callable[[], None] = lambda: None
+    """Lets go of what the robot needs beside itself, after it was closed. May be called twice."""

@@ -24,7 +24,7 @@ def expected_duration(config: PlayConfig, policy: PolicyChoice, description: Rob
     """About how long the run takes, s on the robot's clock; None if only its driver knows."""
     if config.duration is not None:
         return config.duration
-    if config.manual or config.script is not None:
+    if config.manual or config.script is not None or config.hardware is not None:
         return None
     standby = description.standby_controller_a if config.pose == "a" else description.standby_controller_b
     motion = _OPEN_END if policy.motion is None or config.remote != "none" else policy.motion.duration

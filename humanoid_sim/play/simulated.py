@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from humanoid_sim.messages import Mode
+from humanoid_sim.controllers.action import resolve_action
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.robot_parts import RobotParts
+from humanoid_sim.play.support import support_listener
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -28,10 +29,14 @@ def simulated_robot(
     Raises:
         InputError: if an option is not accepted.
     """
+    settings = description.simulation
+    timestep = settings.physics_timestep if config.physics_timestep is None else config.physics_timestep
+    for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):
+        delay_steps(option, delay, timestep)
     robot = MujocoRobot(
         description,
         control_period=control_period,
-        physics_timestep=config.physics_timestep,
+        physics_timestep=timestep,
         actuation=config.actuation,
         command_delay=config.command_delay,
         state_delay=config.state_delay,
@@ -40,26 +45,18 @@ def simulated_robot(
         base_height=config.base_height,
         anchor_body=anchor_body,
     )
+
+    def stability(contract: PolicyContract) -> tuple[str, ...]:
+        gains = resolve_action(contract, description.joint_names)
+        return (robot.stability.check(gains.damping, "policy"),)
+
     return RobotParts(
         robot,
         live=robot.extern,
-        qpos=lambda: robot.qpos,
+        qpos=lambda _: robot.qpos,
         model=lambda: build_model(description),
         simulated=True,
-        check_gains=lambda _, damping: robot.stability.check(damping, "policy"),
-        mode_listener=_support(robot) if description.is_floating else None,
+        check_policy=stability,
+        mode_listener=support_listener(robot) if description.is_floating else None,
         notices=robot.warnings,
     )
-
-
-def _support(robot: MujocoRobot) -> Callable[[Mode], str]:
-    """Let a free-standing robot go when a policy takes over, and hold it again when it no longer balances."""
-
-    def listen(mode: Mode) -> str:
-        held = mode not in (Mode.LOCOMOTION, Mode.REMOTE)
-        if held == robot.supported:
-            return ""
-        robot.set_support(held)
-        return "support holds the base where it is" if held else "support released"
-
-    return listen

@@ -31,6 +31,10 @@ class Injection:
     time: float
     """s on the robot's clock."""
 
+    def __str__(self) -> str:
+        """As it was asked for."""
+        return f"{self.kind}@{self.time:g}"
+
 
 def parse_injections(texts: Sequence[str]) -> tuple[Injection, ...]:
     """Parse `FAULT@SECONDS` items.
@@ -73,6 +77,12 @@ class Injector:
             self._start[injection.kind] = min(self._start[injection.kind], injection.time)
         self._pulses = tuple(injection.time for injection in injections if injection.kind == "safety")
         self._clock = clock
+        self._pending = list(injections)
+
+    @property
+    def pending(self) -> tuple[str, ...]:
+        """Those that have had no effect yet: their time has not come, or nothing asked what they would have changed."""
+        return tuple(str(injection) for injection in self._pending)
 
     def policy(self, policy: Policy) -> Policy:
         """The policy, answering NaN from the injected time on."""
@@ -81,7 +91,7 @@ class Injector:
 
         def failing(observation: npt.NDArray[np.float32], frame: int) -> npt.ArrayLike:
             action = np.asarray(policy(observation, frame))
-            return np.full_like(action, np.nan) if self.active("nan_policy") else action
+            return np.full_like(action, np.nan) if self._takes_effect("nan_policy") else action
 
         return failing
 
@@ -90,6 +100,7 @@ class Injector:
         now = self._clock()
         if not any(0.0 <= now - start < _PULSE for start in self._pulses):
             return statuses
+        self._takes_effect("safety")
         injected = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "injected", "motor fault on purpose")
         return (*statuses, injected)
 
@@ -97,9 +108,18 @@ class Injector:
         """The source, silent from the injected time on."""
         return _SilencedRemote(source, self) if math.isfinite(self._start["silent_remote"]) else source
 
-    def active(self, kind: FaultKind) -> bool:
-        """Whether a fault has begun."""
-        return self._clock() >= self._start[kind]
+    def silences(self) -> bool:
+        """Whether remote commands are silent from now on."""
+        return self._takes_effect("silent_remote")
+
+    def _takes_effect(self, kind: FaultKind) -> bool:
+        """Whether a fault has begun; it is no longer pending then."""
+        now = self._clock()
+        if now < self._start[kind]:
+            return False
+        if self._pending:
+            self._pending = [other for other in self._pending if other.kind != kind or other.time > now]
+        return True
 
 
 class _SilencedRemote:
@@ -111,6 +131,6 @@ class _SilencedRemote:
         self._last: RemoteCommand | None = None
 
     def latest(self) -> RemoteCommand | None:
-        if not self._injector.active("silent_remote"):
+        if not self._injector.silences():
             self._last = self._source.latest()
         return self._last

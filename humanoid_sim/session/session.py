@@ -9,19 +9,20 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter, sleep
 from typing import Protocol
 
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
+from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.interface import Robot
-from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.pace import Pace
 from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
 from humanoid_sim.session.realtime import real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
+from humanoid_sim.session.result import SessionResult
 from humanoid_sim.session.settings import LoopSettings
 from humanoid_sim.session.sink import SessionHeader, Sink, TickRecord
 from humanoid_sim.session.sink_group import SinkGroup
@@ -31,27 +32,6 @@ __all__ = ["LoopSettings", "SafetyFilter", "Session", "SessionResult"]
 
 _BACKLOG_LIMIT = 2000
 """Ticks that the slowest sink may lag behind before a run without deadlines waits for it."""
-
-
-@dataclass(frozen=True, slots=True)
-class SessionResult:
-    """How a run ended."""
-
-    ticks: int
-    reason: str
-    duration: float
-    """s on the robot's clock."""
-    wall_time: float
-    """s"""
-    overruns: int
-    skipped: int
-    """Deadlines that passed while a tick was still running."""
-    jitter: DurationHistogram
-    """How long after its due time each tick began; empty without real time."""
-    measures: tuple[str, ...] = ()
-    """What was done for punctuality, a line each."""
-    failures: tuple[str, ...] = ()
-    """Sinks that raised on the control thread and were left out from then on, each with its exception."""
 
 
 class SafetyFilter(Protocol):
@@ -113,6 +93,7 @@ class Session:
         self._qpos = qpos
         self._mode_listener = mode_listener
         self._reactivation = reactivation
+        self._failures: list[str] = []
         self._stop_reason = ""
         self._hurry = threading.Event()
         self._memory: SupervisorMemory = supervisor.initial()
@@ -160,7 +141,8 @@ class Session:
         """
         begin = perf_counter()
         # Left in reverse: the robot is closed before any sink may take its time.
-        with contextlib.ExitStack() as stack, contextlib.closing(self._robot):
+        with contextlib.ExitStack() as stack, contextlib.ExitStack() as robot:
+            robot.callback(self._close_robot)
             self._sinks.start(self._header, stack)
             measures = stack.enter_context(real_time()) if self._settings.punctual else ()
             if measures:
@@ -183,7 +165,7 @@ class Session:
             skipped=self._pace.skipped,
             jitter=self._pace.jitter,
             measures=measures,
-            failures=tuple(self._sinks.failures),
+            failures=(*self._failures, *self._sinks.failures),
         )
 
     def _loop(self) -> None:
@@ -271,6 +253,14 @@ class Session:
             return
         while self._sinks.lags(_BACKLOG_LIMIT) and not self._stop_reason:
             sleep(self._settings.control_period)
+
+    def _close_robot(self) -> None:
+        """Close the robot; one that does not confirm it makes the run a failure, but its figures still count."""
+        try:
+            self._robot.close()
+        except RobotError as error:
+            self._failures.append(f"robot: {error}")
+            self._sinks.event(f"failed to close the robot: {error}")
 
     def _damp_now(self) -> None:
         """Last resort after an exception; sources and sinks are left out, because one of them may be what broke."""

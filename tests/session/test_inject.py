@@ -44,7 +44,7 @@ def test_without_injections_nothing_changes(time: list[float]) -> None:
     assert none.policy(rig.good_answer) is rig.good_answer
     assert none.safety((OK,)) == (OK,)
     assert none.remote(box) is box
-    assert not none.active("safety")
+    assert none.pending == ()
 
 
 def test_a_policy_answers_nan_from_the_time_on(time: list[float]) -> None:
@@ -90,3 +90,19 @@ def test_a_silent_remote_repeats_the_last_command_from_before(time: list[float])
     latest = silenced.latest()
     assert latest is not None
     assert latest.arrival_time == 1.0
+
+
+def test_what_never_took_effect_is_told(time: list[float]) -> None:
+    texts = ["nan_policy@2", "safety@1", "safety@9", "silent_remote@3"]
+    faults = injector(time, *texts)
+    policy, box = faults.policy(lambda *_: np.ones(2)), faults.remote(RemoteInbox(rig.JOINTS, lambda: time[0]))
+    time[0] = 1.05
+    faults.safety((OK,))
+    policy(np.zeros(3, dtype=np.float32), 0)
+    box.latest()
+    assert faults.pending == ("nan_policy@2", "safety@9", "silent_remote@3")
+    time[0] = 4.0
+    box.latest()
+    assert faults.pending == ("nan_policy@2", "safety@9")  # its time has passed, but no policy ran any more
+    policy(np.zeros(3, dtype=np.float32), 0)
+    assert faults.pending == ("safety@9",)

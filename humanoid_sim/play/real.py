@@ -1,0 +1,158 @@
+"""The real robot of a run: motors on CAN channels, or emulated ones in this process that speak the same protocol."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
+from humanoid_sim.hardware.bus.opening import open_bus
+from humanoid_sim.hardware.calibration import load_calibration
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.imu.interface import Imu
+from humanoid_sim.hardware.imu.options import make_imu
+from humanoid_sim.hardware.imu.simulated import SimulatedImu
+from humanoid_sim.hardware.robot.robot import RobstrideRobot
+from humanoid_sim.play.config import PlayConfig
+from humanoid_sim.play.pose import MeasuredPose
+from humanoid_sim.play.robot_parts import RobotParts
+from humanoid_sim.play.support import support_listener
+from humanoid_sim.policy.check.gains import motor_findings
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import build_model
+
+__all__ = ["CALIBRATION", "real_robot"]
+
+CALIBRATION = "calibration.yaml"
+"""Where a robot's calibration is looked for unless an option names another file."""
+
+_IMU_TERMS = ("base_ang_vel", "imu_quaternion", "imu_linear_acceleration", "projected_gravity")
+"""Kinds of observation terms that are made of what an IMU feels."""
+
+
+def real_robot(config: PlayConfig, description: RobotDescription, control_period: float) -> RobotParts:
+    """A robot on the channels of `--hardware`. Opens nothing, but for emulated motors, which are then running.
+
+    On channels of the interface `virtual`, which exist in this process only, the motors are emulated, assembled as the
+    calibration says. Everywhere else they are somebody else's: real ones, or those of `humanoid_sim.hardware emulate`.
+
+    Raises:
+        InputError: an option, or the calibration, is not accepted.
+    """
+    assert config.hardware is not None
+    addresses = parse_addresses(config.hardware)
+    is_virtual = [address.interface == "virtual" for address in addresses]
+    if any(is_virtual) and not all(is_virtual):
+        raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
+    offsets, notices = _homing_offsets(config, description, emulated=all(is_virtual))
+    motors = _emulated(description, addresses, offsets) if all(is_virtual) else None
+    imu: Imu | None
+    if motors is None:
+        imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
+    else:
+        imu = SimulatedImu(lambda: motors.truth.imu)
+    try:
+        robot = RobstrideRobot(
+            description,
+            addresses,
+            calibration=offsets,
+            control_period=control_period,
+            imu=imu,
+            dry_run=config.dry_run,
+            open_bus=open_bus if motors is None else motors.open_bus,
+        )
+        return RobotParts(
+            robot,
+            live={},
+            qpos=MeasuredPose(description),
+            model=lambda: build_model(description),
+            simulated=False,
+            check_policy=lambda contract: _check_policy(contract, description, has_imu=imu is not None),
+            mode_listener=support_listener(motors) if motors is not None and description.is_floating else None,
+            notices=notices,
+            bring_up=_BringUp(robot, description, addresses, emulated=motors is not None),
+            figures=lambda: _figures(robot),
+            release=(lambda: None) if motors is None else motors.close,
+        )
+    except BaseException:
+        if motors is not None:
+            motors.close()
+        raise
+
+
+def _homing_offsets(
+    config: PlayConfig, description: RobotDescription, *, emulated: bool
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """The homing offset of every joint, rad, motor frame, and what an operator should know about them."""
+    if config.calibration is None and emulated:
+        return dict.fromkeys(description.joint_names, 0.0), ("emulated motors, assembled without offsets",)
+    path = Path(CALIBRATION if config.calibration is None else config.calibration)
+    if config.calibration is None and not path.exists():
+        raise InputError(
+            f"--calibration: is missing, and there is no {CALIBRATION} here; without it nobody knows where the joints "
+            "are: run python -m humanoid_sim.hardware calibrate"
+        )
+    calibration = load_calibration(path, description)
+    return calibration.homing_offsets(description), (f"calibration {path}", *calibration.warnings)
+
+
+def _emulated(
+    description: RobotDescription, addresses: Sequence[BusAddress], offsets: Mapping[str, float]
+) -> VirtualMotors:
+    return VirtualMotors(description, addresses, settings=EmulationSettings(homing_offset=offsets))
+
+
+def _check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
+    """Refuse what the motors cannot be told and what nobody measures.
+
+    Raises:
+        InputError: naming the first of it.
+    """
+    findings = list(motor_findings(contract, description, hardware=True))
+    for finding in findings:
+        if finding.severity == "error":
+            raise InputError(
+                f"policy on robot '{description.name}': {finding}; see python -m humanoid_sim.policy check"
+            )
+    felt = [term.name for term in contract.terms if term.kind in _IMU_TERMS]
+    if felt and not has_imu:
+        raise InputError(f"--imu: is none, but the policy observes {', '.join(felt)}")
+    return tuple(f"{finding.severity}: {finding}" for finding in findings)
+
+
+class _BringUp:
+    """See `BringUp`."""
+
+    def __init__(
+        self, robot: RobstrideRobot, description: RobotDescription, addresses: Sequence[BusAddress], *, emulated: bool
+    ) -> None:
+        channels = ", ".join(map(str, addresses))
+        self._robot = robot
+        self.question = "" if emulated else f"Enable the motors of {description.name} on {channels}, without torque?"
+
+    def prepare(self) -> None:
+        self._robot.prepare()
+
+    def checks(self) -> Sequence[tuple[str, str, str]]:
+        return [(check.verdict.value, check.subject, check.text) for check in self._robot.checks]
+
+
+def _figures(robot: RobstrideRobot) -> Mapping[str, Any]:
+    statistics = robot.statistics
+    return {**_plain(statistics), "lines": list(statistics.lines())}
+
+
+def _plain(value: Any) -> Any:
+    """Data classes, mappings and tuples as what JSON knows."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value

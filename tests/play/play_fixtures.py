@@ -1,0 +1,81 @@
+"""A quick robot and a way to run `play` in a folder of its own, within this process."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from result import Document, Result
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.cli import run_program
+from humanoid_sim.play import main
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.session.sink import TickRecord
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder, without a display; sockets go beside it."""
+    work, runtime = tmp_path / "work", tmp_path / "run"
+    work.mkdir()
+    runtime.mkdir()
+    monkeypatch.chdir(work)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
+        monkeypatch.delenv(name, raising=False)
+    return work
+
+
+@pytest.fixture
+def make_robot(tmp_path: Path) -> Callable[..., str]:
+    """Writes a copy of a shipped robot that reaches its standby poses in 0.4 s, changed by a function; its path."""
+
+    def make(name: str = "lite", change: Callable[[Document], Any] = lambda _: None) -> str:
+        document = yaml.safe_load(asset_path("robots", f"{name}.yaml").read_text(encoding="utf-8"))
+        document["mjcf"] = str((asset_path("robots") / document["mjcf"]).resolve())
+        for pose in ("a", "b"):
+            document[f"standby_controller_{pose}"]["segment_durations"] = [0.2, 0.2]
+        change(document)
+        path = tmp_path / f"quick_{name}.yaml"
+        path.write_text(yaml.safe_dump(document), encoding="utf-8")
+        return str(path)
+
+    return make
+
+
+@pytest.fixture
+def quick(make_robot: Callable[..., str]) -> str:
+    """The quick Lite's path."""
+    return make_robot()
+
+
+@pytest.fixture
+def run(folder: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., Result]:
+    """`run("--duration", "1")`: everything that `play` printed and wrote; no viewer, and the recording in `r.mcap`."""
+
+    def play(*arguments: str, record: bool = True) -> Result:
+        options = ["--viewer", "none"] if "--viewer" not in arguments else []
+        if record:
+            options += ["--record", "r.mcap", "--summary", "s.json", "--overwrite"]
+        capfd.readouterr()
+        try:
+            status = run_program(main, [*arguments, *options])
+        except SystemExit as stop:  # tyro's way out
+            status = int(stop.code or 0)
+        captured = capfd.readouterr()
+        result = Result(status, captured.out, captured.err, folder)
+        if record and (folder / "r.mcap").exists():
+            recording = open_recording(folder / "r.mcap")
+            for entry in recording.entries():
+                (result.ticks if isinstance(entry, TickRecord) else result.events).append(entry)  # type: ignore[arg-type]
+            assert recording.is_complete
+        if record and (folder / "s.json").exists():
+            result.summary = json.loads((folder / "s.json").read_text(encoding="utf-8"))
+        return result
+
+    return play
