@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -15,6 +14,7 @@ from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.bus.opening import bus_hints
 from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
 from humanoid_sim.hardware.cli.options import Budget
+from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robstride.parameters import report_interval
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription
@@ -42,7 +42,7 @@ def budget(config: Budget) -> int:
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{name}: is {value}, expected a number above 0")
     reports = 1.0 / report_interval(1) if config.reports else 0.0
-    console = Console(highlight=False)
+    console = make_console()
     fits, bursts = [], []
     for addresses in _layouts(config, description):
         count = len(addresses)
@@ -75,14 +75,11 @@ def _unnamed(count: int) -> list[str]:
 
 def _table(description: RobotDescription, names: Sequence[str], budgets: Sequence[ChannelBudget]) -> Table:
     first = budgets[0]
-    title = f"{description.name} on {len(budgets)} channel{'s' if len(budgets) > 1 else ''} at {first.rate:g} Hz"
-    if first.reports_per_second:
-        title += f", with a report of each motor every {1000.0 / first.reports_per_second:g} ms"
-    table = Table(title=escape(title), title_justify="left")
-    table.add_column("channel")
-    for heading in ("motors", "commands and replies", "load", "full at"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    channels = f"{len(budgets)} channel{'s' if len(budgets) > 1 else ''}"
+    reports = f", reports every {1000.0 / first.reports_per_second:g} ms" if first.reports_per_second else ""
+    title = f"{description.name} on {channels} at {first.rate:g} Hz{reports}"
+    numbers = ("motors", "commands and replies", "load", "full at")
+    table = make_table("channel", *numbers, "", right=numbers, title=escape(title))
     for name, channel in zip(names, budgets, strict=True):
         table.add_row(
             escape(name),

@@ -10,8 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from rich import box
-from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
@@ -24,6 +22,7 @@ from humanoid_sim.hardware.cli.client import MotorClient
 from humanoid_sim.hardware.cli.exchange import read_values
 from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
 from humanoid_sim.hardware.cli.options import Calibrate
+from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.sweep import Sweep, SweepResult, Verdict, evaluate
@@ -133,7 +132,7 @@ def _sweep(
     tracks = {i: _Track() for i in chosen}
     begin = time.monotonic()
     next_table = begin
-    console = Console(highlight=False)
+    console = make_console()
     print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
     with contextlib.ExitStack() as shown:
         live = shown.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
@@ -190,11 +189,8 @@ _COLOURS = {Verdict.GOOD: "green", Verdict.FLIPPED: "red", Verdict.INCOMPLETE: "
 
 
 def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tracks: Mapping[int, _Track]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=0)
-    table.add_column("joint", no_wrap=True)
-    for heading in ("id", "now", "lowest", "highest", "swept", "range", "offset"):
-        table.add_column(heading, justify="right")
-    table.add_column("", no_wrap=True)
+    headings = ("id", "now", "lowest", "highest", "swept", "range", "offset")
+    table = make_table("joint", *headings, "", right=headings)
     for i, track in tracks.items():
         result = _result(config, description, wiring, i, track.sweep)
         joint = description.joints[i]

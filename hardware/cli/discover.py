@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 
-from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import InputError
@@ -16,6 +14,7 @@ from humanoid_sim.hardware.cli.client import MotorClient
 from humanoid_sim.hardware.cli.exchange import read_version
 from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED, NOTHING_ANSWERS
 from humanoid_sim.hardware.cli.options import Discover
+from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
@@ -94,14 +93,8 @@ def _print(
     firmware: Mapping[tuple[int, int], str] | None,
     joints: Mapping[tuple[int, int], str] | None,
 ) -> None:
-    table = Table()
-    table.add_column("channel")
-    table.add_column("id", justify="right")
-    table.add_column("unique id")
-    if firmware is not None:
-        table.add_column("firmware")
-    if joints is not None:
-        table.add_column("joint")
+    optional = [name for name, column in (("firmware", firmware), ("joint", joints)) if column is not None]
+    table = make_table("channel", "id", "unique id", *optional, right=("id",))
     for (channel, motor_id), uids in found.items():
         row = [escape(str(addresses[channel])), str(motor_id), " and ".join(sorted(uid.hex() for uid in uids))]
         if firmware is not None:
@@ -109,7 +102,7 @@ def _print(
         if joints is not None:
             row.append(escape(joints.get((channel, motor_id), "none of this robot's")))
         table.add_row(*row)
-    Console(highlight=False).print(table)
+    make_console().print(table)
     for (channel, motor_id), uids in found.items():
         if len(uids) > 1:
             complain(f"{len(uids)} motors on {addresses[channel]} have the id {motor_id}: give one another id, alone")

@@ -84,7 +84,11 @@ def _ask_for_leave(config: Identify, wiring: Wiring, joint: int, client: MotorCl
         return
     if not sys.stdin.isatty():
         raise InputError("--yes: is needed where standard input is no terminal")
-    if input("Is the arm supported and clear? Type yes: ").strip().lower() != "yes":
+    try:
+        answer = input("Is the arm supported and clear? Type yes: ")
+    except EOFError:
+        answer = ""
+    if answer.strip().lower() != "yes":
         raise InputError("not moved: leave was not given")
 
 

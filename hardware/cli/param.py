@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from rich.console import Console
-from rich.table import Table
-
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.hardware.cli.client import open_client
 from humanoid_sim.hardware.cli.exchange import any_status, read_value, shown, write_value
 from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
 from humanoid_sim.hardware.cli.options import Get, Param, Save, Set
+from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robstride.faults import MotorMode
 from humanoid_sim.hardware.robstride.messages import SaveParameters
 from humanoid_sim.hardware.robstride.parameters import (
@@ -69,13 +67,11 @@ def _get(config: Get) -> int:
     parameters = [_parameter(name, config.type) for name in config.names] or list(PARAMETERS.values())
     with open_client(config.channel, config.motor_id, config.host_id) as client:
         values = [read_value(client, config.motor_id, parameter) for parameter in parameters]
-    table = Table(title=f"motor {config.motor_id} on {client.address}", title_justify="left")
-    for heading in ("index", "name", "value", ""):
-        table.add_column(heading)
+    table = make_table("index", "name", "value", "", title=f"motor {config.motor_id} on {client.address}")
     for parameter, value in zip(parameters, values, strict=True):
         note = parameter.meaning if parameter.is_writable else f"{parameter.meaning} (read only)".strip()
         table.add_row(f"0x{parameter.index:04X}", parameter.name, shown(parameter, value), note)
-    Console(highlight=False).print(table)
+    make_console().print(table)
     return NOT_AS_EXPECTED if config.names and None in values else 0
 
 

@@ -1,0 +1,45 @@
+"""Emulated motors for the bench tools, and a way to run these within this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.hardware import main
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.robots.description import load_robot
+
+CHANNEL = "virtual:bench-tools"
+
+
+@pytest.fixture(scope="package")
+def lite_motors() -> Iterator[VirtualMotors]:
+    """The Lite's 14 motors on CHANNEL, for tests that leave them as they are."""
+    with VirtualMotors(load_robot("lite"), [CHANNEL]) as motors:
+        yield motors
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run `hardware` with these words: exit status, what it printed, what it complained of."""
+
+    def run_tool(*words: str) -> tuple[int, str, str]:
+        status = run_program(main, words)
+        printed, complained = capsys.readouterr()
+        return status, printed, complained
+
+    return run_tool
+
+
+@pytest.fixture
+def table_rows() -> Callable[[str], list[list[str]]]:
+    """The cells of a printed table, row by row, without its headings."""
+
+    def rows(printed: str) -> list[list[str]]:
+        lines = printed.splitlines()
+        ruler = next(i for i, line in enumerate(lines) if "─" in line)
+        return [line.split() for line in lines[ruler + 1 :] if line.strip()]
+
+    return rows

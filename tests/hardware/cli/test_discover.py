@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from humanoid_sim.hardware.bus.address import parse_address
+from humanoid_sim.hardware.bus.lock import ChannelLock
+
+pytestmark = pytest.mark.usefixtures("lite_motors")
+
+Run = Callable[..., tuple[int, str, str]]
+Rows = Callable[[str], list[list[str]]]
+
+_CHANNEL = "virtual:bench-tools"
+_QUICK = ("--wait", "0.01", "--last", "30")
+
+
+def test_every_motor_is_found_with_its_joint_and_firmware(run: Run, table_rows: Rows) -> None:
+    status, printed, _ = run("discover", _CHANNEL, *_QUICK, "--robot", "lite", "--firmware")
+    assert status == 0
+    found = {int(row[1]): row for row in table_rows(printed)}
+    assert sorted(found) == [*range(11, 18), *range(21, 28)]
+    assert found[14][3:] == ["0.0.3.9", "(rs-00)", "left_elbow_pitch"]
+    assert len({row[2] for row in found.values()}) == 14
+    assert all(len(bytes.fromhex(row[2])) == 8 for row in found.values())
+
+
+def test_only_the_asked_ids_are_asked(run: Run, table_rows: Rows) -> None:
+    status, printed, _ = run("discover", _CHANNEL, "--first", "13", "--last", "14", "--wait", "0.01")
+    assert status == 0
+    assert [row[1] for row in table_rows(printed)] == ["13", "14"]
+
+
+def test_status_3_where_nothing_answers(run: Run) -> None:
+    status, printed, complained = run("discover", _CHANNEL, "--first", "40", "--last", "41", "--wait", "0.01")
+    assert (status, printed) == (3, "")
+    assert complained == f"no motor answers on {_CHANNEL}: ids 40 to 41 were asked\n"
+
+
+def test_status_1_where_a_joint_is_missing(run: Run) -> None:
+    status, _, complained = run("discover", _CHANNEL, "--last", "26", "--wait", "0.01", "--robot", "lite")
+    assert status == 1
+    assert complained == f"missing: right_wrist_pitch (motor 27 on {_CHANNEL})\n"
+
+
+def test_a_channel_in_use_is_refused(run: Run) -> None:
+    with ChannelLock(parse_address(_CHANNEL)):
+        status, _, complained = run("discover", _CHANNEL, *_QUICK)
+    assert status == 2
+    assert complained.startswith(f"error: {_CHANNEL}: is in use by another session (process ")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("nonsense:x",), "unknown interface 'nonsense'; known: "),
+        ((_CHANNEL, "--first", "0"), "--first, --last: are 0 and 127, expected 1 <= first <= last <= 127"),
+        ((_CHANNEL, "--first", "5", "--last", "4"), "are 5 and 4, expected"),
+        ((_CHANNEL, "--wait", "0"), "--wait: is 0.0, expected more than 0 and at most 10 s"),
+        ((_CHANNEL, "--wait", "nan"), "--wait: is nan, expected"),
+        ((_CHANNEL, "--host-id", "256"), "--host-id: is 256, expected 0 to 255"),
+        ((_CHANNEL, "--robot", "lita"), "unknown robot 'lita'"),
+        (("virtual:a,virtual:b,virtual:c", "--robot", "lite"), "3 channels given, expected 1"),
+    ],
+)
+def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message: str) -> None:
+    status, _, complained = run("discover", *words)
+    assert status == 2
+    assert message in complained
+    assert complained.count("\n") == 1
