@@ -16,7 +16,7 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.input_files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import RobotDescription
-from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader
+from humanoid_sim.strict_yaml import UNREADABLE, load_strictly
 
 __all__ = ["RobotDescription", "load_robot", "shipped_robots"]
 
@@ -72,7 +72,7 @@ def _find(name_or_path: str) -> tuple[Path, str]:
 
 def _read(path: Path, label: str) -> dict[str, Any]:
     try:
-        document = yaml.load(path.read_text(encoding="utf-8"), StrictLoader)
+        document = load_strictly(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
