@@ -86,7 +86,7 @@ class BatchSimulation:
         """Physics steps in one control period."""
         self.randomisation = Randomisation() if randomisation is None else randomisation
 
-        model = build_model(description, physics_timestep=timestep, affine_actuators=True)
+        model = build_model(description, physics_timestep=timestep, affine_actuators=True, scene="floor")
         self._timestep = timestep
         self._joints = joint_addresses(model, description.joint_names)
         self._sensors = BatchSensors(model, description, self._joints, self.randomisation, anchor_body)

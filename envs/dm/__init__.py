@@ -1,0 +1,63 @@
+"""The tasks as `dm_env` environments, through `dm_control`: `load("lite_tracking")`. Needs the extra `dm`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from humanoid_sim.envs.registration import ENVIRONMENTS
+from humanoid_sim.errors import InputError, MissingPackageError, known_names
+
+if TYPE_CHECKING:
+    from dm_control.rl import control
+
+__all__ = ["NAMES", "load"]
+
+NAMES = {
+    "lite_tracking": "humanoid_sim/LiteTracking-v0",
+    "biped_velocity": "humanoid_sim/BipedVelocity-v0",
+    "policy": "humanoid_sim/Policy-v0",
+}
+"""Names of tasks, and the Gymnasium environments that are the same."""
+
+
+def load(
+    name: str,
+    *,
+    seed: int | None = None,
+    time_limit: float = float("inf"),
+    flat_observation: bool = False,
+    **options: Any,
+) -> control.Environment:
+    """A task as a `dm_control.rl.control.Environment`, which `dm_control.viewer.launch` opens too.
+
+    Args:
+        name: of `NAMES`.
+        seed: of the starts; the same seed gives the same episodes, and those of the Gymnasium environment. None: any.
+        time_limit: s after which an episode ends, if the task does not end it before.
+        flat_observation: one array in the order in which the policy sees it, instead of one per term.
+        options: as `PolicyEnv` takes them; `policy` needs `contract` and `robot`.
+
+    Raises:
+        InputError: there is no such task, or an option is not accepted.
+        MissingPackageError: `dm_control` is not installed.
+    """
+    if name not in NAMES:
+        raise InputError(known_names("dm_env task", name, NAMES))
+    try:
+        from dm_control.rl import control  # noqa: PLC0415 - the rest of the package does without
+    except ImportError:
+        raise MissingPackageError("dm-control", "dm", "humanoid_sim.envs.dm") from None
+
+    from humanoid_sim.envs.dm.physics import RobotPhysics  # noqa: PLC0415
+    from humanoid_sim.envs.dm.task import PolicyTask  # noqa: PLC0415
+    from humanoid_sim.envs.policy_env import PolicyEnv  # noqa: PLC0415
+
+    env = PolicyEnv(**{**ENVIRONMENTS[NAMES[name]].get("kwargs", {}), **options})
+    task = PolicyTask(env, seed)
+    return control.Environment(
+        RobotPhysics(env.robot, task.advance),
+        task,
+        time_limit=time_limit,
+        n_sub_steps=env.robot.physics_steps,
+        flat_observation=flat_observation,
+    )

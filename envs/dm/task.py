@@ -1,0 +1,89 @@
+"""A policy's environment as a `dm_control` task."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+import numpy as np
+import numpy.typing as npt
+from dm_control.rl import control
+from dm_env import specs
+from gymnasium.spaces import Box
+
+from humanoid_sim.envs.dm.physics import RobotPhysics
+from humanoid_sim.envs.policy_env import PolicyEnv
+
+__all__ = ["PolicyTask"]
+
+Array = npt.NDArray[np.float32]
+
+
+class PolicyTask(control.Task):
+    """`PolicyEnv` in the words of `dm_env`: the same starts, trajectories, rewards and ends.
+
+    The observation is an ordered dictionary of the contract's terms, each with its history, or `observation` alone
+    where steps, not terms, are kept together. The last time step of an episode has discount 0 where the robot has
+    failed or a fault has ended the episode, and 1 where the motion or the time was over.
+    """
+
+    def __init__(self, env: PolicyEnv, seed: int | None) -> None:
+        """Take over an environment.
+
+        Args:
+            env: the environment; it renders nothing.
+            seed: of its starts, None for any.
+        """
+        self.env = env
+        self._seed = seed
+        self._action = np.zeros(env.action_space.shape or (), dtype=np.float32)
+        self._observation = self._action
+        self._reward = 0.0
+        self._discount: float | None = None
+        layout = env.setting.side.layout
+        self._ends = {"observation": layout.width}
+        if layout.history_layout == "per_term":
+            ends = np.cumsum([term.width for term in layout.terms])
+            self._ends = dict(zip((term.name for term in layout.terms), ends.tolist(), strict=True))
+
+    def initialize_episode(self, physics: RobotPhysics) -> None:
+        """Start the next episode; the seed counts once."""
+        del physics
+        self._observation, _ = self.env.reset(seed=self._seed)
+        self._seed, self._discount = None, None
+
+    def before_step(self, action: npt.ArrayLike, physics: RobotPhysics) -> None:
+        """Take an action; the physics' step lets it act."""
+        del physics
+        self._action = np.asarray(action, dtype=np.float32)
+
+    def advance(self) -> None:
+        """One policy step with the latest action."""
+        self._observation, self._reward, terminated, truncated, _ = self.env.step(self._action)
+        self._discount = (0.0 if terminated else 1.0) if terminated or truncated else None
+
+    def after_step(self, physics: RobotPhysics) -> None:
+        """Nothing is left to do."""
+
+    def action_spec(self, physics: RobotPhysics) -> specs.BoundedArray:
+        """Shape (m,), raw actions, with the bounds of the Gymnasium environment."""
+        del physics
+        space = self.env.action_space
+        assert isinstance(space, Box)
+        names = "\t".join(self.env.setting.contract.action_joint_names)  # as dm_control names actuators
+        return specs.BoundedArray(space.shape, np.float32, space.low, space.high, name=names)
+
+    def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, Array]:
+        """What the policy observes, term by term."""
+        del physics
+        parts = np.split(self._observation, list(self._ends.values())[:-1])
+        return OrderedDict((name, part.copy()) for name, part in zip(self._ends, parts, strict=True))
+
+    def get_reward(self, physics: RobotPhysics) -> float:
+        """The reward of the latest step."""
+        del physics
+        return self._reward
+
+    def get_termination(self, physics: RobotPhysics) -> float | None:
+        """The last step's discount; None while the episode goes on."""
+        del physics
+        return self._discount

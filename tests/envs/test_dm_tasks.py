@@ -1,0 +1,157 @@
+"""The tasks through `dm_control`, against the Gymnasium environments that they are."""
+
+from __future__ import annotations
+
+import builtins
+import sys
+import unittest
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.envs import dm
+from humanoid_sim.envs.policy_env import PolicyEnv
+from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.robots.description import load_robot
+
+dm_env = pytest.importorskip("dm_env")
+control = pytest.importorskip("dm_control.rl.control")
+test_utils = pytest.importorskip("dm_env.test_utils")
+
+ROBOTS = {"lite_tracking": load_robot("lite"), "biped_velocity": load_robot("lite_biped")}
+
+
+def load(name: str, **options: Any) -> Any:
+    return dm.load(name, robot=ROBOTS[name], **options)
+
+
+def flat(step: Any) -> Any:
+    return np.concatenate(list(step.observation.values()))
+
+
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_episodes_are_those_of_the_gymnasium_environment(name: str) -> None:
+    ours = load(name, seed=3)
+    theirs = gymnasium.make(dm.NAMES[name], robot=ROBOTS[name])
+    single: Any = theirs.unwrapped
+    assert isinstance(single, PolicyEnv)
+    observation, _ = theirs.reset(seed=3)
+    np.testing.assert_array_equal(flat(ours.reset()), observation)
+    theirs.action_space.seed(0)
+    for _ in range(12):
+        action = 0.5 * theirs.action_space.sample()
+        step = ours.step(action)
+        observation, reward, terminated, truncated, _ = theirs.step(action)
+        np.testing.assert_array_equal(flat(step), observation)
+        assert step.reward == reward
+        assert step.last() == (terminated or truncated)
+        np.testing.assert_array_equal(ours.physics.data.qpos, single.robot.qpos)
+        if step.last():
+            observation, _ = theirs.reset()
+            step = ours.step(action)  # which starts the next episode
+            assert step.first()
+            assert step.reward is None
+            np.testing.assert_array_equal(flat(step), observation)
+    theirs.close()
+
+
+def test_a_term_is_an_entry_in_the_policy_s_order() -> None:
+    ours = load("lite_tracking")
+    names = [term.name for term in ours.task.env.setting.contract.terms]
+    assert list(ours.reset().observation) == names
+    assert list(ours.observation_spec()) == names
+    whole = load("lite_tracking", seed=1, flat_observation=True).reset().observation["observations"]
+    np.testing.assert_array_equal(whole, flat(load("lite_tracking", seed=1).reset()))
+
+
+def test_how_episodes_end() -> None:
+    failing = load("lite_tracking", seed=0)
+    failing.reset()
+    step = failing.step(np.full(14, np.nan))
+    assert step.last()
+    assert (step.reward, step.discount) == (0.0, 0.0)
+
+    timed = load("lite_tracking", seed=0, time_limit=0.06)
+    timed.reset()
+    steps = [timed.step(np.zeros(14)) for _ in range(3)]
+    assert [step.last() for step in steps] == [False, False, True]
+    assert [step.discount for step in steps] == [1.0, 1.0, 1.0]
+
+    balancing = load("lite_tracking", seed=0, task="balance", episode_seconds=0.04)
+    balancing.reset()
+    assert balancing.step(np.zeros(14)).discount == 1.0
+    step = balancing.step(np.zeros(14))
+    assert step.last()
+    assert step.discount == 1.0
+
+
+def test_the_action_is_named_and_bounded() -> None:
+    ours = load("biped_velocity")
+    spec = ours.action_spec()
+    assert spec.name.split("\t") == list(ours.task.env.setting.contract.action_joint_names)
+    np.testing.assert_array_equal(spec.minimum, ours.task.env.action_space.low)
+    np.testing.assert_array_equal(spec.maximum, ours.task.env.action_space.high)
+    assert ours.control_timestep() == pytest.approx(0.02)
+
+
+class TestContract(test_utils.EnvironmentTestMixin, unittest.TestCase):  # type: ignore[misc]
+    """`dm_env`'s own checks of an environment."""
+
+    def make_object_under_test(self) -> Any:
+        return load("lite_tracking", seed=0, episode_seconds=0.1, task="balance")
+
+    def make_action_sequence(self) -> Iterator[Any]:
+        spec = self.environment.action_spec()
+        generator = np.random.default_rng(0)
+        for _ in range(20):
+            yield generator.uniform(0.1 * spec.minimum, 0.1 * spec.maximum).astype(np.float32)
+
+
+def test_the_physics_is_the_robot_s_own_and_can_be_copied() -> None:
+    ours = load("lite_tracking", seed=0)
+    ours.reset()
+    copied = ours.physics.copy()
+    before = copied.data.qpos.copy()
+    ours.step(np.ones(14))
+    np.testing.assert_array_equal(copied.data.qpos, before)
+    assert np.abs(ours.physics.data.qpos - before).max() > 1e-3
+    np.testing.assert_array_equal(ours.physics.named.data.qpos["left_elbow_pitch"], ours.task.env.robot.qpos[3])
+    assert ours.physics.time() == pytest.approx(0.02)
+
+
+def test_the_viewer_s_loop_runs_it() -> None:
+    """What `dm_control.viewer.launch` does in its window: resets, steps, and mouse perturbations between them."""
+    runtime_module = pytest.importorskip("dm_control.viewer.runtime")
+    ours = load("lite_tracking", seed=0)
+    runtime = runtime_module.Runtime(ours, lambda _: np.zeros(14, dtype=np.float32))
+    errors: list[str] = []
+    runtime.on_error += errors.append
+    for tick in range(5):
+        hand = ours.physics.model.name2id("left_hand", "body")
+        ours.physics.data.xfrc_applied[hand, 2] = 20.0 if tick == 2 else 0.0
+        with ours.physics.check_invalid_state():
+            runtime.tick(0.02, paused=False)
+    assert errors == []
+    assert runtime.get_time() == pytest.approx(0.1, abs=0.03)
+    runtime.stop()
+
+
+def test_unknown_names_and_a_missing_package_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="unknown dm_env task 'piano'; known: lite_tracking, biped_velocity, policy"):
+        dm.load("piano")
+    real = builtins.__import__
+
+    def missing(name: str, *rest: Any) -> Any:
+        if name.startswith("dm_control"):
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    for module in [name for name in sys.modules if name.startswith("humanoid_sim.envs.dm.")]:
+        monkeypatch.delitem(sys.modules, module)
+    with pytest.raises(MissingPackageError, match=r"pip install 'humanoid_sim\[dm\]'"):
+        dm.load("lite_tracking")
