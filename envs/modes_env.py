@@ -19,7 +19,7 @@ from humanoid_sim.envs.inputs import Named, read_policy, velocity_option
 from humanoid_sim.envs.modes_spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
 from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickInput, TickOutput
+from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
@@ -133,7 +133,9 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         self._memory, self._steps = self.supervisor.initial(), 0
         self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time)
         state, safety = self._read()
-        info = {"controller": self._memory.controller, "status": self._memory.status_message, "time": 0.0}
+        mode = ControlMode(Mode.ZERO_TORQUE, self._memory.controller, self._memory.status_message)
+        self._show(TickInput(state, safety), TickOutput(MITCommand.zeros(len(self.robot.joints)), mode))
+        info = {"controller": mode.controller_name, "status": mode.status_message, "time": 0.0}
         return self._observe(state, None, safety), info | {"refusals": (), "faults": ()}
 
     def step(self, action: Any) -> Step:

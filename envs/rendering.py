@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from time import perf_counter, sleep
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -70,7 +71,9 @@ class Pictures:
 
 
 class Window:
-    """`human`: MuJoCo's own window, shown in real time."""
+    """`human`: MuJoCo's own window, shown in real time. MuJoCo crashes on a second one in the same process."""
+
+    _latest: ClassVar[NativeViewerSink | None] = None
 
     def __init__(self, description: RobotDescription, period: float) -> None:
         """Open the window.
@@ -80,8 +83,10 @@ class Window:
             period: s between two poses that are shown.
 
         Raises:
-            InputError: no window can be opened here.
+            InputError: no window can be opened here, or another one is open.
         """
+        if Window._latest is not None and not Window._latest.closed:
+            raise InputError("render_mode: human is shown by another environment of this process; close that one first")
         self._period = period
         self._shown = 0
         self._due = perf_counter()
@@ -90,6 +95,7 @@ class Window:
         except InputError as error:
             reason = str(error).partition(";")[0].removeprefix("viewer native: ")
             raise InputError(f"render_mode: human cannot be shown here: {reason}; use rgb_array instead") from None
+        Window._latest = self._viewer
         self._viewer.start(SessionHeader(description.name, description.joint_names, period, 0))
 
     def show(self, tick: TickInput, output: TickOutput, qpos: FloatArray) -> None:

@@ -294,12 +294,26 @@ def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
 @pytest.mark.parametrize("name", ["LiteTracking-v0", "LiteModes-v0"])
-def test_gymnasium_s_checker_with_every_render_mode(name: str) -> None:
-    script = (
-        "import gymnasium, humanoid_sim\nfrom gymnasium.utils.env_checker import check_env\n"
-        f"env = gymnasium.make('humanoid_sim/{name}', render_mode='human')\n"
-        "check_env(env.unwrapped)\nenv.close()\nprint('checked')"
-    )
-    command = ["xvfb-run", "-a", sys.executable, "-c", script]
+def test_windows_open_one_at_a_time_and_gymnasium_s_checker_sees_every_render_mode(name: str) -> None:
+    script = f"""
+import gymnasium, humanoid_sim
+from gymnasium.utils.env_checker import check_env
+from humanoid_sim.errors import InputError
+check_env(gymnasium.make("humanoid_sim/{name}").unwrapped)
+first, second = (gymnasium.make("humanoid_sim/{name}", render_mode="human") for _ in range(2))
+first.reset()
+for _ in range(5):
+    first.step(first.action_space.sample())
+try:
+    second.reset()
+except InputError as error:
+    print(error)
+first.close()
+second.reset()
+second.close()
+print("closed")
+"""
+    command = ["xvfb-run", "-a", sys.executable, "-W", "ignore", "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.stdout == "checked\n", done.stderr
+    expected = "render_mode: human is shown by another environment of this process; close that one first\nclosed\n"
+    assert done.stdout == expected, done.stderr
