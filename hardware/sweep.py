@@ -84,7 +84,8 @@ def evaluate(
     offset = 0.5 * ((sweep.lowest - joint.lower) + (sweep.highest - joint.upper))
     nearest = math.remainder(offset, 2.0 * math.pi)
     lowest, highest = sweep.lowest + nearest - offset, sweep.highest + nearest - offset
-    if not any_offset and min(highest, joint.upper) - max(lowest, joint.lower) <= _TOUCH:
+    overlap = min(highest, joint.upper) - max(lowest, joint.lower)
+    if not any_offset and overlap <= min(_TOUCH, 0.5 * width):
         return SweepResult(Verdict.FLIPPED, width, None)
     if abs(width - (joint.upper - joint.lower)) > tolerance:
         return SweepResult(Verdict.INCOMPLETE, width, None)

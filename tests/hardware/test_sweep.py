@@ -52,6 +52,11 @@ def test_a_flipped_direction_is_found_where_the_joint_cannot_be() -> None:
     assert result.width == pytest.approx(2.34)
 
 
+def test_a_short_sweep_within_the_limits_is_not_flipped() -> None:
+    result = evaluate(_ELBOW, -1, Sweep(-0.12, -0.1), threshold=0.0, tolerance=0.2, any_offset=False)
+    assert result.verdict is Verdict.INCOMPLETE
+
+
 def test_a_symmetric_joint_does_not_show_its_direction() -> None:
     flipped = Sweep().with_angle(-1.5708).with_angle(1.5708)
     assert _verdict(_YAW, -1, flipped).verdict is Verdict.GOOD
