@@ -92,7 +92,7 @@ class RobstrideRobot:
         self._link: Link | None = None
         self._uids: Mapping[int, bytes] = {}
         self._checks = CheckList()
-        self._is_closed = False
+        self._is_closing = self._is_closed = False
         zeros = np.zeros(self._settings.wiring.count)
         self._damped = MITCommand(zeros, zeros, zeros, zeros, self._settings.damping)
         self._begin("not activated")
@@ -133,7 +133,7 @@ class RobstrideRobot:
 
     @property
     def is_closed(self) -> bool:
-        """Whether `close` was called."""
+        """Whether `close` has done all it does: before that, there may be motors to protect."""
         return self._is_closed
 
     @property
@@ -183,7 +183,7 @@ class RobstrideRobot:
         self._is_enabled = True
 
     def _prepare(self) -> tuple[Link, Prepared]:
-        if self._is_closed:
+        if self._is_closing:
             raise RobotError(f"{self._settings.name}: the robot is closed")
         self._begin("not enabled")
         self._checks = CheckList()
@@ -278,7 +278,7 @@ class RobstrideRobot:
         name, n = self._settings.name, self._settings.wiring.count
         if command.position.shape != (n,):
             raise RobotError(f"{name}: command has shape {command.position.shape}, expected ({n},)")
-        if self._is_closed:
+        if self._is_closing:
             raise RobotError(f"{name}: the robot is closed")
         self._write(command)
 
@@ -305,9 +305,9 @@ class RobstrideRobot:
         Raises:
             RobotError: a motor did not confirm that it is disabled; everything else is done all the same.
         """
-        if self._is_closed:
+        if self._is_closing:
             return
-        self._is_closed = True
+        self._is_closing = True
         link = self._link
         left: tuple[int, ...] = ()
         try:
@@ -326,6 +326,7 @@ class RobstrideRobot:
             if self._imu is not None:
                 self._imu.close()
             self._locks.release()
+            self._is_closed = True
         if left and link is not None:
             raise RobotError(unconfirmed(self._settings, link, left))
 

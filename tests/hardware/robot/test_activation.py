@@ -1,0 +1,501 @@
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+
+import can
+import numpy as np
+import pytest
+from scripted_motors import ScriptedMotor, ScriptedMotors
+from waiting import wait_until
+
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.opening import open_bus
+from humanoid_sim.hardware.imu.interface import ImuReading, upright_at_rest
+from humanoid_sim.hardware.robot.checks import Verdict
+from humanoid_sim.hardware.robot.robot import RobstrideRobot
+from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.faults import MotorMode, StatusFault
+from humanoid_sim.hardware.robstride.messages import (
+    Command,
+    Enable,
+    GetDeviceId,
+    OperationControl,
+    ReadParameter,
+    ReadVersion,
+    SetActiveReport,
+    Stop,
+    WriteParameter,
+)
+from humanoid_sim.hardware.robstride.models import MODELS
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, unpack_value
+from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel
+from humanoid_sim.robots.schema import RobotDescription
+
+MakeRobot = Callable[..., RobstrideRobot]
+
+
+def _refusal(robot: RobstrideRobot) -> list[str]:
+    """The problems of an activation that must be refused; no motor may have been enabled."""
+    with pytest.raises(RobotError) as caught:
+        robot.activate()
+    head, *problems = str(caught.value).split("\n  - ")
+    assert head == f"pair: not enabled, {len(problems)} problem{'s' if len(problems) > 1 else ''}:"
+    assert not robot.is_enabled
+    return problems
+
+
+def _warnings(robot: RobstrideRobot) -> list[str]:
+    return [str(check) for check in robot.checks if check.verdict is Verdict.WARNING]
+
+
+def _parameter(motor: ScriptedMotor, name: str) -> float:
+    parameter = PARAMETERS[name]
+    return unpack_value(parameter.type, motor.parameters[parameter.index])
+
+
+def _wrote(motor: ScriptedMotor) -> bool:
+    """Whether the motor was told anything but to identify itself."""
+    return any(not isinstance(command, GetDeviceId | ReadVersion) for command in motor.heard)
+
+
+# --- what is right
+
+
+def test_sound_motors_are_configured_and_enabled_without_torque(
+    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    robot.activate()
+    assert robot.is_enabled
+    assert [left.mode, right.mode] == [MotorMode.RUN, MotorMode.RUN]
+    assert _parameter(left, "run_mode") == 0
+    assert [_parameter(left, "canTimeout"), _parameter(right, "canTimeout")] == [2000, 2000]
+    assert [_parameter(left, "limit_torque"), _parameter(right, "limit_torque")] == [17.0, 10.0]
+    assert _parameter(left, "limit_cur") == 23.0
+    assert not any(isinstance(c, WriteParameter) and c.index == 0x7018 for c in right.heard), "0 leaves the firmware's"
+    for motor in (left, right):
+        kinds = [type(command) for command in motor.heard if not isinstance(command, ReadParameter | WriteParameter)]
+        assert kinds[-3:] == [OperationControl, Enable, OperationControl]
+        for command in motor.commands:
+            assert (command.effort, command.stiffness, command.damping) == (0.0, 0.0, 0.0)
+            assert command.position == pytest.approx(motor.position, abs=4e-4)
+    state, statuses = robot.read()
+    assert state.joint_position.tolist() == pytest.approx([-0.25, 0.5], abs=4e-4)
+    assert [status.source for status in statuses] == [str(address) for address in robot._settings.addresses]
+    assert all(status.is_ok for status in statuses)
+
+
+def test_the_list_says_what_was_verified(robot: RobstrideRobot) -> None:
+    robot.activate()
+    lines = {check.subject: str(check) for check in robot.checks}
+    assert "motor 11 on virtual:left-" in lines["left"]
+    for part in (
+        "rs-02, firmware 0.2.3.9, uid 0102030405060708",
+        "canTimeout 2000, stops 100 ms after the last command",
+        "limit_torque 17 N·m",
+        "at -0.250 rad",
+    ):
+        assert part in lines["left"]
+    assert all(check.passed for check in robot.checks)
+    assert not _warnings(robot)
+    assert any("supply 48.0 to 48.0 V" in line for line in lines.values())
+
+
+def test_preparing_does_everything_but_enabling(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    robot.prepare()
+    assert not robot.is_enabled
+    assert left.mode is MotorMode.RESET
+    assert _parameter(left, "canTimeout") == 2000
+    assert not any(isinstance(command, Enable | OperationControl) for command in left.heard)
+    state, statuses = robot.read()
+    assert state.joint_position[0] == pytest.approx(-0.25, abs=4e-4)
+    assert [(status.level, status.flags) for status in statuses] == [(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT)] * 2
+
+
+def test_a_dry_run_never_enables(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+    robot = make_robot(dry_run=True)
+    with pytest.raises(RobotError, match="this is a dry run"):
+        robot.activate()
+    assert _parameter(left, "canTimeout") == 2000
+    assert left.reports
+    robot.close()
+    assert not any(isinstance(command, Enable) for command in left.heard)
+    assert wait_until(lambda: not left.reports), "and leaves nobody talking"
+
+
+def test_lost_frames_are_asked_for_again(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    seen: dict[type, int] = {}
+
+    def every_second(command: Command) -> bool:
+        seen[type(command)] = seen.get(type(command), 0) + 1
+        return isinstance(command, WriteParameter) or seen[type(command)] % 2 == 0
+
+    left.hears = every_second
+    robot.activate()
+    assert robot.is_enabled
+    assert seen[Enable] == 2
+
+
+def test_reports_are_switched_on_where_they_help(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+    make_robot().prepare()
+    assert left.reports
+    assert _parameter(left, "EPScan_time") == 1
+
+
+def test_reports_are_left_off_where_answers_come_as_often(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+    robot = make_robot(control_period=0.005)
+    robot.prepare()
+    assert not left.reports
+    assert any("no active reports: commands are answered as often" in str(check) for check in robot.checks)
+
+
+def test_a_motor_that_does_not_report_is_mentioned(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.hears = lambda command: not isinstance(command, SetActiveReport)
+    robot.activate()
+    assert _warnings(robot) == ["warning: left: sends no active reports: its state is a control period old"]
+
+
+# --- who is there
+
+
+def test_a_missing_motor_keeps_every_motor_from_being_touched(
+    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor, channels: tuple[BusAddress, BusAddress]
+) -> None:
+    right.is_silent = True
+    assert _refusal(robot) == [f"right: motor 21 does not answer on {channels[1]}"]
+    assert not any(isinstance(command, WriteParameter | Enable) for command in left.heard)
+
+
+def test_everything_that_is_wrong_is_said_at_once(
+    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    left.is_silent = right.is_silent = True
+    assert len(_refusal(robot)) == 2
+
+
+def test_swapped_channels_are_recognised(
+    channels: tuple[BusAddress, BusAddress], description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    with ScriptedMotors([(channels[0], [right]), (channels[1], [left])]):
+        robot = RobstrideRobot(description, channels, calibration={"left": 0.0, "right": 0.0})
+        problems = _refusal(robot)
+        robot.close()
+    assert problems == [
+        f"left: motor 11 does not answer on {channels[0]}; {channels[1]} has a motor 11: are the channels swapped?",
+        f"right: motor 21 does not answer on {channels[1]}; {channels[0]} has a motor 21: are the channels swapped?",
+    ]
+
+
+@pytest.mark.parametrize("where", [0, 1])
+def test_a_second_motor_with_an_expected_id_is_refused(
+    where: int, robot: RobstrideRobot, channels: tuple[BusAddress, BusAddress], left: ScriptedMotor
+) -> None:
+    twin = ScriptedMotor(11, uid=b"the twin")
+    with ScriptedMotors([(channels[where], [twin])]):
+        (problem,) = _refusal(robot)
+    if where == 0:
+        assert problem.startswith(f"left: 2 motors answer as 11 on {channels[0]} (uid 0102030405060708 and 746865")
+    else:
+        assert problem == f"left: a second motor 11 answers on {channels[1]}"
+    assert not _wrote(left) or {type(c) for c in left.heard} <= {GetDeviceId, ReadVersion, Stop}
+
+
+def test_a_motor_that_is_no_joint_is_left_alone(robot: RobstrideRobot, channels: tuple[BusAddress, BusAddress]) -> None:
+    stranger = ScriptedMotor(0x7F, uid=b"new one!")
+    with ScriptedMotors([(channels[0], [stranger])]):
+        robot.activate()
+    assert _warnings(robot) == [f"warning: {channels[0]}: motor 127 is no joint of this robot; it is left alone"]
+    assert not _wrote(stranger)
+
+
+@pytest.mark.parametrize(
+    ("version", "says"),
+    [
+        ((0, 0, 3, 9), "its firmware 0.0.3.9 is an rs-00's, the robot description has an rs-02 here"),
+        ((0, 2, 3, 5), "its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it"),
+    ],
+)
+def test_firmware_that_would_scale_wrongly_is_refused(
+    version: tuple[int, int, int, int], says: str, robot: RobstrideRobot, left: ScriptedMotor
+) -> None:
+    left.version = version
+    assert _refusal(robot) == [f"left: {says}"]
+
+
+def test_firmware_with_the_old_position_range_is_mentioned(robot: RobstrideRobot, right: ScriptedMotor) -> None:
+    right.version = (0, 0, 2, 6)
+    robot.activate()
+    assert any("counts ±12.5 rad where frames are read as ±12.566" in line for line in _warnings(robot))
+
+
+def test_a_motor_without_a_version_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.has_version = False
+    (problem,) = _refusal(robot)
+    assert problem.startswith("left: does not tell its firmware's version")
+
+
+def test_another_master_is_left_alone(
+    robot: RobstrideRobot,
+    motors: ScriptedMotors,
+    left: ScriptedMotor,
+    right: ScriptedMotor,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("humanoid_sim.hardware.robot.activation._LISTENING", 0.05)
+    frame = encode_command(OperationControl(11, 0.0, 0.0, 0.0, 10.0, 1.0), MODELS["rs-02"])
+    timer = threading.Timer(0.02, ScriptedMotors.send_frame, [motors.buses[0], frame])
+    timer.start()
+    (problem,) = _refusal(robot)
+    timer.join()
+    assert problem.endswith("another master drives these motors: another host sends 'operation control' to motor 11")
+    assert left.heard == []
+    assert right.heard == [], "its arms would fall"
+
+
+# --- are they sound, and what are they told
+
+
+@pytest.mark.parametrize("name", ["canTimeout", "run_mode", "limit_torque"])
+def test_what_must_hold_and_cannot_be_verified_is_refused(
+    name: str, robot: RobstrideRobot, left: ScriptedMotor
+) -> None:
+    left.unreadable.add(name)
+    assert _refusal(robot) == [f"left: {name} cannot be verified (refused)"]
+    assert left.mode is MotorMode.RESET
+
+
+def test_a_can_timeout_that_does_not_stick_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.unwritable.add("canTimeout")
+    assert _refusal(robot) == ["left: canTimeout reads 0 after 2000 was written"]
+
+
+def test_more_torque_than_was_allowed_is_refused(robot: RobstrideRobot, right: ScriptedMotor) -> None:
+    right.unwritable.add("limit_torque")
+    assert _refusal(robot) == ["right: limit_torque reads 14 N·m after 10 was written"]
+
+
+def test_less_than_was_allowed_is_mentioned(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.limits = {"limit_torque": 12.0}
+    left.unreadable.add("limit_cur")
+    robot.activate()
+    assert _warnings(robot) == [
+        "warning: left: limit_torque reads 12 N·m: the motor allows no 17",
+        "warning: left: limit_cur cannot be verified (refused)",
+    ]
+
+
+def test_the_fault_of_a_motor_is_cleared_and_told(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.faults = StatusFault.STALL_OVERLOAD
+    robot.activate()
+    assert _warnings(robot) == ["warning: left: had faults, cleared: mode reset, stall_overload"]
+    assert Stop(11, True) in left.heard
+    assert robot.read()[1][0].is_ok
+
+
+def test_a_fault_that_does_not_clear_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.faults, left.clears_faults = StatusFault.UNDERVOLTAGE, False
+    assert _refusal(robot) == ["left: faults do not clear (mode reset, undervoltage)"]
+
+
+def test_a_fault_that_no_status_shows_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.parameters[0x3022] = (1 << 3).to_bytes(4, "little")
+    assert _refusal(robot) == ["left: reports overvoltage also after its faults were cleared"]
+
+
+def test_a_motor_that_does_not_stop_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.mode, left.stops = MotorMode.RUN, False
+    assert "left: does not confirm that it is stopped (mode run)" in _refusal(robot)
+    left.stops = True
+
+
+def test_a_motor_that_does_not_enable_takes_the_others_down_again(
+    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    left.enables = False
+    assert _refusal(robot) == ["left: was not enabled (mode reset)"]
+    assert right.mode is MotorMode.RESET
+    assert any(isinstance(command, Enable) for command in right.heard)
+
+
+def test_a_motor_that_reports_a_fault_as_it_is_enabled_is_refused(
+    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    def fails(command: Command) -> bool:
+        left.faults = StatusFault.PHASE_OVERCURRENT if isinstance(command, Enable) else left.faults
+        return True
+
+    left.hears = fails
+    assert _refusal(robot) == ["left: was not enabled (mode run, phase_overcurrent)"]
+    assert [left.mode, right.mode] == [MotorMode.RESET, MotorMode.RESET]
+
+
+# --- where are they
+
+
+def test_a_turn_at_power_on_is_counted(robot: RobstrideRobot, right: ScriptedMotor) -> None:
+    right.position = 2.0 * math.pi - 0.1
+    robot.activate()
+    assert robot.read()[0].joint_position[1] == pytest.approx(-0.1, abs=4e-4)
+    assert any("at -0.100 rad (-1 turn)" in str(check) for check in robot.checks)
+    assert right.commands[-1].position == pytest.approx(2.0 * math.pi - 0.1, abs=4e-4), "in the motor's own count"
+
+
+def test_the_calibration_is_applied(make_robot: MakeRobot) -> None:
+    robot = make_robot({"left": 0.75, "right": 0.25})
+    robot.activate()
+    assert robot.read()[0].joint_position.tolist() == pytest.approx([0.5, 0.25], abs=4e-4)
+
+
+def test_a_joint_outside_its_range_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.position = -2.5
+    (problem,) = _refusal(robot)
+    assert problem.startswith("left: is at 2.50 rad, outside its range of -1.5 to 1 rad on any turn")
+
+
+def test_a_motor_that_turned_beyond_its_report_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.counted = left.position + 8.0 * math.pi
+    (problem,) = _refusal(robot)
+    assert problem.startswith("left: counts 25.38 rad by itself and reports 0.25")
+
+
+# --- again, and together
+
+
+def test_activating_again_begins_afresh(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    robot.activate()
+    left.mode = MotorMode.RESET
+    left.faults = StatusFault.ENCODER_FAULT
+    left.position = 0.5
+    assert wait_until(lambda: not robot.read()[1][0].is_ok)
+    robot.activate()
+    state, statuses = robot.read()
+    assert all(status.is_ok for status in statuses)
+    assert left.mode is MotorMode.RUN
+    assert state.joint_position[0] == pytest.approx(-0.5, abs=4e-4)
+
+
+def test_a_motor_exchanged_between_two_activations_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    robot.activate()
+    left.uid = b"another!"
+    (problem,) = _refusal(robot)
+    assert problem.startswith("left: its motor was exchanged (id 11 on virtual:left-")
+
+
+def test_a_refused_reactivation_leaves_a_robot_that_can_be_read(
+    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    robot.activate()
+    left.is_silent = True
+    assert len(_refusal(robot)) == 1
+    state, statuses = robot.read()
+    assert [status.level for status in statuses] == [SafetyLevel.FAULT] * 2
+    assert all("not enabled, 1 problem" in status.message for status in statuses)
+    assert state.joint_count == 2
+    assert right.mode is MotorMode.RESET
+
+
+def test_a_second_session_is_refused_until_the_first_is_closed(make_robot: MakeRobot) -> None:
+    first, second = make_robot(), make_robot()
+    first.prepare()
+    problems = _refusal(second)
+    assert len(problems) == 2
+    assert all("is in use by another session (process" in problem for problem in problems)
+    first.close()
+    second.prepare()
+
+
+def test_channels_that_cannot_be_opened_are_listed(make_robot: MakeRobot) -> None:
+    def refuse(address: BusAddress) -> can.BusABC:
+        raise RobotError(f"{address}: cannot be opened: it is unplugged")
+
+    robot = make_robot(open_bus=refuse)
+    problems = _refusal(robot)
+    assert [problem.partition(": ")[2] for problem in problems] == ["cannot be opened: it is unplugged"] * 2
+    state, statuses = robot.read()
+    assert [status.flags for status in statuses] == [SafetyFlag.BUS_OFF] * 2
+    assert np.isnan(state.joint_position).all()
+
+
+def test_one_channel_that_cannot_be_opened_closes_the_other(
+    make_robot: MakeRobot, channels: tuple[BusAddress, BusAddress]
+) -> None:
+    def refuse(address: BusAddress) -> can.BusABC:
+        if address == channels[1]:
+            raise RobotError(f"{address}: cannot be opened: it is unplugged")
+        return open_bus(address)
+
+    robot = make_robot(open_bus=refuse)
+    assert _refusal(robot) == [f"{channels[1]}: cannot be opened: it is unplugged"]
+    assert not any(thread.name.startswith(str(channels[0])) for thread in threading.enumerate())
+
+
+class _Imu:
+    def __init__(self, problem: str = "") -> None:
+        self.problem, self.calls = problem, list[str]()
+
+    def open(self) -> None:
+        self.calls.append("open")
+        if self.problem:
+            raise RobotError(self.problem)
+
+    def read(self, time: float) -> ImuReading:
+        return upright_at_rest(OK)
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+
+def test_an_imu_that_is_missing_is_a_problem_like_others(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+    robot = make_robot(imu=_Imu("/dev/ttyACM3 does not exist"))
+    assert _refusal(robot) == ["imu: /dev/ttyACM3 does not exist"]
+    assert left.heard == []
+
+
+def test_the_imu_is_opened_read_and_closed(make_robot: MakeRobot) -> None:
+    imu = _Imu()
+    robot = make_robot(imu=imu)
+    robot.activate()
+    state, statuses = robot.read()
+    assert len(statuses) == 3
+    assert state.imu_quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+    robot.close()
+    assert imu.calls[-2:] == ["open", "close"]
+
+
+def test_an_interrupted_activation_stops_the_motors(
+    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(requests: object, position: object, checks: object) -> None:
+        left.mode = right.mode = MotorMode.RUN
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("humanoid_sim.hardware.robot.robot.enable_motors", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        robot.activate()
+    assert [left.mode, right.mode] == [MotorMode.RESET, MotorMode.RESET]
+    assert not robot.is_enabled
+
+
+# --- what cannot be
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"host_id": 0x7F}, "host id: is 127, expected 128 to 255"),
+        ({"can_timeout": 0.02}, "CAN timeout: is 0.02 s, expected more than the control period of 0.02 s"),
+        ({"can_timeout": 6.0}, "and at most 5 s"),
+        ({"can_timeout": 0.0}, "execute their last command for ever"),
+        ({"can_timeout": float("nan")}, "CAN timeout: is nan s"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(options: dict[str, float], says: str, make_robot: MakeRobot) -> None:
+    with pytest.raises(InputError, match=says):
+        make_robot(**options)
+
+
+def test_a_channel_named_twice_is_refused(description: RobotDescription) -> None:
+    with pytest.raises(InputError, match="a channel is named twice"):
+        RobstrideRobot(description, ["virtual:a", "virtual:a"], calibration={"left": 0.0, "right": 0.0})

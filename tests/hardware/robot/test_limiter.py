@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+
+from humanoid_sim.hardware.robot.limiter import CommandEncoder, bounded_position
+from humanoid_sim.hardware.robot.table import Readings
+from humanoid_sim.hardware.robot.tracker import JointTracker
+from humanoid_sim.hardware.robot.wiring import make_wiring
+from humanoid_sim.hardware.robstride.commands import decode_command
+from humanoid_sim.hardware.robstride.messages import OperationControl
+from humanoid_sim.hardware.robstride.models import MODELS, POSITION_RANGE
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.schema import RobotDescription
+
+
+def _command(
+    position: ArrayLike,
+    velocity: ArrayLike = 0.0,
+    effort: ArrayLike = 0.0,
+    stiffness: ArrayLike = 50.0,
+    damping: ArrayLike = 2.0,
+) -> MITCommand:
+    n = np.atleast_1d(position).shape[0]
+    return MITCommand(*(np.broadcast_to(value, n) for value in (position, velocity, effort, stiffness, damping)))
+
+
+def _bounded(
+    command: MITCommand, position: float, velocity: float = 0.0, limit: float = 10.0, lead: float = 0.0
+) -> float:
+    arrays = (np.array([value]) for value in (position, velocity, limit))
+    return float(bounded_position(command, *arrays, lead)[0])
+
+
+def test_a_command_within_the_limit_is_left_alone() -> None:
+    assert _bounded(_command([0.19]), 0.0) == 0.19
+
+
+def test_a_spring_beyond_the_limit_is_shortened_to_it() -> None:
+    assert _bounded(_command([1.0]), 0.0) == pytest.approx(0.2)
+    assert _bounded(_command([-1.0]), 0.3) == pytest.approx(0.1)
+
+
+def test_feed_forward_and_damping_take_their_share() -> None:
+    assert _bounded(_command([1.0], effort=4.0), 0.0) == pytest.approx(0.12)
+    assert _bounded(_command([1.0]), 0.0, velocity=2.0) == pytest.approx(0.28)
+
+
+def test_a_joint_on_its_way_keeps_room_for_its_motion() -> None:
+    assert _bounded(_command([1.0], damping=0.0), 0.0, velocity=2.0, lead=0.04) == pytest.approx(0.2 + 0.08)
+
+
+def test_the_spring_is_taken_out_but_never_turned_round() -> None:
+    assert _bounded(_command([1.0], effort=10.0, velocity=5.0), 0.0) == pytest.approx(0.0)
+    assert _bounded(_command([0.0], effort=10.0, velocity=5.0), 0.0) == 0.0
+
+
+def test_without_a_position_or_a_spring_there_is_no_bound() -> None:
+    assert _bounded(_command([1.0]), float("nan")) == 1.0
+    assert _bounded(_command([1.0], stiffness=0.0), 0.0) == 1.0
+
+
+_small = st.floats(-20.0, 20.0)
+
+
+@given(_small, _small, _small, st.floats(0.0, 500.0), st.floats(0.0, 5.0), _small, _small, st.floats(0.5, 20.0))
+def test_the_law_stays_within_the_limit_wherever_the_spring_can_do_it(
+    position: float,
+    velocity: float,
+    effort: float,
+    stiffness: float,
+    damping: float,
+    joint: float,
+    joint_velocity: float,
+    limit: float,
+) -> None:
+    effort = float(np.clip(effort, -limit, limit))
+    command = _command([position], velocity, effort, stiffness, damping)
+    bounded = _bounded(command, joint, joint_velocity, limit)
+    rest = damping * (velocity - joint_velocity) + effort
+    before, after = stiffness * (position - joint), stiffness * (bounded - joint)
+    assert abs(after) <= abs(before) + 1e-6
+    assert before * after >= -1e-6
+    assert abs(after + rest) <= max(limit, abs(rest)) + 1e-6
+
+
+def _encoder(description: RobotDescription) -> tuple[CommandEncoder, JointTracker]:
+    wiring = make_wiring(description, 2, {"left": 0.5, "right": 0.0})
+    tracker = JointTracker(wiring, np.array([0.0, 1.0]))
+    return CommandEncoder(wiring, 2, 0.04), tracker
+
+
+def test_commands_leave_in_the_motors_frame_and_on_their_channels(description: RobotDescription) -> None:
+    encoder, tracker = _encoder(description)
+    joints = tracker.update(Readings(np.zeros(2), np.array([0.5, -6.2]), np.zeros(2), np.zeros(2), np.zeros(2)))
+    first, second = encoder.encode(
+        _command([0.1, 0.2], [1.0, 2.0], [3.0, 4.0], [20.0, 10.0], [1.0, 1.0]), joints, tracker
+    )
+    ((joint, frame),) = first
+    assert joint == 0
+    decoded = decode_command(frame, 11, MODELS["rs-02"])
+    assert isinstance(decoded, OperationControl)
+    assert decoded.position == pytest.approx(0.4, abs=4e-4)
+    assert decoded.velocity == pytest.approx(-1.0, abs=2e-3)
+    assert decoded.effort == pytest.approx(-3.0, abs=1e-3)
+    assert decoded.stiffness == pytest.approx(20.0, abs=1e-2)
+    assert decoded.damping == pytest.approx(1.0, abs=1e-4)
+    ((joint, frame),) = second
+    assert joint == 1
+    decoded = decode_command(frame, 21, MODELS["rs-00"])
+    assert isinstance(decoded, OperationControl)
+    assert decoded.position == pytest.approx(0.2 - 2.0 * np.pi, abs=4e-4), "a turn up at power-on"
+    assert decoded.velocity == pytest.approx(2.0, abs=2e-3)
+    assert encoder.saturations == {}
+    assert encoder.bounded == {}
+
+
+def test_what_does_not_fit_is_counted_by_joint_and_field(description: RobotDescription) -> None:
+    encoder, tracker = _encoder(description)
+    joints = tracker.update(Readings(np.zeros(2), np.array([0.5, -6.2]), np.zeros(2), np.zeros(2), np.zeros(2)))
+    command = _command([0.0, 30.0], [50.0, 0.0], [18.0, 0.0], [501.0, 0.0], [5.1, 0.0])
+    for _ in range(3):
+        encoder.encode(command, joints, tracker)
+    assert encoder.saturations == {
+        "left": {"velocity": 3, "effort": 3, "stiffness": 3, "damping": 3},
+        "right": {"position": 3},
+    }
+    assert POSITION_RANGE < 30.0
+
+
+def test_a_bounded_position_is_counted(description: RobotDescription) -> None:
+    encoder, tracker = _encoder(description)
+    joints = tracker.update(Readings(np.zeros(2), np.array([0.5, -6.2]), np.zeros(2), np.zeros(2), np.zeros(2)))
+    first, _ = encoder.encode(_command([-1.0, 0.1]), joints, tracker)
+    assert encoder.bounded == {"left": 1}
+    decoded = decode_command(first[0][1], 11, MODELS["rs-02"])
+    assert isinstance(decoded, OperationControl)
+    assert decoded.position == pytest.approx(0.5 + 17.0 / 50.0, abs=4e-4)
