@@ -24,6 +24,7 @@ from humanoid_sim.play.robot_parts import RobotParts
 from humanoid_sim.play.support import support_listener
 from humanoid_sim.policy.check.gains import motor_findings
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.model import build_model
 
 __all__ = ["CALIBRATION", "real_robot"]
@@ -104,7 +105,9 @@ def _homing_offsets(
 def _emulated(
     description: RobotDescription, addresses: Sequence[BusAddress], offsets: Mapping[str, float]
 ) -> VirtualMotors:
-    return VirtualMotors(description, addresses, settings=EmulationSettings(homing_offset=offsets))
+    # Real motors are not held up by whatever else runs on this computer.
+    with punctual_threads():
+        return VirtualMotors(description, addresses, settings=EmulationSettings(homing_offset=offsets))
 
 
 def _check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:

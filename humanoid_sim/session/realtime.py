@@ -20,7 +20,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["real_time"]
+__all__ = ["punctual_threads", "real_time"]
 
 _PRIORITY = 50
 """Of 1 to 99: before everything ordinary, behind the kernel's own threads for interrupts and timers."""
@@ -43,6 +43,14 @@ def real_time() -> Iterator[tuple[str, ...]]:
         )
 
 
+@contextlib.contextmanager
+def punctual_threads() -> Iterator[str]:
+    """Threads started meanwhile, by the calling one, run under SCHED_FIFO, a little behind a control loop; where it is
+    permitted, which the line that is given says."""
+    with contextlib.ExitStack() as undo:
+        yield _fifo(undo, _PRIORITY - 10)
+
+
 def _frozen_collector(undo: contextlib.ExitStack) -> str:
     gc.collect()
     gc.freeze()
@@ -56,16 +64,16 @@ def _frequent_switches(undo: contextlib.ExitStack) -> str:
     return f"threads switch every {1e3 * _SWITCH_INTERVAL:g} ms"
 
 
-def _fifo(undo: contextlib.ExitStack) -> str:
+def _fifo(undo: contextlib.ExitStack, priority: int = _PRIORITY) -> str:
     if not hasattr(os, "sched_setscheduler"):
         return "no SCHED_FIFO on this system"
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
         return f"SCHED_FIFO refused ({error.strerror}): give this user an rtprio limit of {_PRIORITY} or more"
     undo.callback(os.sched_setscheduler, 0, *before)
-    return f"SCHED_FIFO, priority {_PRIORITY}"
+    return f"SCHED_FIFO, priority {priority}"
 
 
 def _locked_memory(undo: contextlib.ExitStack) -> str:

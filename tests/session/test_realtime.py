@@ -12,7 +12,7 @@ import pytest
 from fakes import FakeRobot, FakeSink, session
 
 from humanoid_sim.session import realtime
-from humanoid_sim.session.realtime import real_time
+from humanoid_sim.session.realtime import punctual_threads, real_time
 
 
 def locked_kilobytes() -> int:
@@ -88,3 +88,15 @@ def test_a_thread_started_meanwhile_runs_as_punctually() -> None:
         thread.start()
         thread.join()
     assert (policies == [os.SCHED_FIFO]) == lines[2].startswith("SCHED_FIFO, ")
+
+
+def test_threads_may_be_made_punctual_alone() -> None:
+    policy, seen = os.sched_getscheduler(0), []
+    with punctual_threads() as line:
+        thread = threading.Thread(target=lambda: seen.append((os.sched_getscheduler(0), os.sched_getparam(0))))
+        thread.start()
+        thread.join()
+    assert os.sched_getscheduler(0) == policy
+    ((scheduler, parameters),) = seen
+    assert (scheduler == os.SCHED_FIFO) == (line == "SCHED_FIFO, priority 40")
+    assert (parameters.sched_priority == 40) == (scheduler == os.SCHED_FIFO)

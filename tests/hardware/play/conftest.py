@@ -1,0 +1,13 @@
+"""`play` on emulated motors; the quick robot and the way to run are those of the tests of `play`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+# importlib mode leaves sys.path alone.
+sys.path += [str(Path(__file__).parents[2] / "play"), str(Path(__file__).parents[2] / "policy")]
+
+from play_fixtures import folder, make_robot, quick, run
+
+__all__ = ["folder", "make_robot", "quick", "run"]

@@ -1,0 +1,224 @@
+"""`play --hardware` on emulated motors in this process: from the list of checks to the last frame."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from result import Document, Result
+
+from humanoid_sim import mode, replay
+from humanoid_sim.cli import run_program
+from humanoid_sim.hardware.emulation.faults import parse_fault
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.messages import Mode
+from humanoid_sim.play import bring_up as bring_up_module
+from humanoid_sim.play import real
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.control_socket import running_sessions
+
+Play = Callable[..., Result]
+
+HARDWARE = ("--hardware", "virtual:play", "--allow-script")
+PLACEHOLDER = ("--policy", "placeholder")
+WALK = "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.5; damp; hold 0.1"
+
+
+@pytest.mark.slow
+def test_a_walk_up_and_down_over_the_bus(run: Play, quick: str) -> None:
+    result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
+    assert (result.status, result.err) == (0, "")
+    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
+    checks = result.out.index("Checks, before anything is enabled")
+    assert checks < result.out.index("ZERO_TORQUE")
+    for name in load_robot("lite").joint_names:
+        assert checks < result.out.index(f"{name}  motor ") < result.out.index("for punctuality: garbage collector")
+    loop, hardware = result.summary["loop"], result.summary["hardware"]
+    assert loop["control_period"] == pytest.approx(0.02)  # the hardware's 50 Hz
+    assert loop["realtime"]
+    assert loop["measures"][0] == "garbage collector frozen"
+    assert sum(bar["ticks"] for bar in loop["jitter"]["histogram"]) == loop["ticks"] - 1
+    assert 0.0 < loop["budget"] < 1.0
+    assert hardware["acknowledged"] == hardware["commanded"] >= 14 * loop["ticks"]
+    assert (hardware["invalid_frames"], hardware["refused"]) == (0, 0)
+    first = result.ticks[0]
+    assert first.output.control_mode.mode is Mode.ZERO_TORQUE
+    assert np.isfinite(first.input.state.joint_position).all()  # nothing is enabled before it is heard
+    for tick in result.ticks:
+        assert (tick.input.state.joint_age < 0.1).all()
+        assert tick.input.state.imu_linear_acceleration == pytest.approx([0.0, 0.0, 9.81])
+    standing = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
+    pose = load_robot(quick).standby_controller_a.pose_segments[-1]
+    assert np.abs(standing[-1].input.state.joint_position - pose).max() < 0.1
+    assert run_program(replay.main, ["r.mcap"]) == 0
+
+
+def test_a_dry_run_enables_nothing_and_leaves_nothing(run: Play, quick: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+
+    def watched(*arguments: Any, **options: Any) -> VirtualMotors:
+        return VirtualMotors(*arguments, **options, told=lambda _, text: told.append(text))
+
+    monkeypatch.setattr(real, "VirtualMotors", watched)
+    result = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
+    assert (result.status, result.err) == (0, "")
+    assert result.out.count("\nok ") == 15  # a line for each motor, and one for the bus
+    assert "dry run: everything but enabling was done; no motor was enabled" in result.out
+    assert list(result.folder.iterdir()) == []
+    assert not [text for text in told if "enabled" in text]
+    assert run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *PLACEHOLDER).status == 0
+    assert len([text for text in told if "enabled" in text]) == 14  # so they would have told
+
+
+def test_a_problem_is_in_the_list_and_nothing_is_enabled(
+    run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lite = load_robot("lite")
+
+    def with_fault(*arguments: Any, **options: Any) -> VirtualMotors:
+        return VirtualMotors(*arguments, **options, faults=[parse_fault("silent:left_elbow_pitch", lite)])
+
+    monkeypatch.setattr(real, "VirtualMotors", with_fault)
+    result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
+    assert result.status == 2
+    assert result.err.startswith("error: lite: not enabled, 1 problem")
+    assert result.err.count("\n") == 1
+    problem = next(line for line in result.out.splitlines() if line.startswith("problem"))
+    assert "left_elbow_pitch" in problem
+    assert "ZERO_TORQUE" not in result.out
+    assert list(result.folder.iterdir()) == []
+
+
+def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
+    statuses: list[int] = []
+
+    def operator() -> None:
+        while os.getpid() not in running_sessions():
+            time.sleep(0.01)
+        time.sleep(0.5)
+        for word in ("damp", "reactivate", "quit"):
+            statuses.append(run_program(mode.main, [word]))  # noqa: PERF401 - one after the other
+
+    thread = threading.Thread(target=operator)
+    thread.start()
+    result = run("--robot", quick, "--hardware", "virtual:quiet", *PLACEHOLDER)
+    thread.join()
+    assert (result.summary["safety"], result.summary["faults"]) == ([], [])
+    assert result.status == 0
+    assert statuses == [0, 0, 0]
+    assert result.modes == ["ZERO_TORQUE", "DAMPING", "ZERO_TORQUE"]
+    assert "waits for an operator in another terminal: python -m humanoid_sim.mode damp" in result.out
+    assert "reactivated: the robot is verified and enabled afresh" in [event.text for event in result.events]
+    for tick in result.ticks:
+        command = tick.output.command
+        assert not command.stiffness.any()
+        assert not command.effort.any()
+    assert run_program(replay.main, ["r.mcap"]) == 0
+
+
+@pytest.mark.parametrize(("answer", "enables"), [("", False), ("n", False), ("yes", True)])
+def test_real_motors_are_enabled_on_a_yes_only(
+    answer: str, enables: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    prepared: list[str] = []
+
+    class Robot:
+        question = "Enable the motors of lite on can0, without torque?"
+
+        def prepare(self) -> None:
+            prepared.append("prepared")
+
+        def checks(self) -> list[tuple[str, str, str]]:
+            return [("ok", "left_elbow_pitch", "motor 14"), ("warning", "can0", "no active reports")]
+
+    config = real.PlayConfig(hardware="can0")
+    monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
+    assert bring_up_module.bring_up(Robot(), config, Console()) is enables
+    assert prepared == ["prepared"]
+    out = capsys.readouterr().out
+    assert out.index("warning can0  no active reports") < out.index("Enable the motors of lite on can0")
+
+
+def test_where_nobody_can_be_asked_a_yes_must_be_given(run: Play, quick: str, folder: Path) -> None:
+    calibration = folder / "calibration.yaml"
+    lines = [
+        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, homing_offset: 0.1}}"
+        for joint in load_robot("lite").joints
+        if joint.motor is not None
+    ]
+    calibration.write_text("\n".join(lines), encoding="utf-8")
+    result = run("--robot", quick, "--hardware", "can7", *PLACEHOLDER, record=False)
+    assert result.status == 2
+    assert result.err.startswith("error: --yes: is needed where nobody can be asked")
+    result = run("--robot", quick, "--hardware", "can7", "--yes", *PLACEHOLDER)
+    assert result.status == 2  # there is no such interface
+    assert "calibration calibration.yaml" in result.out
+    assert "can7" in next(line for line in result.out.splitlines() if line.startswith("problem"))
+
+
+def test_emulated_motors_are_assembled_as_the_calibration_says(run: Play, quick: str, folder: Path) -> None:
+    draw = np.random.default_rng(5)
+    lines = [
+        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, "
+        f"homing_offset: {draw.uniform(-3.0, 3.0):.4f}}}"
+        for joint in load_robot("lite").joints
+        if joint.motor is not None
+    ]
+    (folder / "mine.yaml").write_text("\n".join(lines), encoding="utf-8")
+    result = run("--robot", quick, *HARDWARE, "--calibration", "mine.yaml", "--script", "hold 0.2", *PLACEHOLDER)
+    assert result.status == 0
+    expected = np.array(load_robot("lite").initial_position)
+    assert np.abs(result.ticks[0].input.state.joint_position - expected).max() < 0.01
+
+
+def test_gains_that_the_motors_cannot_be_told_are_refused_before_anything_is_opened(
+    run: Play, make_robot: Callable[..., str]
+) -> None:
+    def stiff(document: Document) -> None:
+        for joint in document["joints"]:
+            joint["stiffness"] = 600.0
+
+    result = run("--robot", make_robot(change=stiff), *HARDWARE, "--script", WALK, *PLACEHOLDER)
+    assert result.status == 2
+    assert "joint_stiffness of left_shoulder_pitch: is 600, but motor rs-02 encodes at most 500" in result.err
+    assert result.out == ""
+
+
+@pytest.mark.slow
+def test_a_fault_on_the_bus_damps_and_the_summary_has_it(
+    run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lite = load_robot("lite")
+
+    def with_fault(*arguments: Any, **options: Any) -> VirtualMotors:
+        motors = VirtualMotors(*arguments, **options)
+        timer = threading.Timer(3.0, lambda: motors.inject(parse_fault("silent:right_wrist_yaw", lite)))
+        timer.daemon = True
+        timer.start()
+        return motors
+
+    monkeypatch.setattr(real, "VirtualMotors", with_fault)
+    script = WALK.replace("hold 0.5", "hold 6")
+    result = run("--robot", quick, *HARDWARE, "--script", script, *PLACEHOLDER)
+    assert result.status == 1
+    assert result.modes[-1] == "DAMPING"
+    assert "safety FAULT RX_TIMEOUT from virtual:play" in result.reasons[-1]
+    assert "right_wrist_yaw" in result.reasons[-1]
+    ages = [float(tick.input.state.joint_age.max()) for tick in result.ticks]
+    first = next(i for i, tick in enumerate(result.ticks) if not all(s.is_ok for s in tick.input.safety))
+    assert 0.2 <= ages[first] <= 0.25
+    assert result.ticks[first].output.control_mode.mode is Mode.DAMPING
