@@ -11,6 +11,7 @@ import onnx
 import pytest
 import yaml
 from onnx import TensorProto, helper, numpy_helper
+from published import POLICIES, needs_policies
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.base import RL_POLICY
@@ -116,6 +117,27 @@ def test_a_free_standing_robot_from_a_recording(folder: Path) -> None:
     env = PolicyEnv(BIPED_CONTRACT, robot, actuation="qfrc_applied")
     assert_same_trajectory(env, {"recording": "r.mcap"}, policy, ticks)
     assert np.ptp([tick.input.state.joint_position[3] for tick in ticks]) > 0.01  # it does move
+
+
+@needs_policies
+@pytest.mark.parametrize(
+    ("policy", "step", "options"),
+    [
+        ("beyondmimic_g1/Waltz.onnx", 0.0025, ("--yaw", "2")),
+        ("unitree_g1_velocity_v0/exported/policy.onnx", 0.005, ("--command", "0.5,0,0")),
+    ],
+)
+def test_published_policies_from_a_recording(folder: Path, policy: str, step: float, options: tuple[str, ...]) -> None:
+    g1, path = str(POLICIES / "models" / "unitree_g1" / "scene.xml"), POLICIES / policy
+    chosen = ("--robot", g1, "--policy", str(path), "--physics-timestep", str(step), "--actuation", "affine", *options)
+    script = "damp; load_a; wait; start_locomotion; hold 1; damp"
+    main(["--viewer", "none", "--record", "r.mcap", "--script", script, *chosen])
+    ticks = policy_ticks(folder / "r.mcap")
+    assert len(ticks) >= 50
+    env = PolicyEnv(path, g1, physics_timestep=step)
+    assert_same_trajectory(env, {"recording": "r.mcap"}, env.setting.policy, ticks)
+    anchored = "anchor_pose" in ticks[0].input.state.extern
+    assert anchored is path.name.startswith("Waltz")
 
 
 class Taker:
