@@ -70,8 +70,8 @@ class PolicySide:
         self.contract = contract
         self.reference = reference
         self.action_limit = action_limit
-        self.layout = resolve_observation(contract, joints, reference, extern)
         self.action_map = resolve_action(contract, joints)
+        self.layout = resolve_observation(contract, joints, reference, extern)
         kinds = {term.kind for term in contract.terms}
         self.takes_command = bool(kinds & _COMMANDED) or contract.phase is not None
         """Whether what is observed depends on the velocity command."""
