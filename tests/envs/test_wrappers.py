@@ -1,0 +1,130 @@
+"""Gymnasium's own wrappers around single and vector environments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import wrappers
+from gymnasium.wrappers import vector
+
+import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.robots.description import load_robot
+
+NAME = "humanoid_sim/LiteTracking-v0"
+ROBOT = load_robot("lite")
+COUNT = 2
+
+
+def single(**options: Any) -> Any:
+    return gymnasium.make(NAME, robot=ROBOT, **options)
+
+
+def several(**options: Any) -> Any:
+    return gymnasium.make_vec(NAME, num_envs=COUNT, robot=ROBOT, threads=1, **options)
+
+
+def rest(env: Any) -> Any:
+    return np.zeros(env.action_space.shape, dtype=np.float32)
+
+
+def test_time_limit() -> None:
+    env = single(max_episode_steps=3)
+    assert "TimeLimit" in str(env)
+    env.reset(seed=0)
+    assert [env.step(rest(env))[2:4] for _ in range(3)] == [(False, False), (False, False), (False, True)]
+    env.close()
+
+    envs = several(max_episode_steps=3)
+    envs.reset(seed=0)
+    steps = [envs.step(rest(envs))[2:4] for _ in range(4)]
+    assert [truncated.tolist() for _, truncated in steps] == [[False] * 2, [False] * 2, [True] * 2, [False] * 2]
+    assert not any(terminated.any() for terminated, _ in steps)
+    envs.close()
+
+
+def test_record_episode_statistics() -> None:
+    env = wrappers.RecordEpisodeStatistics(single(max_episode_steps=3))
+    env.reset(seed=0)
+    *rewards, (last, info) = [env.step(rest(env))[1::3] for _ in range(3)]
+    total = sum(reward for reward, _ in rewards) + last
+    assert info["episode"]["l"] == 3
+    assert info["episode"]["r"] == pytest.approx(total)
+    env.close()
+
+    envs = vector.RecordEpisodeStatistics(several(max_episode_steps=3))
+    envs.reset(seed=0)
+    steps = [envs.step(rest(envs)) for _ in range(3)]
+    assert "episode" not in steps[1][4]
+    statistics = steps[2][4]["episode"]
+    assert statistics["l"].tolist() == [3, 3]
+    np.testing.assert_allclose(statistics["r"], sum(step[1] for step in steps))
+    assert statistics["r"][0] == pytest.approx(total)  # the same seed
+    envs.close()
+
+
+def test_normalize_observation() -> None:
+    env = wrappers.NormalizeObservation(single())
+    observation, _ = env.reset(seed=0)
+    for _ in range(20):
+        observation, *_ = env.step(env.action_space.sample() * np.float32(0.1))
+    assert observation.shape == env.observation_space.shape
+    assert np.abs(observation).max() < 6.0
+    assert np.abs(env.obs_rms.mean).max() > 0.1
+    env.close()
+
+    envs = vector.NormalizeObservation(several(max_episode_steps=8))
+    observations, _ = envs.reset(seed=0)
+    for _ in range(20):
+        observations, *_ = envs.step(envs.action_space.sample() * np.float32(0.1))
+    assert observations.shape == envs.observation_space.shape
+    assert np.abs(observations).max() < 6.0
+    # Gymnasium starts from a count of 1e-4, and counts each environment's observation of every step and reset.
+    assert envs.obs_rms.count == pytest.approx(21 * COUNT, abs=1e-3)
+    envs.close()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::SyntaxWarning")
+def test_record_video(tmp_path: Path) -> None:
+    pytest.importorskip("moviepy")
+    size = {"render_mode": "rgb_array", "width": 64, "height": 64, "max_episode_steps": 2}
+    one, two = tmp_path / "single", tmp_path / "vector"
+    env = wrappers.RecordVideo(single(**size), str(one), episode_trigger=lambda episode: episode == 0)
+    env.reset(seed=0)
+    for _ in range(2):
+        env.step(rest(env))
+    env.close()
+    envs = vector.RecordVideo(several(**size), str(two), episode_trigger=lambda episode: episode == 0)
+    envs.reset(seed=0)
+    for _ in range(3):
+        envs.step(rest(envs))
+    envs.close()
+    assert _frames(one) == [(64, 64)] * 3
+    assert _frames(two) == [(64, 128)] * 3 or _frames(two) == [(128, 64)] * 3
+
+
+def _frames(folder: Path) -> list[tuple[int, int]]:
+    """Height and width of every frame of the folder's one video, none of them of one colour."""
+    import av  # noqa: PLC0415 - only for this
+
+    (path,) = folder.glob("*.mp4")
+    with av.open(str(path)) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert all(frame.std() > 5.0 for frame in frames)
+    return [frame.shape[:2] for frame in frames]
+
+
+def test_pictures_of_a_vector_are_those_of_its_environments() -> None:
+    size = {"render_mode": "rgb_array", "width": 48, "height": 32}
+    env, envs = single(**size), several(**size)
+    env.reset(seed=1)
+    envs.reset(seed=0)
+    pictures = envs.render()
+    assert [picture.shape for picture in pictures] == [(32, 48, 3)] * COUNT
+    np.testing.assert_array_equal(pictures[1], env.render())
+    assert np.any(pictures[0] != pictures[1])
+    env.close()
+    envs.close()
