@@ -9,6 +9,7 @@ import numpy as np
 
 from humanoid_sim.envs.tasks.frames import seen_from
 from humanoid_sim.envs.tasks.sample import BaseSample
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body
@@ -46,9 +47,18 @@ class EpisodeRobot(MujocoRobot):
         self.activate()
 
     def place(self, start: PlantState) -> None:
-        """As `relaunch`, but in a state of the caller's choice."""
+        """As `relaunch`, but in a state of the caller's choice.
+
+        Raises:
+            InputError: the state is another robot's.
+        """
         self.relaunch()
         data = self.data
+        if start.qpos.shape != data.qpos.shape or start.qvel.shape != data.qvel.shape:
+            raise InputError(
+                f"state: qpos and qvel have the shapes {start.qpos.shape} and {start.qvel.shape}, "
+                f"expected {data.qpos.shape} and {data.qvel.shape}"
+            )
         data.qpos[:], data.qvel[:] = start.qpos, start.qvel
         if start.acceleration is not None:
             data.qacc[:] = data.qacc_warmstart[:] = start.acceleration

@@ -146,33 +146,35 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             InputError: an option is unknown, or does not hold what it should.
         """
         super().reset(seed=seed)
-        options = {} if options is None else dict(options)
+        plant, memory = self._begin({} if options is None else dict(options))
+        self.robot.place(plant)
+        self._steps = 0
+        self._velocity = self.setting.task.command(self._commands, 0)
+        state, _ = self._read()
+        side = self.setting.side
+        observation, self._memory = side.observe(side.activate(state) if memory is None else memory, state)
+        self._observation = np.clip(observation, self._low, self._high)
+        self._show(state, MITCommand.zeros(len(self.robot.joints)))
+        return observation, {"frame": int(self._memory.frame)}
+
+    def _begin(self, options: dict[str, Any]) -> tuple[PlantState, PolicyMemory | None]:
+        """Where the robot begins, with the policy's memory if it is not a fresh one; sets the episode's commands."""
         setting = self.setting
         start = setting.task.start(self.np_random.random(setting.task.draws))
-        plant, self._commands, memory = (
-            PlantState(*setting.generalised(start)),
-            start.commands,
-            options.pop("memory", None),
-        )
+        plant, self._commands = PlantState(*setting.generalised(start)), start.commands
         if "recording" in options:
             plant, recorded = recorded_start(options.pop("recording"), setting.description)
             live = recorded.extern.get(VELOCITY_COMMAND)
             self._commands = np.zeros((1, 3)) if live is None else live.value[None]
-        plant = options.pop("state", plant)
         if "command" in options:
             self._commands = velocity_option(options.pop("command"))[None]
+        plant, memory = options.pop("state", plant), options.pop("memory", None)
         if options:
             known = ("command", "recording", "state", "memory")
             raise InputError(f"reset: {known_names('option', next(iter(options)), known)}")
-        self._steps = 0
-        self._velocity = setting.task.command(self._commands, 0)
-        self.robot.place(plant)
-        state, _ = self._read()
-        before = setting.side.activate(state) if memory is None else _policy_memory(memory)
-        observation, self._memory = setting.side.observe(before, state)
-        self._observation = np.clip(observation, self._low, self._high)
-        self._show(state, MITCommand.zeros(len(self.robot.joints)))
-        return observation, {"frame": int(self._memory.frame)}
+        if not isinstance(plant, PlantState):
+            raise InputError(f"reset: state is a {type(plant).__name__}, expected a PlantState")
+        return plant, None if memory is None else _policy_memory(memory)
 
     def step(self, action: Array) -> Step:
         """One policy step.

@@ -80,4 +80,4 @@ class MotionTask(Task):
         return values, ~((np.abs(offset[..., 2]) <= _LOST_HEIGHT) & (tilt <= _LOST_TILT))
 
     def _is_over(self, sample: StepSample) -> BoolArray:
-        return np.asarray(sample.step) >= max(self._last_frame, 1)
+        return np.asarray(sample.frame) >= self._last_frame

@@ -86,7 +86,7 @@ class TrackingTask(Task):
         return values, ~(np.maximum.reduce(squared, axis=-1) <= _LOST**2)
 
     def _is_over(self, sample: StepSample) -> BoolArray:
-        return np.asarray(sample.step) >= max(self._last_frame, 1)
+        return np.asarray(sample.frame) >= self._last_frame
 
 
 def _quaternion(rotation: FloatArray) -> FloatArray:

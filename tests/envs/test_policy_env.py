@@ -259,6 +259,10 @@ def test_reset_and_step_refuse_what_they_cannot_take(arms: PolicyEnv) -> None:
             arms.reset(options={"command": command})
     with pytest.raises(InputError, match="reset: memory is a dict, expected an RLPolicyMemory"):
         arms.reset(options={"memory": {}})
+    with pytest.raises(InputError, match="reset: state is a list, expected a PlantState"):
+        arms.reset(options={"state": [0.0] * 14})
+    with pytest.raises(InputError, match=r"state: qpos and qvel have the shapes \(3,\) and \(14,\), expected \(14,\)"):
+        arms.reset(options={"state": PlantState(np.zeros(3), np.zeros(14))})
     arms.reset(seed=0)
     with pytest.raises(InputError, match=r"action: has shape \(3,\), expected \(14,\)"):
         arms.step(np.zeros(3))

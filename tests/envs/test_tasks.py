@@ -139,7 +139,7 @@ def test_orientation_error_is_the_angle_for_either_sign_of_the_quaternion(
 
 
 def test_a_motion_is_over_with_its_last_frame(tracking: TrackingTask) -> None:
-    over = [bool(tracking.judge(sample(tracking, step=step)).truncated) for step in (1, 2, 3, 4)]
+    over = [bool(tracking.judge(sample(tracking, frame=frame)).truncated) for frame in (1, 2, 3, 4)]
     assert over == [False, False, True, True]
 
 
@@ -253,7 +253,7 @@ def test_following_a_whole_body_motion(biped: RobotDescription) -> None:
     assert task.judge(at(0, [0, 0, 0.64, 1, 0, 0, 0])).terminated
     assert not task.judge(at(0, [0, 0, 1, np.cos(0.7), 0, 0, np.sin(0.7)])).terminated  # the heading alone
     assert task.judge(at(0, [0, 0, 1, np.cos(0.7), np.sin(0.7), 0, 0])).terminated
-    assert task.judge(at(0, [0, 0, 1, 1, 0, 0, 0], step=2)).truncated
+    assert [bool(task.judge(at(frame, [0, 0, 1, 1, 0, 0, 0])).truncated) for frame in (1, 2)] == [False, True]
 
 
 def test_balancing_costs_speed(lite: RobotDescription) -> None:
