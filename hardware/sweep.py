@@ -20,10 +20,10 @@ _TOUCH = 0.05
 class Verdict(Enum):
     """What a sweep tells."""
 
-    UNSWEPT = "not swept"
+    UNSWEPT = "unswept"
     """Less than the threshold: the joint keeps its previous offset."""
     GOOD = "good"
-    INCOMPLETE = "incomplete"
+    INCOMPLETE = "partial"
     """Shorter or longer than the joint's range: not both stops were reached, or the stops are not the limits."""
     FLIPPED = "flipped"
     """Where the joint cannot be: its `direction` is wrong in the robot description, or its motor sits elsewhere."""

@@ -189,15 +189,15 @@ _COLOURS = {Verdict.GOOD: "green", Verdict.FLIPPED: "red", Verdict.INCOMPLETE: "
 
 
 def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tracks: Mapping[int, _Track]) -> Table:
-    headings = ("id", "now", "lowest", "highest", "swept", "range", "offset")
+    headings = ("id", "now", "low", "high", "swept", "range", "offset")
     table = make_table("joint", *headings, "", right=headings)
     for i, track in tracks.items():
         result = _result(config, description, wiring, i, track.sweep)
         joint = description.joints[i]
         numbers = (track.angle, track.sweep.lowest, track.sweep.highest, track.sweep.width, joint.upper - joint.lower)
-        offset = "" if result.homing_offset is None else f"{result.homing_offset:.4f}"
+        offset = "" if result.homing_offset is None else f"{result.homing_offset:.3f}"
         verdict = f"[{_COLOURS[result.verdict]}]{result.verdict.value}[/]"
-        shown = (f"{number:.3f}" for number in numbers)
+        shown = (f"{number:.2f}" for number in numbers)
         table.add_row(escape(joint.name), str(wiring.motor_id[i]), *shown, offset, verdict)
     return table
 

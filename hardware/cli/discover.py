@@ -105,4 +105,7 @@ def _print(
     make_console().print(table)
     for (channel, motor_id), uids in found.items():
         if len(uids) > 1:
-            complain(f"{len(uids)} motors on {addresses[channel]} have the id {motor_id}: give one another id, alone")
+            complain(
+                f"{len(uids)} motors on {addresses[channel]} have the id {motor_id}: connect one alone and give it "
+                "another id with the vendor's tool"
+            )

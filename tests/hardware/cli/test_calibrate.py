@@ -96,7 +96,7 @@ def test_swept_joints_are_calibrated_and_the_others_kept(
     assert entries["neck_yaw"] == old["neck_yaw"]
     verdicts = {row[0]: row[-1] for row in table_rows(printed) if row[0].startswith("left")}
     assert verdicts["left_elbow_pitch"] == verdicts["left_wrist_yaw"] == "good"
-    assert verdicts["left_wrist_roll"] == "swept"  # not swept
+    assert verdicts["left_wrist_roll"] == "unswept"
     assert "left_elbow_pitch: 1.0000 -> 0." in printed
     assert f"wrote {path}: 2 joints calibrated, 2 kept\n" in printed
     assert "not calibrated yet: left_shoulder_pitch, " in printed
