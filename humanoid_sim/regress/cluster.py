@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import socket
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,6 +36,8 @@ __all__ = ["LOCAL", "Parcel", "RayExecutor", "pack_arena", "unpack_arena"]
 
 LOCAL = "local"
 """The address that stands for a cluster on this machine, for as long as the program runs."""
+_PATIENCE = 5.0
+"""s that a cluster's head has to answer."""
 _TASKS_PER_PROCESSOR = 2
 """So that a processor that is done early has something left to do."""
 
@@ -106,6 +109,21 @@ def _run_task(parcel: Parcel, seeds: tuple[int, ...], disturbance: Disturbance) 
     return run_episodes(suite, arena, seeds, disturbance, threads=1)
 
 
+def _check_reachable(address: str) -> None:
+    """Whether somebody listens at an address: Ray itself would try for minutes, and complain all the while.
+
+    Raises:
+        InputError: nobody does.
+    """
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdigit():
+        return  # `auto`, `local`, or a name that Ray will judge
+    try:
+        socket.create_connection((host, int(port)), timeout=_PATIENCE).close()
+    except (OSError, OverflowError) as error:
+        raise InputError(f"--ray: is '{address}', and nobody answers there: {error}") from None
+
+
 class RayExecutor:
     """Runs jobs on a Ray cluster, one task per processor at a time."""
 
@@ -119,6 +137,7 @@ class RayExecutor:
         Raises:
             InputError: Ray is missing, or there is no such cluster.
         """
+        _check_reachable(address)
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         try:
             import ray  # noqa: PLC0415 - an extra, and slow to import

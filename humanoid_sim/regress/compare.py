@@ -57,10 +57,7 @@ def detectable_changes(suite: Suite, metrics: Sequence[MetricInfo], baseline: Po
             continue
         mean = mean_of_cases(cases)
         tolerance = suite.tolerance(metric.name, mean)
-        if metric.unit == "share":
-            error = _share_error(cases, suite.seeds)
-        else:
-            error = difference_error(cases, suite.seeds)
+        error = _share_error(cases, suite.seeds) if metric.unit == "share" else difference_error(cases, suite.seeds)
         change = tolerance + factor * error
         found.append(Detectable(metric=metric.name, baseline=mean, tolerance=tolerance, change=change, power=POWER))
     return tuple(found)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,15 +22,14 @@ from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.regress.arena import Arena
 from humanoid_sim.regress.failures import fault_in_words, loss_in_words
 from humanoid_sim.regress.feet import find_feet
-from humanoid_sim.regress.measures import Measures, TrackingMeasures, Truth, VelocityMeasures
+from humanoid_sim.regress.measures import Measures, TrackingMeasures, VelocityMeasures
 from humanoid_sim.regress.metrics import METRICS, summarise
 from humanoid_sim.regress.pushes import PushSchedule
 from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Pushes, Suite
 from humanoid_sim.regress.traces import thinned
-from humanoid_sim.simulation.model import JointAddresses, joint_addresses
 
-__all__ = ["Disturbance", "Step", "episode_keys", "run_episodes"]
+__all__ = ["Disturbance", "EpisodeBatch", "Step", "episode_keys", "run_episodes"]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -83,68 +82,62 @@ def run_episodes(
     Returns:
         The episodes in the order of their seeds.
     """
-    run = _Run(suite, arena, seeds, disturbance, threads)
+    batch = EpisodeBatch(suite, arena, seeds, disturbance, threads)
     try:
-        run.advance(watch)
+        batch.run(watch)
     finally:
-        run.simulation.close()
-    return run.episodes()
+        batch.close()
+    return batch.episodes()
 
 
-@dataclass(slots=True)
-class _Run:
-    """A batch of episodes under way."""
+class EpisodeBatch:
+    """Episodes that are run together; they can be run again. Not thread-safe."""
 
-    suite: Suite
-    arena: Arena
-    seeds: Sequence[int]
-    disturbance: Disturbance
-    threads: int | None
-    simulation: BatchSimulation = field(init=False)
-    measures: Measures = field(init=False)
-    _keys: npt.NDArray[np.uint64] = field(init=False)
-    _pushes: PushSchedule | None = field(init=False)
-    _alive: npt.NDArray[np.bool_] = field(init=False)
-    _steps: npt.NDArray[np.int64] = field(init=False)
-    _failures: dict[int, tuple[str, str]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        arena, count = self.arena, len(self.seeds)
+    def __init__(
+        self, suite: Suite, arena: Arena, seeds: Sequence[int], disturbance: Disturbance, threads: int | None = None
+    ) -> None:
+        """Build the simulation; arguments as of `run_episodes`."""
         setting, contract = arena.setting, arena.setting.contract
-        self._keys = episode_keys(arena.case.name, self.seeds)
-        if self.suite.task == "velocity":
-            feet = find_feet(setting.description)
-            self.measures = VelocityMeasures(arena, count, feet, self.suite.settle)
-        else:
-            self.measures = TrackingMeasures(arena, count)
+        self.suite, self.arena, self.seeds = suite, arena, seeds
+        self._keys = episode_keys(arena.case.name, seeds)
+        self._disturbance = disturbance
+        self._feet = find_feet(setting.description) if suite.task == "velocity" else None
         self.simulation = BatchSimulation(
             setting.description,
-            count,
+            len(seeds),
             control_period=contract.policy_dt,
             physics_timestep=setting.physics_timestep,
-            threads=self.threads,
+            threads=threads,
             anchor_body=contract.anchor_body,
-            bodies=self.measures.bodies or contract.body_names,
-            randomisation=self.disturbance.randomisation,
+            bodies=contract.body_names if self._feet is None else self._feet.bodies,
+            randomisation=disturbance.randomisation,
             seeds=self._keys,
         )
-        pushes = self.disturbance.pushes
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Nothing measured, nobody failed."""
+        count, pushes = len(self.seeds), self._disturbance.pushes
+        self._measures: Measures = (
+            TrackingMeasures(self.arena, count)
+            if self._feet is None
+            else VelocityMeasures(self.arena, count, self._feet, self.suite.settle)
+        )
         self._pushes = None if pushes is None else PushSchedule(pushes, self.simulation, self._keys)
         self._alive = np.ones(count, dtype=np.bool_)
         self._steps = np.zeros(count, dtype=np.int64)
-        self._failures = {}
+        self._failures: dict[int, tuple[str, str]] = {}
 
-    def advance(self, watch: list[Step] | None) -> None:
-        """All episodes to their end."""
+    def run(self, watch: list[Step] | None = None) -> None:
+        """All episodes from their start to their end; `watch` is filled with every policy step."""
         arena, simulation = self.arena, self.simulation
         side, policy = arena.setting.side, arena.subject.policy
         command = np.array(arena.case.command or (0.0, 0.0, 0.0))
         commands = np.broadcast_to(command, (len(self.seeds), 3))
+        self._prepare()
         self._place()
         state = self._commanded(commands)
         memory = side.activate(state)
-        base = _BaseReader(simulation) if arena.setting.description.is_floating else None
-        joints = joint_addresses(simulation.model(0), simulation.joints)
         for step in range(arena.steps):
             observation, memory = side.observe(memory, state)
             action = policy(observation, np.asarray(memory.frame))
@@ -159,8 +152,8 @@ class _Run:
             simulation.step(order, wrench=wrench, where=self._alive)
             for i in np.flatnonzero(self._alive & simulation.fault).tolist():
                 self._fail(i, "fault", "the simulation diverged: its state is no longer finite")
+            self._judge(step, self._sample(step, memory, previous, commands), order)
             state = self._commanded(commands)
-            self._judge(step, self._sample(step, state, memory, previous, commands, base), order, joints)
             if not self._alive.any():
                 break
         if watch is not None:
@@ -185,37 +178,28 @@ class _Run:
         state = self.simulation.state()
         return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(commands, 0.0)})
 
-    def _sample(
-        self,
-        step: int,
-        state: MITState,
-        memory: PolicyMemory,
-        previous: Float32Array,
-        commands: FloatArray,
-        base: _BaseReader | None,
-    ) -> StepSample:
-        count = len(self.seeds)
-        tracked = self.simulation.body_poses(in_base=True) if self.suite.task == "tracking" else _no_bodies(count)
+    def _sample(self, step: int, memory: PolicyMemory, previous: Float32Array, commands: FloatArray) -> StepSample:
+        """The step as it truly was, whatever the sensors made of it."""
+        simulation, count = self.simulation, len(self.seeds)
+        tracked = simulation.body_poses(in_base=True) if self._feet is None else _no_bodies(count)
         return StepSample(
-            state=state,
+            state=simulation.truth(),
             action=memory.last_action,
             previous_action=previous,
-            torque=self.simulation.effort,
+            torque=simulation.effort,
             frame=memory.frame,
             step=np.full(count, step + 1),
             body_position=tracked[0],
             body_quaternion=tracked[1],
             command=commands,
-            base=None if base is None else base.read(),
+            base=None if simulation.base is None else BaseSample(*simulation.base),
             alignment=memory.alignment,
         )
 
-    def _judge(self, step: int, sample: StepSample, order: MITCommand, joints: JointAddresses) -> None:
+    def _judge(self, step: int, sample: StepSample, order: MITCommand) -> None:
         """Measure the step of those that are still under way, and end those that are lost."""
-        simulation = self.simulation
-        poses = simulation.body_poses() if self.measures.bodies else _no_bodies(len(self.seeds))
-        truth = Truth(simulation.qpos[:, joints.qpos], simulation.qvel[:, joints.dof], *poses)
-        self.measures.add(step, sample, order, truth)
+        poses = _no_bodies(len(self.seeds)) if self._feet is None else self.simulation.body_poses()
+        self._measures.add(step, sample, order, poses)
         self._steps += self._alive
         lost = self._alive & self.arena.task.judge(sample).terminated
         for i in np.flatnonzero(lost).tolist():
@@ -225,9 +209,13 @@ class _Run:
         self._alive[i] = False
         self._failures[i] = (kind, reason)
 
+    def close(self) -> None:
+        """Stop the simulation's threads. May be called twice."""
+        self.simulation.close()
+
     def episodes(self) -> list[Episode]:
-        """What came of them."""
-        traces = self.measures.traces()
+        """What came of them, in the order of their seeds."""
+        traces = self._measures.traces()
         return [
             self._episode(i, {name: values[: self._steps[i], i] for name, values in traces.items()})
             for i in range(len(self.seeds))
@@ -262,21 +250,6 @@ class _Run:
             trace_times=times,
             traces=thin,
         )
-
-
-class _BaseReader:
-    """Reads the floating bases of a batch."""
-
-    def __init__(self, simulation: BatchSimulation) -> None:
-        model = simulation.model(0)
-        joint = int(model.body_jntadr[model.body(simulation.description.base.body).id])
-        self._simulation = simulation
-        self._qpos, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-
-    def read(self) -> BaseSample:
-        qpos, qvel = self._simulation.qpos, self._simulation.qvel
-        q, v = self._qpos, self._dof
-        return BaseSample(qpos[:, q : q + 3], qpos[:, q + 3 : q + 7], qvel[:, v : v + 3], qvel[:, v + 3 : v + 6])
 
 
 def _no_bodies(count: int) -> tuple[FloatArray, FloatArray]:

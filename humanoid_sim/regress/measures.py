@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -16,40 +15,27 @@ from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.regress.arena import Arena
 from humanoid_sim.regress.feet import Feet
 
-__all__ = ["Measures", "TrackingMeasures", "Truth", "VelocityMeasures"]
+__all__ = ["Measures", "TrackingMeasures", "VelocityMeasures", "WorldPoses"]
 
 _WINDOW = 1.0
 """s over which a walking robot's velocity is averaged: one or two strides, so that their sway does not count."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """What only the simulation knows, without the sensors' noise."""
-
-    joint_position: FloatArray
-    """Shape (N, n), rad."""
-    joint_velocity: FloatArray
-    """Shape (N, n), rad/s."""
-    body_position: FloatArray
-    """Shape (N, b, 3), m, world frame, of the bodies that were asked for."""
-    body_quaternion: FloatArray
-    """Shape (N, b, 4), w x y z, body frame in the world frame."""
+WorldPoses = tuple[FloatArray, FloatArray]
+"""Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z, of bodies in the world frame."""
 
 
 class Measures(Protocol):
     """Collects a batch of episodes of one case, N of them."""
 
-    bodies: tuple[str, ...]
-    """MJCF bodies whose poses in the world it wants."""
-
-    def add(self, step: int, sample: StepSample, command: MITCommand, truth: Truth) -> None:
+    def add(self, step: int, sample: StepSample, command: MITCommand, poses: WorldPoses) -> None:
         """Take one policy step.
 
         Args:
             step: from 0.
-            sample: after the step; its state may be noisy.
+            sample: after the step, without the sensors' noise.
             command: that was in force.
-            truth: after the step.
+            poses: of the feet after the step; none for a robot whose feet do not matter.
         """
         ...
 
@@ -88,8 +74,6 @@ class _Care:
 class TrackingMeasures:
     """Errors against a motion: of bodies in the base's frame, or of joints and an anchor body in the world."""
 
-    bodies: tuple[str, ...] = ()
-
     def __init__(self, arena: Arena, count: int) -> None:
         """Prepare for `count` episodes."""
         names = ("body_position_error", "body_orientation_error", "joint_error", *_Care.NAMES)
@@ -98,8 +82,9 @@ class TrackingMeasures:
         self._care = _Care(arena.policy_dt)
         self._has_anchor = "anchor_pos" in arena.reference.terms and bool(arena.setting.contract.anchor_body)
 
-    def add(self, step: int, sample: StepSample, command: MITCommand, truth: Truth) -> None:
+    def add(self, step: int, sample: StepSample, command: MITCommand, poses: WorldPoses) -> None:
         """See `Measures.add`."""
+        del poses  # the tracked bodies are in the sample
         arena, table = self._arena, self._table
         task = arena.task
         if isinstance(task, TrackingTask):
@@ -114,7 +99,7 @@ class TrackingMeasures:
             table["body_orientation_error", step] = angle
         if arena.joint_reference is not None:
             target = arena.joint_reference[arena.reference.clamp(sample.frame)]
-            table["joint_error", step] = _rms(truth.joint_position - target)
+            table["joint_error", step] = _rms(sample.state.joint_position - target)
         self._care.add(table, step, sample, command)
 
     def traces(self) -> Mapping[str, FloatArray]:
@@ -127,7 +112,6 @@ class VelocityMeasures:
 
     def __init__(self, arena: Arena, count: int, feet: Feet, settle: float) -> None:
         """Prepare for `count` episodes whose first `settle` s do not count for the errors."""
-        self.bodies = feet.bodies
         self._feet = feet
         self._period = arena.policy_dt
         self._skip = round(settle / self._period)
@@ -137,7 +121,7 @@ class VelocityMeasures:
         self._care = _Care(self._period)
         self._points: FloatArray | None = None
 
-    def add(self, step: int, sample: StepSample, command: MITCommand, truth: Truth) -> None:
+    def add(self, step: int, sample: StepSample, command: MITCommand, poses: WorldPoses) -> None:
         """See `Measures.add`."""
         base, table = sample.base, self._table
         assert base is not None  # a velocity suite refuses robots with a fixed base
@@ -145,11 +129,11 @@ class VelocityMeasures:
         self._velocity[step, :, :2] = base.heading_velocity
         self._velocity[step, :, 2] = base.yaw_rate
         table["tilt", step] = base.tilt
-        points = self._feet.place(truth.body_position, truth.body_quaternion)
+        points = self._feet.place(*poses)
         if self._points is not None:
             table["slip", step] = self._feet.slip(self._points, points, self._period)
         self._points = points
-        table["power", step] = np.abs(sample.torque * truth.joint_velocity).sum(axis=-1)
+        table["power", step] = np.abs(sample.torque * sample.state.joint_velocity).sum(axis=-1)
         self._care.add(table, step, sample, command)
 
     def traces(self) -> Mapping[str, FloatArray]:

@@ -183,7 +183,8 @@ def _one(state: MITState, time: float) -> MITState:
     """The only robot of a batch, on the recording's clock."""
 
     def first(values: FloatArray) -> FloatArray:
-        return values[0]
+        own: FloatArray = values[0]
+        return own
 
     return replace(
         state,

@@ -76,15 +76,16 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
 
 
 def _change(comparison: Comparison, unit: str) -> str:
-    """The change and its interval: as shares of the baseline, or in the metric's unit where there is none."""
+    """The change, with the farther end of its interval: in shares of the baseline, if there is one."""
     change, low, high = comparison.change, comparison.low, comparison.high
     if change is None or low is None or high is None:
         return "-"
+    reach = max(high - change, change - low)
     base = abs(comparison.baseline or 0.0)
     if base and unit != "share":
-        return f"{100.0 * change / base:+.1f} % ({100.0 * low / base:+.1f} to {100.0 * high / base:+.1f})"
-    factor, _ = displayed_unit(unit)
-    return f"{quantity(change, unit, signed=True)} ({factor * low:+.3g} to {factor * high:+.3g})"
+        return f"{100.0 * change / base:+.1f} ± {100.0 * reach / base:.1f} %"
+    factor, shown = displayed_unit(unit)
+    return f"{factor * change:+.3g} ± {factor * reach:.2g} {shown}"
 
 
 def _show_failures(console: Console, run: PolicyRun) -> None:
