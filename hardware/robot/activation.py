@@ -10,9 +10,10 @@ import numpy as np
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.opening import BITRATE
 from humanoid_sim.hardware.robot.checks import CheckList
-from humanoid_sim.hardware.robot.configure import ParameterAccess, check_faults, configure, read_supply
+from humanoid_sim.hardware.robot.configure import configure, read_supply
 from humanoid_sim.hardware.robot.identify import identify
 from humanoid_sim.hardware.robot.link import Link
+from humanoid_sim.hardware.robot.parameter_access import ParameterAccess
 from humanoid_sim.hardware.robot.requests import Requests
 from humanoid_sim.hardware.robot.settings import AdapterSettings
 from humanoid_sim.hardware.robot.statistics import FRAME_BITS
@@ -75,9 +76,8 @@ def prepare_motors(
     uids, versions = identify(requests, link.sources, known_uids, checks)
     _refuse(checks, name)
     access = ParameterAccess(requests)
-    stop_and_clear(requests, checks)
+    stop_and_clear(requests, access, checks)
     configure(settings.wiring, access, settings.can_timeout, checks)
-    check_faults(settings.wiring, access, checks)
     read_supply(settings.wiring, access, link.sources, checks)
     turns, position = _find_positions(settings.wiring, link, access, checks)
     _refuse(checks, name)

@@ -3,78 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from humanoid_sim.hardware.robot.checks import CheckList
-from humanoid_sim.hardware.robot.requests import Requests
+from humanoid_sim.hardware.robot.parameter_access import ParameterAccess, Unreadable
 from humanoid_sim.hardware.robot.wiring import Wiring
-from humanoid_sim.hardware.robstride.faults import FaultBit, flag_names
-from humanoid_sim.hardware.robstride.messages import Command, ParameterReply, ReadParameter, Reply, WriteParameter
-from humanoid_sim.hardware.robstride.parameters import (
-    PARAMETERS,
-    CanTimeout,
-    Parameter,
-    fault_word,
-    pack_value,
-    unpack_value,
-)
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout
 
-__all__ = ["ParameterAccess", "check_faults", "configure", "read_supply"]
+__all__ = ["configure", "read_supply"]
 
 _OPERATION_MODE = 0
 """`run_mode` in which MIT commands are executed."""
 _FLOAT32 = 1e-6
 """Relative; values travel as float32."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Unreadable:
-    """A motor answered that it has no such parameter, or did not answer."""
-
-    reason: str
-
-
-class ParameterAccess:
-    """Reads and writes one parameter of many motors."""
-
-    def __init__(self, requests: Requests) -> None:
-        """Prepare."""
-        self._requests = requests
-
-    def read(self, parameters: Mapping[int, Parameter]) -> dict[int, float | _Unreadable]:
-        """A parameter of each joint's motor."""
-        return self._exchange(parameters, {})
-
-    def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float | _Unreadable]:
-        """Write a value to each joint's motor and read it back; what differs is written once more."""
-        parameters = dict.fromkeys(values, parameter)
-        found = self._exchange(parameters, values)
-        differing = {i: parameter for i, value in found.items() if not isinstance(value, float) or value != values[i]}
-        return {**found, **self._exchange(differing, values)}
-
-    def _exchange(
-        self, parameters: Mapping[int, Parameter], values: Mapping[int, float]
-    ) -> dict[int, float | _Unreadable]:
-        def value(joint: int, reply: Reply) -> float | _Unreadable | None:
-            if not isinstance(reply, ParameterReply) or reply.index != parameters[joint].index:
-                return None
-            if not reply.is_success:
-                return _Unreadable("refused")
-            return float(unpack_value(parameters[joint].type, reply.payload))
-
-        questions: dict[int, Sequence[Command]] = {}
-        host_id = self._requests.host_id
-        for joint, parameter in parameters.items():
-            motor_id = self._requests.wiring.motor_id[joint]
-            read = ReadParameter(motor_id, parameter.index, host_id=host_id)
-            if joint in values:
-                payload = pack_value(parameter.type, values[joint])
-                questions[joint] = [WriteParameter(motor_id, parameter.index, payload, host_id=host_id), read]
-            else:
-                questions[joint] = [read]
-        answers: dict[int, float | _Unreadable] = self._requests.ask(questions, value)
-        silent = _Unreadable("no answer")
-        return {joint: answers.get(joint, silent) for joint in parameters}
 
 
 def configure(wiring: Wiring, access: ParameterAccess, can_timeout: float, checks: CheckList) -> None:
@@ -99,7 +39,7 @@ def _write_exactly(
 ) -> None:
     parameter = PARAMETERS[name]
     for joint, found in access.write(parameter, values).items():
-        if isinstance(found, _Unreadable):
+        if isinstance(found, Unreadable):
             checks.problem(wiring.names[joint], f"{name} cannot be verified ({found.reason})")
         elif found != values[joint]:
             checks.problem(wiring.names[joint], f"{name} reads {found:g} after {values[joint]:g} was written")
@@ -126,7 +66,7 @@ def _write_limit(
     unit = parameter.unit
     for joint, found in access.write(parameter, values).items():
         wanted = values[joint]
-        if isinstance(found, _Unreadable):
+        if isinstance(found, Unreadable):
             note = checks.problem if is_needed else checks.warn
             note(wiring.names[joint], f"{name} cannot be verified ({found.reason})")
         elif not found <= wanted * (1.0 + _FLOAT32):  # NaN too
@@ -135,16 +75,6 @@ def _write_limit(
             checks.warn(wiring.names[joint], f"{name} reads {found:g} {unit}: the motor allows no {wanted:g}")
         else:
             checks.passed(wiring.names[joint], f"{name} {found:g} {unit}")
-
-
-def check_faults(wiring: Wiring, access: ParameterAccess, checks: CheckList) -> None:
-    """Read the motors' fault words, which show what no status does: overvoltage."""
-    for joint, found in access.read({i: fault_word(model.name) for i, model in enumerate(wiring.model)}).items():
-        if isinstance(found, _Unreadable):
-            checks.warn(wiring.names[joint], f"fault word cannot be read ({found.reason})")
-        elif found:
-            names = ", ".join(flag_names(FaultBit(int(found))))
-            checks.problem(wiring.names[joint], f"reports {names} also after its faults were cleared")
 
 
 def read_supply(wiring: Wiring, access: ParameterAccess, sources: Sequence[str], checks: CheckList) -> None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from humanoid_sim.hardware.robot.checks import CheckList
+from humanoid_sim.hardware.robot.parameter_access import ParameterAccess
 from humanoid_sim.hardware.robot.requests import Requests
 from humanoid_sim.hardware.robot.table import Sample
-from humanoid_sim.hardware.robstride.faults import MotorMode, StatusFault, flag_names
+from humanoid_sim.hardware.robot.wiring import Wiring
+from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, flag_names
 from humanoid_sim.hardware.robstride.messages import Command, Enable, OperationControl, Stop
+from humanoid_sim.hardware.robstride.parameters import fault_word
 
 __all__ = ["enable_motors", "mode_text", "stop_and_clear", "stop_motors"]
 
@@ -29,19 +32,39 @@ def stop_motors(requests: Requests, joints: Iterable[int], *, clear_faults: bool
     return tuple(i for i in commands if i not in confirmed)
 
 
-def stop_and_clear(requests: Requests, checks: CheckList) -> None:
-    """Stop every motor and clear the faults of those that report some; what is left of them is a problem."""
+def stop_and_clear(requests: Requests, access: ParameterAccess, checks: CheckList) -> None:
+    """Stop every motor and clear the faults of those that report some; what is left of them is a problem.
+
+    The fault words are asked for as well: they show what no status does, overvoltage.
+    """
     wiring, slots = requests.wiring, requests.table.slots
     silent = stop_motors(requests, range(wiring.count))
-    faulty = [i for i, slot in enumerate(slots) if slot.sample is not None and slot.sample.faults]
+    words = _fault_words(wiring, access)
+    faulty = [i for i, slot in enumerate(slots) if words.get(i) or (slot.sample is not None and slot.sample.faults)]
     for i in faulty:
-        checks.warn(wiring.names[i], f"had faults, cleared: {mode_text(slots[i].sample)}")
+        checks.warn(wiring.names[i], f"had faults, cleared: {_faults_text(slots[i].sample, words.get(i, 0))}")
     silent += stop_motors(requests, [i for i in faulty if i not in silent], clear_faults=True)
-    for i in silent:
-        checks.problem(wiring.names[i], f"does not confirm that it is stopped ({mode_text(slots[i].sample)})")
+    words = {**words, **_fault_words(wiring, access, faulty)}
     for i, slot in enumerate(slots):
-        if slot.sample is not None and slot.sample.faults:
-            checks.problem(wiring.names[i], f"faults do not clear ({mode_text(slot.sample)})")
+        if i in silent:
+            text = f"does not confirm that it is stopped ({mode_text(slot.sample)})"
+            checks.problem(wiring.names[i], text)
+        elif words.get(i) or (slot.sample is not None and slot.sample.faults):
+            checks.problem(wiring.names[i], f"faults do not clear: {_faults_text(slot.sample, words.get(i, 0))}")
+        if i not in words:
+            checks.warn(wiring.names[i], "its fault word cannot be read: overvoltage would not be seen here")
+
+
+def _fault_words(wiring: Wiring, access: ParameterAccess, joints: Iterable[int] | None = None) -> dict[int, int]:
+    """The fault words of these joints' motors, or of all; those that cannot be read are left out."""
+    wanted = range(wiring.count) if joints is None else joints
+    found = access.read({i: fault_word(wiring.model[i].name) for i in wanted})
+    return {i: int(word) for i, word in found.items() if isinstance(word, float)}
+
+
+def _faults_text(sample: Sample | None, word: int) -> str:
+    status = () if sample is None else flag_names(StatusFault(sample.faults))
+    return ", ".join(dict.fromkeys([*status, *flag_names(FaultBit(word))]))
 
 
 def enable_motors(requests: Requests, position: Sequence[float], checks: CheckList) -> None:

@@ -21,7 +21,11 @@ __all__ = ["SafetyWatch"]
 _WARNINGS = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.INVALID_FRAME
 """Flags that are a WARNING by themselves; the others are a FAULT."""
 
-_Finding = tuple[SafetyFlag, str]
+_HOT = "motor_overtemperature"
+"""The name of that bit in status and fault report alike."""
+
+_Finding = tuple[SafetyFlag, str, str]
+"""A flag, what was found, and the joint; no joint where the finding is the channel's."""
 
 
 class SafetyWatch:
@@ -68,31 +72,30 @@ class SafetyWatch:
         return tuple(self._status(index, recent, silent, tracker) for index in range(len(self._channels)))
 
     def _status(self, index: int, recent: float, silent: npt.NDArray[np.bool_], tracker: JointTracker) -> SafetyStatus:
+        joints = self._joints[index]
         findings = [*self._bus(index, recent)]
-        for i in self._joints[index]:
-            slot = self._table.slots[i]
+        for i in joints:
             if silent[i]:
-                findings.append((SafetyFlag.RX_TIMEOUT, f"{self._names[i]} is silent"))
-            findings += self._motor(slot, recent, tracker)
+                findings.append((SafetyFlag.RX_TIMEOUT, "silent", self._names[i]))
+            findings += self._motor(self._table.slots[i], recent, tracker)
         if not findings:
             return self._ok[index]
         flags = SafetyFlag.NONE
-        for flag, _ in findings:
+        for flag, _, _ in findings:
             flags |= flag
         level = SafetyLevel.FAULT if flags & ~_WARNINGS else SafetyLevel.WARNING
-        text = ", ".join(dict.fromkeys(text for _, text in findings))
-        return SafetyStatus(level, flags, self._ok[index].source, text)
+        return SafetyStatus(level, flags, self._ok[index].source, _in_words(findings, len(joints)))
 
     def _bus(self, index: int, recent: float) -> Iterator[_Finding]:
         channel, notes = self._channels[index], self._table.channels[index]
         if down := channel.down:
-            yield SafetyFlag.BUS_OFF, f"down: {down}"
+            yield SafetyFlag.BUS_OFF, f"down: {down}", ""
         if text := channel.recent(BusEvent.TX_FULL, recent):
-            yield SafetyFlag.TX_QUEUE_OVERRUN, text
+            yield SafetyFlag.TX_QUEUE_OVERRUN, text, ""
         if text := channel.recent(BusEvent.DAMAGED, recent):
-            yield SafetyFlag.INVALID_FRAME, text
+            yield SafetyFlag.INVALID_FRAME, text, ""
         if notes.intruder.time >= recent:
-            yield SafetyFlag.INVALID_FRAME, notes.intruder.text
+            yield SafetyFlag.INVALID_FRAME, notes.intruder.text, ""
 
     def _motor(self, slot: MotorSlot, recent: float, tracker: JointTracker) -> Iterator[_Finding]:
         name = self._names[slot.joint]
@@ -102,31 +105,39 @@ class SafetyWatch:
         if report is not None and (report.faults or report.warnings):
             yield from _report(name, report.faults, report.warnings)
         if tracker.jumped[slot.joint]:
-            yield SafetyFlag.MOTOR_FAULT, f"{name}'s position jumped"
+            yield SafetyFlag.MOTOR_FAULT, "position jumped", name
         if tracker.wrapped[slot.joint]:
-            yield SafetyFlag.MOTOR_FAULT, f"{name} turned beyond ±4π"
+            yield SafetyFlag.MOTOR_FAULT, "turned beyond ±4π", name
         if slot.invalid.time >= recent:
-            yield SafetyFlag.INVALID_FRAME, f"{name} sent a {slot.invalid.text}"
+            yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", name
 
 
 def _alarm(name: str, sample: Sample) -> Iterator[_Finding]:
-    faults = StatusFault(sample.faults)
-    if faults:
-        flag = SafetyFlag.MOTOR_FAULT
-        if faults & StatusFault.MOTOR_OVERTEMPERATURE:
-            flag |= SafetyFlag.TEMPERATURE_LIMIT
-        yield flag, f"{name} reports {', '.join(flag_names(faults))}"
+    for fault in flag_names(StatusFault(sample.faults)):
+        yield SafetyFlag.MOTOR_FAULT, fault, name
+    if sample.faults & StatusFault.MOTOR_OVERTEMPERATURE:
+        yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
     if sample.mode != MotorMode.RUN:
-        yield SafetyFlag.MOTOR_FAULT, f"{name} left run mode (mode {MotorMode(sample.mode).name.lower()})"
+        yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {MotorMode(sample.mode).name.lower()})", name
 
 
 def _report(name: str, faults: FaultBit, warnings: WarningBit) -> Iterator[_Finding]:
-    if faults:
-        flag = SafetyFlag.MOTOR_FAULT
-        if faults & FaultBit.MOTOR_OVERTEMPERATURE:
-            flag |= SafetyFlag.TEMPERATURE_LIMIT
-        yield flag, f"{name} reports {', '.join(flag_names(faults))}"
-    if warnings:
-        hot = warnings & WarningBit.MOTOR_OVERTEMPERATURE_WARNING
-        flag = SafetyFlag.TEMPERATURE_LIMIT if hot else SafetyFlag.MOTOR_FAULT
-        yield flag, f"{name} warns of {', '.join(flag_names(warnings))}"
+    for fault in flag_names(faults):
+        yield SafetyFlag.MOTOR_FAULT, fault, name
+    if faults & FaultBit.MOTOR_OVERTEMPERATURE:
+        yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
+    hot = warnings & WarningBit.MOTOR_OVERTEMPERATURE_WARNING
+    for warning in flag_names(warnings):
+        yield SafetyFlag.TEMPERATURE_LIMIT if hot else SafetyFlag.MOTOR_FAULT, warning, name
+
+
+def _in_words(findings: Sequence[_Finding], joint_count: int) -> str:
+    """Each finding once with its joints: `silent: left_elbow_pitch, left_wrist_yaw`, or `silent: all 7 motors`."""
+    joints: dict[str, dict[str, None]] = {}
+    for _, what, name in findings:
+        joints.setdefault(what, {})[name] = None
+    words = []
+    for what, names in joints.items():
+        everyone = f"all {joint_count} motors" if 2 < joint_count == len(names) else ", ".join(names)
+        words.append(f"{what}: {everyone}" if everyone else what)
+    return "; ".join(words)

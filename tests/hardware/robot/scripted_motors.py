@@ -93,7 +93,9 @@ class ScriptedMotor:
                 self.mode = MotorMode.RUN
             case Stop(clear_fault=clear):
                 self.mode = MotorMode.RESET if self.stops else self.mode
-                self.faults = StatusFault(0) if clear and self.clears_faults else self.faults
+                if clear and self.clears_faults:
+                    self.faults = NO_FAULT
+                    self.parameters[fault_word(self.model).index] = bytes(4)
             case WriteParameter(index=index, payload=payload):
                 self._write(index, payload)
             case ReadParameter(index=index):

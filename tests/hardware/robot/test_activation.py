@@ -289,19 +289,34 @@ def test_less_than_was_allowed_is_mentioned(robot: RobstrideRobot, left: Scripte
 def test_the_fault_of_a_motor_is_cleared_and_told(robot: RobstrideRobot, left: ScriptedMotor) -> None:
     left.faults = StatusFault.STALL_OVERLOAD
     robot.activate()
-    assert _warnings(robot) == ["warning: left: had faults, cleared: mode reset, stall_overload"]
+    assert _warnings(robot) == ["warning: left: had faults, cleared: stall_overload"]
     assert Stop(11, True) in left.heard
     assert robot.read()[1][0].is_ok
 
 
 def test_a_fault_that_does_not_clear_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
     left.faults, left.clears_faults = StatusFault.UNDERVOLTAGE, False
-    assert _refusal(robot) == ["left: faults do not clear (mode reset, undervoltage)"]
+    assert _refusal(robot) == ["left: faults do not clear: undervoltage"]
 
 
-def test_a_fault_that_no_status_shows_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_fault_that_no_status_shows_is_cleared_as_well(robot: RobstrideRobot, left: ScriptedMotor) -> None:
     left.parameters[0x3022] = (1 << 3).to_bytes(4, "little")
-    assert _refusal(robot) == ["left: reports overvoltage also after its faults were cleared"]
+    robot.activate()
+    assert _warnings(robot) == ["warning: left: had faults, cleared: overvoltage"]
+
+
+def test_a_fault_that_no_status_shows_and_that_does_not_clear_is_refused(
+    robot: RobstrideRobot, left: ScriptedMotor
+) -> None:
+    left.parameters[0x3022] = (1 << 3).to_bytes(4, "little")
+    left.clears_faults = False
+    assert _refusal(robot) == ["left: faults do not clear: overvoltage"]
+
+
+def test_a_fault_word_that_cannot_be_read_is_mentioned(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.unreadable.add("fault_word")
+    robot.activate()
+    assert _warnings(robot) == ["warning: left: its fault word cannot be read: overvoltage would not be seen here"]
 
 
 def test_a_motor_that_does_not_stop_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:

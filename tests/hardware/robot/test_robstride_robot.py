@@ -130,7 +130,7 @@ def test_a_silent_joint_keeps_its_values_and_ages(enabled: RobstrideRobot, left:
     begin = time.monotonic()
     status = _wait_for(enabled, SafetyFlag.RX_TIMEOUT)
     assert 0.15 < time.monotonic() - begin < 1.0
-    assert (status.level, status.message) == (FAULT, "left is silent")
+    assert (status.level, status.message) == (FAULT, "silent: left")
     state, _ = enabled.read()
     assert state.joint_position[0] == pytest.approx(-0.25, abs=4e-4)
     assert state.joint_age[0] > 0.2 > state.joint_age[1]
@@ -144,7 +144,7 @@ def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
 ) -> None:
     left.mode = MotorMode.RESET
     status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
-    assert (status.level, status.message) == (FAULT, "left left run mode (mode reset)")
+    assert (status.level, status.message) == (FAULT, "left run mode (mode reset): left")
     for _ in range(5):
         enabled.write(_hold(0.0))
         time.sleep(0.01)
@@ -155,16 +155,16 @@ def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
 @pytest.mark.parametrize(
     ("faults", "flags", "text"),
     [
-        (StatusFault.UNDERVOLTAGE, SafetyFlag.MOTOR_FAULT, "left reports undervoltage"),
+        (StatusFault.UNDERVOLTAGE, SafetyFlag.MOTOR_FAULT, "undervoltage: left"),
         (
             StatusFault.MOTOR_OVERTEMPERATURE,
             SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
-            "left reports motor_overtemperature",
+            "motor_overtemperature: left",
         ),
         (
             StatusFault.STALL_OVERLOAD | StatusFault.ENCODER_FAULT,
             SafetyFlag.MOTOR_FAULT,
-            "left reports encoder_fault, stall_overload",
+            "encoder_fault: left; stall_overload: left",
         ),
     ],
 )
@@ -181,20 +181,20 @@ def test_a_fault_in_a_status_is_flagged_while_it_lasts(
 @pytest.mark.parametrize(
     ("faults", "warnings", "flags", "text"),
     [
-        (FaultBit.OVERVOLTAGE, WarningBit(0), SafetyFlag.MOTOR_FAULT, "left reports overvoltage"),
+        (FaultBit.OVERVOLTAGE, WarningBit(0), SafetyFlag.MOTOR_FAULT, "overvoltage: left"),
         (
             FaultBit.MOTOR_OVERTEMPERATURE,
             WarningBit(0),
             SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
-            "left reports motor_overtemperature",
+            "motor_overtemperature: left",
         ),
         (
             FaultBit(0),
             WarningBit.MOTOR_OVERTEMPERATURE_WARNING,
             SafetyFlag.TEMPERATURE_LIMIT,
-            "left warns of motor_overtemperature_warning",
+            "motor_overtemperature_warning: left",
         ),
-        (FaultBit.STALL_OVERLOAD, WarningBit(0), SafetyFlag.MOTOR_FAULT, "left reports stall_overload"),
+        (FaultBit.STALL_OVERLOAD, WarningBit(0), SafetyFlag.MOTOR_FAULT, "stall_overload: left"),
     ],
 )
 def test_a_fault_report_holds_until_the_motor_reports_none(
@@ -220,7 +220,7 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
     assert _statuses(enabled)[0].is_ok
     left.position += 0.8
     status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
-    assert status.message == "left's position jumped"
+    assert status.message == "position jumped: left"
     left.position -= 0.8
     time.sleep(0.3)
     assert not _statuses(enabled)[0].is_ok, "nobody knows which of the two was right"
@@ -234,8 +234,8 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
 @pytest.mark.parametrize(
     ("frame", "text"),
     [
-        (Frame(join_identifier(2, 0x80, 11, 0xFD), bytes(5)), "left sent a status with 5 bytes, expected 8"),
-        (Frame(join_identifier(10, 0x80, 11, 0xFD), bytes(8)), "left sent a frame of communication type 10"),
+        (Frame(join_identifier(2, 0x80, 11, 0xFD), bytes(5)), "sent a status with 5 bytes, expected 8: left"),
+        (Frame(join_identifier(10, 0x80, 11, 0xFD), bytes(8)), "sent a frame of communication type 10: left"),
         (
             encode_command(OperationControl(11, 0.0, 0.0, 0.0, 9.0, 0.0), MODELS["rs-02"]),
             "another host sends 'operation control' to motor 11",
