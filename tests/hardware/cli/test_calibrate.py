@@ -180,13 +180,13 @@ def test_enter_ends_the_sweep_and_the_table_is_drawn_at_5_hz(
     monkeypatch.setattr(tool, "_table", counted)
     monkeypatch.setattr(tool, "make_console", lambda: Console(file=screen, force_terminal=True, width=100))
     with _terminal(monkeypatch) as typed:
-        enter = threading.Timer(0.9, os.write, (typed, b"\n"))
+        enter = threading.Timer(0.5, os.write, (typed, b"\n"))
         enter.start()
         status, printed, _ = run("calibrate", _CHANNEL, "--output", str(tmp_path / "c.yaml"), *_JOINTS)
         enter.join()
     assert status == 0
     assert "Enter writes the file, Ctrl-C leaves it alone" in printed
-    assert 4 <= len(drawn) <= 6  # at 0, 0.2, 0.4, 0.6, 0.8 s and at the end; one may be late on a busy machine
+    assert 3 <= len(drawn) <= 4  # at 0, 0.2 and 0.4 s and at the end; one may be late on a busy machine
     assert "left_elbow_pitch" in screen.getvalue()
 
 

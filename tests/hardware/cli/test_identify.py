@@ -26,8 +26,8 @@ _WRIST = ("identify", _CHANNEL, "left_wrist_yaw", "--yes")
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tool, "_RAMP", 0.2)
-    monkeypatch.setattr(tool, "_HOLD", 0.1)
+    monkeypatch.setattr(tool, "_RAMP", 0.12)
+    monkeypatch.setattr(tool, "_HOLD", 0.05)
 
 
 def _is_stopped_as_before(motor_id: int) -> bool:
