@@ -218,7 +218,8 @@ class Channel:
         if self._has_echoes and self._is_echo(message.arbitration_id, data):
             return
         self.counters.received += 1
-        frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame, False)
+        identifier = int(message.arbitration_id)  # some senders on the virtual bus leave NumPy's integers in it
+        frame = Frame(identifier, data, message.is_extended_id, message.is_remote_frame, False)
         self._receive_frame(frame, self._arrival(message.timestamp))
 
     def _take_error(self, message: can.Message) -> None:

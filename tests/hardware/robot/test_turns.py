@@ -128,9 +128,12 @@ def _jumped(moved: float, elapsed: float, velocity: float, previous: float = 0.0
         (0.0, 0.02, 0.0, 0.0, False),
         (0.2, 0.02, 10.0, 10.0, False),
         (-0.2, 0.002, 10.0, 10.0, False),  # two frames changed places
-        (0.5, 0.02, 0.0, 0.0, True),
+        (0.14, 0.02, 0.0, 0.0, False),
+        (0.16, 0.02, 0.0, 0.0, True),
+        (0.08, 0.01, 0.0, 0.0, True),
         (-0.5, 0.02, 0.1, 0.0, True),
         (1.0, 0.02, 10.0, 10.0, True),
+        (0.0, 0.02, 8.0, -8.0, False),  # thrown back by a stop
         (0.1, 0.02, 4.0, 0.0, False),  # accelerated within the period
         (5.0, 0.3, 0.0, 0.0, False),  # a silence in which anything may have happened
         (12.0, 0.3, 0.0, 0.0, True),  # but nothing that fast
