@@ -229,6 +229,27 @@ def test_any_contract_on_any_robot() -> None:
         assert steps[0][1] == pytest.approx(0.02, rel=0.1)
 
 
+@pytest.mark.parametrize("robot", ["arms", "legs"])
+@pytest.mark.parametrize("scale", [1.0, 30.0])
+def test_whatever_is_done_the_values_are_those_of_the_spaces(
+    robot: str, scale: float, request: pytest.FixtureRequest
+) -> None:
+    env: PolicyEnv = request.getfixturevalue(robot)
+    rng, over, ends = np.random.default_rng(0), True, 0
+    for _ in range(150):
+        if over:
+            observation, _ = env.reset(seed=int(rng.integers(1000)))
+            assert env.observation_space.contains(observation)
+        observation, reward, terminated, truncated, info = env.step(rng.normal(0.0, scale, 14))
+        over = terminated or truncated
+        ends += over
+        assert env.observation_space.contains(observation)
+        assert np.isfinite(reward)
+        assert "fault" not in info or terminated
+        assert reward <= 2.0 * 0.02
+    assert ends > 0 or scale == 1.0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

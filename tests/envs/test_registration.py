@@ -11,6 +11,8 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from humanoid_sim.envs.registration import ENVIRONMENTS, register_environments
+from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.robots.description import load_robot
 
 
 @pytest.mark.parametrize("order", ["gymnasium, humanoid_sim", "humanoid_sim, gymnasium"])
@@ -54,3 +56,10 @@ def test_specs_are_pickled_and_written_as_json(name: str, options: dict[str, Any
         expected, found = (one.reset(seed=3)[0] for one in (env, again))
         for key in expected if isinstance(expected, dict) else [...]:
             np.testing.assert_array_equal(found[key], expected[key])  # type: ignore[index]
+
+
+def test_a_spec_with_a_contract_of_the_user_s_own_is_pickled() -> None:
+    contract = placeholder_checkpoint(load_robot("lite")).contract
+    env = gymnasium.make("humanoid_sim/Policy-v0", contract=contract, robot="lite")
+    again = gymnasium.make(pickle.loads(pickle.dumps(env.spec)))
+    np.testing.assert_array_equal(again.reset(seed=1)[0], env.reset(seed=1)[0])
