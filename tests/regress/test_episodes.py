@@ -1,0 +1,200 @@
+"""Episodes: functions of policy, case and seed alone, measured as anybody else would measure them."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from policies import SAMPLE, failing_copy, swapped_copy
+from regress_runs import standing_policy, yaml_suite
+
+from humanoid_sim.envs.batch import Randomisation
+from humanoid_sim.regress.arena import Arena
+from humanoid_sim.regress.episodes import Disturbance, EpisodeBatch, Step, episode_keys, run_episodes
+from humanoid_sim.regress.metrics import METRICS
+from humanoid_sim.regress.runner import Contest, prepare_contest
+from humanoid_sim.regress.subject import load_subject, suite_robot
+from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance
+from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.tracking import TrackingErrors
+
+QUIET = Disturbance(Randomisation())
+
+
+def make(folder: Path, policy: Path = SAMPLE) -> tuple[Contest, list[Arena]]:
+    """The short suite with a policy."""
+    suite, where = load_suite(str(yaml_suite(folder)))
+    contest = prepare_contest(suite, where, suite_robot(suite, where, None))
+    return contest, contest.arenas(load_subject(policy, None, contest.description, suite))
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Contest, list[Arena]]:
+    return make(tmp_path_factory.mktemp("suite"))
+
+
+def test_an_episode_is_the_same_in_any_company(short: tuple[Contest, list[Arena]]) -> None:
+    contest, arenas = short
+    together = run_episodes(contest.suite, arenas[0], [0, 1, 2, 3, 7], contest.disturbance, threads=2)
+    alone = run_episodes(contest.suite, arenas[0], [3], contest.disturbance, threads=1)
+    others = run_episodes(contest.suite, arenas[0], [7, 3, 0], contest.disturbance)
+    assert alone[0] == together[3] == others[1]
+    assert others[0] == together[4]
+    assert len({episode.metrics["joint_error"] for episode in together}) == 5
+
+
+def test_a_batch_can_be_run_again(short: tuple[Contest, list[Arena]]) -> None:
+    contest, arenas = short
+    batch = EpisodeBatch(contest.suite, arenas[0], [0, 1], contest.disturbance)
+    try:
+        batch.run()
+        first = batch.episodes()
+        batch.run()
+        assert batch.episodes() == first
+    finally:
+        batch.close()
+
+
+def test_cases_and_seeds_draw_their_own() -> None:
+    keys = {int(key) for case in ("wave", "drum") for key in episode_keys(case, range(5))}
+    assert len(keys) == 10
+    assert episode_keys("wave", [3]) == episode_keys("wave", range(5))[3:4]
+
+
+def test_what_an_episode_says_of_itself(short: tuple[Contest, list[Arena]]) -> None:
+    contest, arenas = short
+    (episode,) = run_episodes(contest.suite, arenas[0], [5], contest.disturbance)
+    assert (episode.case, episode.seed, episode.steps, episode.failure, episode.kind) == ("wave", 5, 20, "", "")
+    assert episode.duration == pytest.approx(0.4)
+    assert list(episode.metrics) == list(METRICS["tracking"])
+    assert episode.metrics["survival"] == 1.0
+    assert (episode.metrics["faults"], episode.metrics["losses"]) == (0.0, 0.0)
+    assert len(episode.trace_times) == 20
+    assert set(episode.traces) == {
+        "body_position_error",
+        "body_orientation_error",
+        "joint_error",
+        "effort",
+        "action_rate",
+    }
+    assert episode.traces["action_rate"][0] is None  # nothing before the first step
+
+
+def test_body_errors_are_those_of_the_tracking_report(short: tuple[Contest, list[Arena]]) -> None:
+    """Against `TrackingErrors`, which has kinematics of its own, on the states of an undisturbed episode."""
+    contest, arenas = short
+    arena, steps = arenas[0], list[Step]()
+    (episode,) = run_episodes(contest.suite, arena, [0], QUIET, watch=steps)
+    assert arena.motion is not None
+    errors = TrackingErrors(
+        arena.setting.description, arena.motion.frames, arena.motion.body_names, arena.setting.contract.policy_dt
+    )
+    for frame, step in enumerate(steps[1:], start=1):
+        errors.update(frame, step.state.joint_position[0])
+    summary = errors.summary()
+    position = np.sqrt(np.mean([body.position_rms**2 for body in summary.bodies]))
+    orientation = np.sqrt(np.mean([body.orientation_rms**2 for body in summary.bodies]))
+    assert summary.samples == episode.steps == 20
+    assert episode.metrics["body_position_error"] == pytest.approx(position, rel=1e-9)
+    assert episode.metrics["body_orientation_error"] == pytest.approx(orientation, rel=1e-6)
+
+
+def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short: tuple[Contest, list[Arena]]) -> None:
+    contest, arenas = short
+    arena, steps = arenas[0], list[Step]()
+    (episode,) = run_episodes(contest.suite, arena, [0], QUIET, watch=steps)
+    reached = np.array([step.state.joint_position[0] for step in steps[1:]])
+    assert arena.joint_reference is not None
+    expected = np.sqrt(((reached - arena.joint_reference[1:21]) ** 2).mean())
+    assert episode.metrics["joint_error"] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("value", "failure"),
+    [
+        (np.nan, "action of left_shoulder_pitch is nan, expected a magnitude <= 100"),
+        (1e6, "action of left_shoulder_pitch is .*, expected a magnitude <= 100"),
+    ],
+)
+def test_actions_that_the_controller_refuses_are_counted(tmp_path: Path, value: float, failure: str) -> None:
+    contest, arenas = make(tmp_path, failing_copy(SAMPLE, tmp_path / "bad.onnx", value))
+    episodes = run_episodes(contest.suite, arenas[0], [0, 1], contest.disturbance)
+    for episode in episodes:
+        assert re.fullmatch(failure, episode.failure)
+        assert (episode.kind, episode.steps) == ("fault", 0)
+        assert (episode.metrics["faults"], episode.metrics["survival"]) == (1.0, 0.0)
+        assert episode.metrics["joint_error"] is None
+
+
+def test_an_arm_that_goes_elsewhere_is_lost(tmp_path: Path) -> None:
+    """Shoulder pitch and roll in each other's place: from the start on the hand is far off."""
+    contest, _ = make(tmp_path)
+    suite = replace(contest.suite, cases=(Case(name="reach", motion="reach", duration=3.0),))
+    contest = prepare_contest(suite, tmp_path, contest.description)
+    policy = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
+    (arena,) = contest.arenas(load_subject(policy, None, contest.description, suite))
+    first, second = run_episodes(suite, arena, [0, 1], contest.disturbance)
+    assert first.failure == "strayed: left_hand is 0.30 m from the motion"
+    assert (first.kind, first.metrics["losses"], first.metrics["joint_error"]) == ("lost", 1.0, None)
+    assert 0 < first.steps < 150
+    assert abs(first.steps - second.steps) < 10
+
+
+STANDING = Suite(
+    name="standing",
+    task="velocity",
+    robot="lite_biped",
+    cases=(Case(name="stand", command=(0.0, 0.0, 0.0), duration=1.0),),
+    seeds=2,
+    settle=0.5,
+    tolerances={"falls": Tolerance()},
+)
+
+
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory: pytest.TempPathFactory) -> Arena:
+    folder = tmp_path_factory.mktemp("standing")
+    contest = prepare_contest(STANDING, folder, suite_robot(STANDING, folder, None))
+    policy = standing_policy(folder / "standing.onnx")
+    return contest.arenas(load_subject(policy, None, contest.description, STANDING))[0]
+
+
+def test_a_robot_that_stands_neither_moves_nor_slips(standing: Arena) -> None:
+    (episode,) = run_episodes(STANDING, standing, [0], QUIET)
+    metrics = episode.metrics
+    assert list(metrics) == list(METRICS["velocity"])
+    assert (episode.failure, metrics["falls"], metrics["action_rate"]) == ("", 0.0, 0.0)
+    for name, limit in (("velocity_error", 0.05), ("yaw_rate_error", 0.05), ("tilt", 0.1), ("slip", 0.02)):
+        value = metrics[name]
+        assert value is not None
+        assert 0.0 <= value < limit
+    assert episode.traces["velocity_error"][0] is None  # not settled yet
+
+
+def test_errors_are_against_the_command(standing: Arena) -> None:
+    """The robot stands: what it is told is what it misses."""
+    case = Case(name="go", command=(0.6, 0.8, -0.7), duration=1.0)
+    arena = Arena(standing.subject, case, None, standing.setting, standing.steps, None)
+    (episode,) = run_episodes(STANDING, arena, [0], QUIET)
+    assert episode.metrics["velocity_error"] == pytest.approx(1.0, abs=0.05)
+    assert episode.metrics["yaw_rate_error"] == pytest.approx(0.7, abs=0.05)
+
+
+def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing: Arena) -> None:
+    still, pushed, toppled = (
+        run_episodes(STANDING, standing, [4], Disturbance(Randomisation(), pushes))[0]
+        for pushes in (None, Pushes(speed=0.1, interval=0.4), Pushes(speed=3.0, interval=0.4))
+    )
+    assert still.metrics["tilt"] is not None
+    assert pushed.metrics["tilt"] is not None
+    assert pushed.metrics["tilt"] > still.metrics["tilt"]
+    assert toppled.kind == "lost"
+    assert toppled.failure.startswith("fell: ")
+    assert toppled.metrics["falls"] == 1.0

@@ -1,0 +1,81 @@
+"""JUnit XML that continuous integration understands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from regress_runs import episode, run, tiny_suite
+
+from humanoid_sim.regress.compare import compare_runs
+from humanoid_sim.regress.junit import junit_xml, write_junit
+from humanoid_sim.regress.results import Candidate, MarginComparison, Results, SuiteInfo
+from humanoid_sim.regress.suite import Tolerance
+
+SUITE = tiny_suite(joint_error=Tolerance(relative=0.05), effort=Tolerance(), faults=Tolerance())
+
+
+def results(factor: float, *, margin: str = "same", baseline: bool = True) -> Results:
+    good = run(episode("a", s, {"joint_error": 0.1, "effort": None, "faults": 0.0}) for s in range(5))
+    failed = episode("a", 5, {"joint_error": None, "effort": None, "faults": 0.0}, "strayed: \x00 <left_hand> & more")
+    other = run(
+        [*(episode("a", s, {"joint_error": 0.1 * factor, "effort": None, "faults": 0.0}) for s in range(5)), failed],
+        "new <policy>",
+    )
+    candidate = Candidate(
+        run=other,
+        passed=False,
+        comparisons=compare_runs(SUITE, SUITE.metrics, good, other) if baseline else (),
+        margins=(MarginComparison(axis="delay", baseline=0.03, candidate=0.01, verdict=margin),),
+    )
+    info = SuiteInfo(
+        name="tiny", summary="", task="tracking", robot="lite", cases=("a",), seeds=(0,), duration=1.0, policy_dt=0.02
+    )
+    return Results(
+        suite=info,
+        metrics=SUITE.metrics,
+        confidence=0.95,
+        resamples=2000,
+        baseline=good if baseline else None,
+        detectable=(),
+        candidates=(candidate,),
+    )
+
+
+def test_a_regression_is_a_failure_that_names_the_metric() -> None:
+    root = ElementTree.fromstring(junit_xml(results(1.2)))
+    assert root.attrib == {"name": "regress tiny", "tests": "4", "failures": "1", "skipped": "1"}
+    cases = {case.get("name"): case for case in root.iter("testcase")}
+    assert list(cases) == ["joint_error", "effort", "faults", "margin delay"]
+    failure = cases["joint_error"].find("failure")
+    assert failure is not None
+    assert failure.get("message") == (
+        "joint_error is worse: 6.88°, was 5.73°: +1.15° (+20.0 %), between +1.15° and +1.15°; tolerated: 0.286°"
+    )
+    skipped = cases["effort"].find("skipped")
+    assert skipped is not None
+    assert skipped.get("message") == "no episodes to compare"
+    assert cases["faults"].find("failure") is None
+
+
+def test_a_margin_that_is_worse_fails_too() -> None:
+    root = ElementTree.fromstring(junit_xml(results(1.0, margin="worse")))
+    (failure,) = root.iter("failure")
+    assert failure.get("message") == "margin delay is worse: 0.01, was 0.03"
+
+
+def test_names_and_reasons_are_escaped() -> None:
+    text = junit_xml(results(1.0)).decode()
+    assert "strayed: ? &lt;left_hand&gt; &amp; more" in text
+    assert 'name="tiny: new &lt;policy&gt;"' in text
+
+
+def test_without_a_baseline_every_metric_is_skipped() -> None:
+    root = ElementTree.fromstring(junit_xml(results(1.0, baseline=False)))
+    assert (root.get("failures"), root.get("skipped")) == ("0", "3")
+
+
+def test_the_file(tmp_path: Path) -> None:
+    write_junit(tmp_path / "out.xml", results(1.0))
+    assert ElementTree.parse(tmp_path / "out.xml").getroot().tag == "testsuites"
+    assert [path.name for path in tmp_path.iterdir()] == ["out.xml"]

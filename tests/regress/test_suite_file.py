@@ -1,0 +1,105 @@
+"""Suites: the shipped ones, and one clear line for whatever is wrong with another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from regress_runs import SHORT, yaml_suite
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.regress.metrics import METRICS
+from humanoid_sim.regress.suite_file import load_suite, shipped_suites
+
+
+@pytest.mark.parametrize("name", ["lite_tracking", "velocity"])
+def test_shipped_suites(name: str) -> None:
+    assert name in shipped_suites()
+    suite, _ = load_suite(name)
+    assert suite.name == name
+    assert suite.seeds >= 8
+    assert suite.margins is not None
+    assert {"faults", "losses" if suite.task == "tracking" else "falls"} <= set(suite.tolerances)
+
+
+def test_a_suite_of_ones_own(tmp_path: Path) -> None:
+    suite, folder = load_suite(str(yaml_suite(tmp_path)))
+    assert folder == tmp_path.resolve()
+    assert [case.name for case in suite.cases] == ["wave", "drum"]
+    assert suite.seed_numbers == (0, 1, 2)
+    assert [metric.name for metric in suite.metrics] == ["body_position_error", "joint_error", "losses", "faults"]
+    assert suite.draw().mass == (0.9, 1.1)
+    assert suite.tolerance("joint_error", -2.0) == pytest.approx(0.1)
+    assert suite.tolerance("losses", 0.5) == 0.01
+    assert suite.margins is not None
+    assert [sweep.name for sweep in suite.margins.sweeps] == ["delay", "gains down"]
+
+
+def replaced(before: str, after: str) -> str:
+    assert before in SHORT
+    return SHORT.replace(before, after)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("- 1\n", "is no suite, expected a mapping"),
+        ("name: x\n", "misses the field 'task'"),
+        (replaced("task: tracking", "task: piano"), "task: invalid enum value 'piano'"),
+        (replaced("seeds: 3\n", "seeds: three\n"), "seeds: expected 'int', got 'str'"),
+        (replaced("seeds: 3\n", "seeds: 1\n"), "seeds: is 1, expected at least 2"),
+        (replaced("seeds: 3\n", "seeds: 3\nseedz: 4\n"), "has the unknown field 'seedz'"),
+        (replaced("name: drum", "name: wave"), "cases[1].name: 'wave' is given twice"),
+        (replaced("duration: 0.4", "duration: -1"), "cases[0].duration: is -1, expected more than 0"),
+        (replaced("motion: wave", "command: [1, 0, 0]"), "cases[0].command: is of no use to a tracking task"),
+        (replaced("task: tracking", "task: velocity"), "cases[0].motion: is of no use to a velocity task"),
+        (
+            replaced("joint_error:", "elbow_error:"),
+            "tolerances: unknown tracking metric 'elbow_error'; known: body_pos",
+        ),
+        (replaced("{relative: 0.05}", "{relative: -1}"), "tolerances.body_position_error.relative: is -1, expected"),
+        (replaced("mass: [0.9, 1.1]", "mass: [1.1, 0.9]"), "randomisation: mass is (1.1, 0.9), expected two finite"),
+        (
+            replaced("mass: [0.9, 1.1]", "weight: [1, 1]"),
+            "randomisation: unknown field 'weight'; known: mass, friction",
+        ),
+        (replaced("joint_position: 0.05", "joint_position: .nan"), "start.joint_position: is nan, expected a finite"),
+        (replaced("[0.01, 0.02, 0.1]", "[0.02, 0.01]"), "margins.sweeps[0].levels: is [0.02, 0.01], expected finite"),
+        (
+            replaced("[0.5, 0.01]", "[0.5, 1.5]"),
+            "margins.sweeps[1].levels: is [0.5, 1.5], expected finite numbers that",
+        ),
+        (replaced("axis: delay", "axis: wind"), "margins.sweeps[0].axis: invalid enum value 'wind'"),
+        (replaced("cases: [wave]", "cases: [reach]"), "margins.cases: unknown case 'reach'; known: wave, drum"),
+        (
+            replaced("limits: {body_position_error: 0.02}", "limits: {tilt: 1}"),
+            "margins.limits: unknown tracking metric",
+        ),
+        ("seeds: [1\n", "is no YAML that can be read"),
+        ("seeds: 1\nseeds: 2\n", "'seeds' is given twice"),
+    ],
+)
+def test_a_bad_suite_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = yaml_suite(tmp_path, text)
+    with pytest.raises(InputError) as error:
+        load_suite(str(path))
+    assert str(error.value).startswith(f"{path}: ")
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_no_such_suite(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match="--suite: is 'nowhere', expected a suite's YAML file or one of: lite_tracking, v"
+    ):
+        load_suite("nowhere")
+    with pytest.raises(InputError, match="expected a suite's YAML file"):
+        load_suite(str(tmp_path))
+
+
+def test_every_metric_says_what_it_is() -> None:
+    for metrics in METRICS.values():
+        for name, metric in metrics.items():
+            assert metric.info.name == name
+            assert metric.info.unit
+            assert metric.info.summary.endswith(".")
