@@ -95,8 +95,9 @@ class BatchSimulation:
         push = body_ids(model, [push_body])[0] if push_body else base
         self._placement = Placement(model, description, self._joints)
         self._pool = ModelPool(model, count)
-        available = len(os.sched_getaffinity(0)) if threads is None else threads
-        self._physics = BatchPhysics(self._pool, count, self.physics_steps, min(available, count), push)
+        self.threads = min(len(os.sched_getaffinity(0)) if threads is None else threads, count)
+        """Threads that step physics."""
+        self._physics = BatchPhysics(self._pool, count, self.physics_steps, self.threads, push)
         self._effort = np.zeros((count, len(self._joints.dof)))
         self._step = np.zeros(count, dtype=np.int64)
         self._fault = np.zeros(count, dtype=np.bool_)

@@ -17,8 +17,10 @@ from rich.table import Table
 from humanoid_sim import __version__
 from humanoid_sim.bench.config import BenchConfig
 from humanoid_sim.bench.control_tick import control_tick, real_time_factor, recorder_cost, supervisor_step
+from humanoid_sim.bench.environment import environment_step
 from humanoid_sim.bench.startup import help_start
 from humanoid_sim.bench.timing import Row
+from humanoid_sim.bench.vector import vector_step
 from humanoid_sim.errors import InputError
 
 __all__ = ["bench"]
@@ -29,6 +31,8 @@ _BENCHMARKS: dict[str, Callable[[int], list[Row]]] = {
     "supervisor step": supervisor_step,
     "recording": recorder_cost,
     "real time": real_time_factor,
+    "LiteTracking-v0.step": environment_step,
+    "vector": vector_step,
 }
 
 
@@ -74,7 +78,11 @@ def _print(rows: list[Row], repetitions: int) -> None:
     table.add_column("")
     for row in rows:
         unit = "" if row.unit == "ratio" else f" {row.unit}"
-        target = "" if row.target is None else f"[{'green' if row.is_met else 'red'}]≤ {row.target:g}[/]"
+        target = (
+            ""
+            if row.target is None
+            else f"[{'green' if row.is_met else 'red'}]{'≥' if row.at_least else '≤'} {row.target:g}[/]"
+        )
         spread = f"{row.low:.2f}–{row.high:.2f}"
         table.add_row(row.name, f"{row.value:.2f}{unit}", spread, target, row.detail)
     console.print(table)

@@ -23,13 +23,17 @@ class Row:
     high: float
     """Greatest of the repetitions."""
     target: float | None = None
-    """What the project wants to stay at or below; None: for information."""
+    """What the project wants to stay at or below, or above; None: for information."""
     detail: str = ""
+    at_least: bool = False
+    """The target is a least value: of a speed, not of a cost."""
 
     @property
     def is_met(self) -> bool:
         """Whether the value is within its target."""
-        return self.target is None or self.value <= self.target
+        if self.target is None:
+            return True
+        return self.value >= self.target if self.at_least else self.value <= self.target
 
 
 def seconds(action: Callable[[], object]) -> float:
@@ -46,6 +50,9 @@ def paired_ratio(
     repetitions: int,
     target: float | None,
     describe: Callable[[float, float], str],
+    *,
+    speed: bool = False,
+    prepare: Callable[[], object] = lambda: None,
 ) -> Row:
     """Time `action` and `bare` in turn; the row is the median of their ratios.
 
@@ -56,8 +63,15 @@ def paired_ratio(
         repetitions: pairs, after one that is not counted.
         target: the largest ratio that is wanted.
         describe: makes the row's detail from the median times in s of both.
+        speed: the ratio is that of speeds instead of times, and the target the least that is wanted.
+        prepare: is called before each of them, and not timed.
     """
-    pairs = [(seconds(action), seconds(bare)) for _ in range(repetitions + 1)][1:]
-    ratios = [a / b for a, b in pairs]
+
+    def once(timed: Callable[[], object]) -> float:
+        prepare()
+        return seconds(timed)
+
+    pairs = [(once(action), once(bare)) for _ in range(repetitions + 1)][1:]
+    ratios = [b / a if speed else a / b for a, b in pairs]
     detail = describe(statistics.median(a for a, _ in pairs), statistics.median(b for _, b in pairs))
-    return Row(name, statistics.median(ratios), "ratio", min(ratios), max(ratios), target, detail)
+    return Row(name, statistics.median(ratios), "ratio", min(ratios), max(ratios), target, detail, speed)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from humanoid_sim.bench import control_tick, main, program
+from humanoid_sim.bench import control_tick, environment, main, program, vector
 from humanoid_sim.bench.timing import Row
 from humanoid_sim.cli import run_program
 
@@ -17,8 +18,11 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run `bench` with blocks of a few ticks: status, stdout, stderr."""
+    """Run `bench` with blocks of a few ticks and steps: status, stdout, stderr."""
     monkeypatch.setattr(control_tick, "_BLOCK", 8)
+    monkeypatch.setattr(environment, "_STEPS", 3)
+    monkeypatch.setattr(vector, "_MANY", 6)
+    monkeypatch.setattr(vector, "_SOME", 2)
     monkeypatch.setenv("COLUMNS", "200")
 
     def bench(*arguments: str) -> tuple[int, str, str]:
@@ -46,6 +50,7 @@ def fake(monkeypatch: pytest.MonkeyPatch, **rows: Row) -> list[tuple[str, int]]:
 GOOD = Row("quick thing", 1.5, "ratio", 1.25, 1.75, 2.5, "3 µs")
 BAD = Row("slow thing", 3.0, "ratio", 2.0, 4.0, 2.5)
 FREE = Row("other thing", 7.0, "µs", 6.0, 8.0)
+FAST = Row("fast thing", 2.0, "ratio", 1.9, 2.1, 1.9, at_least=True)
 
 
 def test_every_figure_can_be_taken(run: Run) -> None:
@@ -61,12 +66,20 @@ def test_every_figure_can_be_taken(run: Run) -> None:
         "supervisor step, LOCOMOTION, command held",
         "recording, per tick",
         "play, times real time",
+        "LiteTracking-v0.step",
+        "vector, 6 environments, over bare rollout",
+        "vector, over SyncVectorEnv",
     ]
     assert rows["control tick of play at 200 Hz"]["target"] == 2.5
     assert rows["play --help"]["target"] == 15.0
+    assert rows["LiteTracking-v0.step"]["target"] == 1.4
+    assert rows["vector, 6 environments, over bare rollout"]["target"] == 0.85
+    assert rows["vector, over SyncVectorEnv"]["target"] == 1.9
     for row in rows.values():
         assert row["low"] <= row["value"] <= row["high"]
-        assert row["met"] == (row["target"] is None or row["value"] <= row["target"])
+        assert row["at_least"] == row["name"].startswith("vector")
+        within = row["target"] is None or (row["value"] >= row["target"]) == row["at_least"]
+        assert row["met"] == within
     for name in ("control tick of play at 200 Hz", "play --help", "play, times real time"):
         assert rows[name]["value"] > 0.0
     assert set(document["machine"]) == {"cpus", "platform", "python", "mujoco", "onnxruntime", "humanoid_sim"}
@@ -78,15 +91,18 @@ def test_a_missed_target_is_status_1(run: Run, monkeypatch: pytest.MonkeyPatch) 
     assert run()[0] == 0
     fake(monkeypatch, good=GOOD, bad=BAD)
     assert run()[0] == 1
+    fake(monkeypatch, slow=replace(FAST, value=1.89))
+    assert run()[0] == 1
 
 
 def test_the_table_shows_figures_ranges_and_targets(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = fake(monkeypatch, good=GOOD, free=FREE)
+    asked = fake(monkeypatch, good=GOOD, free=FREE, fast=FAST)
     _, out, _ = run("--repetitions", "3")
-    assert asked == [("good", 3), ("free", 3)]
+    assert asked == [("good", 3), ("free", 3), ("fast", 3)]
     lines = {line.split("│")[1].strip(): line for line in out.splitlines() if "thing" in line}
     assert [cell.strip() for cell in lines["quick thing"].split("│")[2:-1]] == ["1.50", "1.25–1.75", "≤ 2.5", "3 µs"]
     assert [cell.strip() for cell in lines["other thing"].split("│")[2:-1]] == ["7.00 µs", "6.00–8.00", "", ""]
+    assert [cell.strip() for cell in lines["fast thing"].split("│")[2:-1]] == ["2.00", "1.90–2.10", "≥ 1.9", ""]
     assert "medians of 3 repetitions" in out
 
 
@@ -102,7 +118,7 @@ def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.Monke
         (
             ("--only", "speed"),
             "error: --only: is 'speed', expected part of one of control tick, play --help, supervisor step, recording, "
-            "real time\n",
+            "real time, LiteTracking-v0.step, vector\n",
         ),
         (("--repetitions", "0"), "error: --repetitions: is 0, expected a whole number >= 1\n"),
         (("--repetitions", "-3"), "error: --repetitions: is -3, expected a whole number >= 1\n"),
