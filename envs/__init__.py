@@ -1,4 +1,16 @@
-"""Gymnasium, vector and dm_env environments over the same control stack."""
+"""Gymnasium, vector and dm_env environments over the same control stack.
+
+| module | what it knows |
+|---|---|
+| `tasks` | where an episode starts, its reward and its end; functions of arrays, for one robot or many |
+| `policy_side` | observation, action and reference, by the functions of the deployed controller |
+| `setting` | robot, contract, motion and task, brought together from what a user names |
+| `policy_env` | one robot: `LiteTracking-v0`, `BipedVelocity-v0`, `Policy-v0` |
+| `vector_env`, `batch` | many robots at once, stepped natively: the same ids through `gymnasium.make_vec` |
+| `modes_env` | the whole control stack: `LiteModes-v0` |
+| `dm` | the same tasks for dm_control |
+| `registration` | the ids |
+"""
 
 if __name__ != "humanoid_sim.envs":
     raise ImportError("import this package as 'humanoid_sim.envs', not as 'envs'")
