@@ -106,7 +106,7 @@ def _emulated(
     description: RobotDescription, addresses: Sequence[BusAddress], offsets: Mapping[str, float]
 ) -> VirtualMotors:
     # Real motors are not held up by whatever else runs on this computer.
-    with punctual_threads():
+    with punctual_threads(behind=10):
         return VirtualMotors(description, addresses, settings=EmulationSettings(homing_offset=offsets))
 
 

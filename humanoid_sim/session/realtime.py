@@ -5,7 +5,8 @@
 - The interpreter hands over between threads ten times as often as it would: otherwise a thread that computes (a
   recorder that compresses) keeps the control thread waiting for 5 ms.
 - The control thread, and every thread that is started from it while the measures last (those of the buses), run under
-  SCHED_FIFO: before all threads that do not.
+  SCHED_FIFO: before all threads that do not. So do, behind it, the program's other threads: one that holds the
+  interpreter's lock and is kept from running by another program would keep the control thread waiting as long.
 - Memory is locked: no page that was used once is ever fetched from a disk again.
 """
 
@@ -44,11 +45,10 @@ def real_time() -> Iterator[tuple[str, ...]]:
 
 
 @contextlib.contextmanager
-def punctual_threads() -> Iterator[str]:
-    """Threads started meanwhile, by the calling one, run under SCHED_FIFO, a little behind a control loop; where it is
-    permitted, which the line that is given says."""
+def punctual_threads(behind: int) -> Iterator[str]:
+    """Threads that the calling one starts meanwhile run under SCHED_FIFO, `behind` the loop; gives a line on it."""
     with contextlib.ExitStack() as undo:
-        yield _fifo(undo, _PRIORITY - 10)
+        yield _fifo(undo, _PRIORITY - behind)
 
 
 def _frozen_collector(undo: contextlib.ExitStack) -> str:

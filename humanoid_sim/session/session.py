@@ -20,7 +20,7 @@ from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.interface import Robot
 from humanoid_sim.session.pace import Pace
 from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
-from humanoid_sim.session.realtime import real_time
+from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.result import SessionResult
 from humanoid_sim.session.settings import LoopSettings
@@ -143,7 +143,8 @@ class Session:
         # Left in reverse: the robot is closed before any sink may take its time.
         with contextlib.ExitStack() as stack, contextlib.ExitStack() as robot:
             robot.callback(self._close_robot)
-            self._sinks.start(self._header, stack)
+            with punctual_threads(behind=20) if self._settings.punctual else contextlib.nullcontext():
+                self._sinks.start(self._header, stack)
             measures = stack.enter_context(real_time()) if self._settings.punctual else ()
             if measures:
                 self._sinks.event(f"for punctuality: {'; '.join(measures)}")

@@ -69,15 +69,19 @@ def test_memory_is_locked_only_where_nothing_limits_it(
 
 
 def test_a_session_takes_them_before_the_robot_is_activated_and_until_it_is_closed() -> None:
-    """Threads that the robot starts inherit them; those of the sinks are there already."""
+    """Threads that the robot starts inherit the loop's priority; those of the sinks are behind it."""
     seen: list[int] = []
+    priorities: list[int] = []
     robot, sink = FakeRobot(), FakeSink()
+    robot.activate = lambda: priorities.append(os.sched_getparam(0).sched_priority)  # type: ignore[method-assign]
+    sink.start = lambda _: priorities.append(os.sched_getparam(0).sched_priority)  # type: ignore[method-assign]
     robot.on_read = lambda _: seen.append(gc.get_freeze_count())
     result = session(robot, duration=0.1, punctual=True, sinks=[sink]).run()
     assert min(seen) > 1000
     assert len(result.measures) == 4
     assert sink.events[0] == f"for punctuality: {'; '.join(result.measures)}"
     assert gc.get_freeze_count() == 0
+    assert priorities == ([30, 50] if result.measures[2] == "SCHED_FIFO, priority 50" else [0, 0])
     assert session(FakeRobot(), duration=0.1).run().measures == ()
 
 
@@ -92,7 +96,7 @@ def test_a_thread_started_meanwhile_runs_as_punctually() -> None:
 
 def test_threads_may_be_made_punctual_alone() -> None:
     policy, seen = os.sched_getscheduler(0), []
-    with punctual_threads() as line:
+    with punctual_threads(behind=10) as line:
         thread = threading.Thread(target=lambda: seen.append((os.sched_getscheduler(0), os.sched_getparam(0))))
         thread.start()
         thread.join()

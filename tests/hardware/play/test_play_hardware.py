@@ -17,6 +17,8 @@ from result import Document, Result
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.hardware.bus.address import parse_address
+from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
@@ -168,6 +170,14 @@ def test_where_nobody_can_be_asked_a_yes_must_be_given(run: Play, quick: str, fo
     assert result.status == 2  # there is no such interface
     assert "calibration calibration.yaml" in result.out
     assert "can7" in next(line for line in result.out.splitlines() if line.startswith("problem"))
+
+
+def test_a_channel_that_another_session_drives_is_refused(run: Play, quick: str) -> None:
+    with ChannelLock(parse_address("virtual:play")):
+        result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
+    assert result.status == 2
+    assert "problem virtual:play  is in use by another session (process " in result.out
+    assert result.err == "error: lite: not enabled, 1 problem\n"
 
 
 def test_emulated_motors_are_assembled_as_the_calibration_says(run: Play, quick: str, folder: Path) -> None:
