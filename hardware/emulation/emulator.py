@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from itertools import count
 from typing import NamedTuple
 
@@ -45,6 +46,16 @@ class BusLoad(NamedTuple):
     frames: int
     busy: float
     """s for which it was occupied."""
+
+
+@dataclass(slots=True, eq=False)
+class _Injected:
+    """A fault that has not ended."""
+
+    fault: Fault
+    motors: list[int]
+    is_active: bool = False
+    """Whether it has begun."""
 
 
 class Emulator:
@@ -89,6 +100,7 @@ class Emulator:
         self._host_faults: list[list[str]] = [[] for _ in range(bus_count)]
         self._arrivals: list[tuple[float, int, Arrival]] = []
         self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self._injected: list[_Injected] = []
         self._serial = count()
         self._told = told
         for fault in faults:
@@ -150,11 +162,17 @@ class Emulator:
         Raises:
             InputError: it names a joint without a motor.
         """
-        motors = self._motors_of(fault)
+        injected = _Injected(fault, self._motors_of(fault))
+        self._injected.append(injected)
         start = max(fault.start, self.time)
-        self._at(start, lambda: self._begin(fault, motors))
+        self._at(start, lambda: self._begin(injected))
         if not math.isinf(fault.duration):
-            self._at(start + fault.duration, lambda: self._end(fault, motors))
+            self._at(start + fault.duration, lambda: self._end(injected))
+
+    def clear_faults(self) -> None:
+        """End every fault that has begun, and forget those to come. What firmwares have latched stays."""
+        for injected in tuple(self._injected):
+            self._end(injected)
 
     def _tell(self, text: str) -> None:
         if self._told is not None:
@@ -170,54 +188,69 @@ class Emulator:
                 raise InputError(f"fault '{fault.kind}': {known_names('joint', name, names)}")
         return [i for i, name in enumerate(names) if not fault.joints or name in fault.joints]
 
-    def _begin(self, fault: Fault, motors: list[int]) -> None:
+    def _begin(self, injected: _Injected) -> None:
+        if injected not in self._injected:  # forgotten before it began
+            return
+        injected.is_active = True
+        fault = injected.fault
         self._tell(f"fault: {fault}")
         if fault.info.scope == "frames":
-            for motor in motors:
+            for motor in injected.motors:
                 self._frame_faults.begin(fault.kind, motor, fault.amount)
         elif fault.info.scope == "motor":
-            for motor in motors:
+            for motor in injected.motors:
                 begin_motor_fault(self.motors, motor, fault.kind, fault.amount)
         else:
-            for bus in sorted({self._bus_of[motor] for motor in motors}):
-                self._begin_on_bus(fault, bus)
+            for bus in self._buses_of(injected):
+                self._begin_on_bus(injected, bus)
 
-    def _end(self, fault: Fault, motors: list[int]) -> None:
+    def _end(self, injected: _Injected) -> None:
+        if injected not in self._injected:
+            return
+        self._injected.remove(injected)
+        if not injected.is_active:
+            return
+        injected.is_active = False
+        fault = injected.fault
         self._tell(f"fault over: {fault}")
         if fault.info.scope == "frames":
-            for motor in motors:
+            for motor in injected.motors:
                 self._frame_faults.end(fault.kind, motor)
         elif fault.info.scope == "motor":
-            for motor in motors:
+            for motor in injected.motors:
                 for frame in end_motor_fault(self.motors, motor, fault.kind, fault.amount):
                     self._send(motor, frame, self.time)
         else:
-            for bus in {self._bus_of[motor] for motor in motors}:
+            for bus in self._buses_of(injected):
                 if fault.kind == "bus_off":
                     self._is_off[bus] = False
                 elif fault.info.scope == "host":
                     self._host_faults[bus].remove(fault.kind)
 
-    def _begin_on_bus(self, fault: Fault, bus: int) -> None:
-        if fault.kind == "bus_off":
+    def _buses_of(self, injected: _Injected) -> list[int]:
+        return sorted({self._bus_of[motor] for motor in injected.motors})
+
+    def _begin_on_bus(self, injected: _Injected, bus: int) -> None:
+        kind = injected.fault.kind
+        if kind == "bus_off":
             self._is_off[bus] = True
             self._wires[bus].clear()
             self._arrive(self.time, bus, _BUS_OFF)
-        elif fault.kind == "other_master":
-            self._interfere(fault, bus, self.time + fault.duration)
+        elif kind == "other_master":
+            self._interfere(injected, bus)
         else:
-            self._host_faults[bus].append(fault.kind)
+            self._host_faults[bus].append(kind)
 
-    def _interfere(self, fault: Fault, bus: int, end: float) -> None:
+    def _interfere(self, injected: _Injected, bus: int) -> None:
         """Another computer commands zero torque to every motor of a bus, and does so again and again."""
-        if self.time >= end:
+        if not injected.is_active:
             return
         for motor in self._on_bus[bus]:
             model = self.motors.identities[motor].model
             command = OperationControl(self.motors.states[motor].can_id, 0.0, 0.0, 0.0, 0.0, 0.0)
             if not self._is_off[bus]:
                 self._wires[bus].submit(OTHER_HOST, encode_command(command, model), self.time)
-        self._at(self.time + 1.0 / fault.amount, lambda: self._interfere(fault, bus, end))
+        self._at(self.time + 1.0 / injected.fault.amount, lambda: self._interfere(injected, bus))
 
     def _send(self, motor: int, frame: Frame, time: float) -> None:
         bus = self._bus_of[motor]

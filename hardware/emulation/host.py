@@ -141,7 +141,9 @@ class EmulatorHost:
                 data = bytes(message.data)
                 if self._echoes is not None and self._is_echo(index, message.arbitration_id, data):
                     continue
-                frame = Frame(message.arbitration_id, data, message.is_extended_id, message.is_remote_frame)
+                # other programs put whatever counts as an integer into a message, NumPy's too
+                number = int(message.arbitration_id)
+                frame = Frame(number, data, message.is_extended_id, message.is_remote_frame)
                 self._emulator.submit(index, frame, self._arrival(message.timestamp, wall, until))
         for arrival in self._emulator.advance(until):
             frame = arrival.frame

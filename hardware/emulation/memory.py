@@ -11,6 +11,7 @@ from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorStat
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
     PARAMETERS_BY_INDEX,
+    ParameterType,
     default_value,
     fault_word,
     pack_value,
@@ -46,15 +47,19 @@ def read_parameter(identity: MotorIdentity, state: MotorState, sensed: Sensed, i
     word = fault_word(identity.model.name)
     if index == word.index:
         return pack_value(word.type, int(state.faults))
-    known = PARAMETERS_BY_INDEX.get(index)
-    if known is None or not _exists(identity, index):
-        return None
     live = {
         "mechPos": sensed.shaft - state.origin,
         "mechVel": sensed.velocity,
         "iqf": sensed.torque / identity.torque_per_ampere,
         "VBUS": sensed.voltage,
+        "torque_fdb": sensed.torque,
     }
+    function = _function_codes(identity.model.name).get(index)
+    if function is not None:
+        return pack_value(ParameterType.F32, live[function])
+    known = PARAMETERS_BY_INDEX.get(index)
+    if known is None or not _exists(identity, index):
+        return None
     value = live[known.name] if known.name in live else state.parameters[index]
     return pack_value(known.type, value)
 
@@ -74,6 +79,13 @@ def written_parameters(state: MotorState, index: int, payload: bytes) -> Mapping
     if known.name == "run_mode" and (state.is_running or value not in tuple(RunMode)):
         return state.parameters
     return MappingProxyType({**state.parameters, index: value})
+
+
+def _function_codes(model: str) -> Mapping[int, str]:
+    """The measurements among the function codes, which are numbered per model."""
+    first = 0x3017 if model == "rs-04" else 0x3016
+    torque = 0x302D if model in ("rs-01", "rs-06") else 0x302C
+    return {first: "mechPos", first + 1: "mechVel", torque: "torque_fdb"}
 
 
 def _exists(identity: MotorIdentity, index: int) -> bool:

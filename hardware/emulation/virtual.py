@@ -114,6 +114,10 @@ class VirtualMotors:
         """
         self._host.inject(fault)
 
+    def clear_faults(self) -> None:
+        """End every fault that has begun, and forget those to come. What firmwares have latched stays."""
+        self._host.call(lambda emulator: emulator.clear_faults())
+
     def call(self, action: Callable[[Emulator], None]) -> None:
         """Do something with the emulator between two of its events: an observer's or a test's way in."""
         self._host.call(action)

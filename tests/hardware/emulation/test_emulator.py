@@ -273,6 +273,15 @@ class TestFaults:
         bench.advance(0.1)
         assert bench.emulator.host_fault(0) == ""
 
+    def test_faults_can_be_ended_and_those_to_come_forgotten(self) -> None:
+        bench = Bench(faults=[Fault("silent", (ELBOW,)), Fault("lost", start=0.1), Fault("other_master")])
+        bench.advance(0.01)
+        bench.emulator.clear_faults()
+        bench.advance(0.1)
+        bench.log.clear()
+        assert len(bench.command(duration=0.05)) == 14
+        assert len(bench.log) == 14, "and no other master"
+
     def test_a_joint_that_is_not_driven_is_refused(self) -> None:
         with pytest.raises(InputError, match="fault 'silent': unknown joint 'tail'"):
             Emulator(LITE, faults=[Fault("silent", ("tail",))])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -310,6 +311,18 @@ def test_the_fault_word_can_be_read() -> None:
     (reply,) = motor.tell(ReadParameter(ID, 0x3022))
     assert isinstance(reply, ParameterReply)
     assert int.from_bytes(reply.payload, "little") == FaultBit.OVERVOLTAGE
+
+
+@pytest.mark.parametrize(
+    ("model", "position", "torque"), [("rs-02", 0x3016, 0x302C), ("rs-04", 0x3017, 0x302C), ("rs-06", 0x3016, 0x302D)]
+)
+def test_measurements_can_be_read_by_their_function_codes_too(model: str, position: int, torque: int) -> None:
+    motor = Motor(identity(model))
+    motor.feel(shaft=1.5, velocity=0.5, torque=2.0)
+    for index, value in ((position, 1.5), (position + 1, 0.5), (torque, 2.0)):
+        (reply,) = motor.tell(ReadParameter(ID, index))
+        assert isinstance(reply, ParameterReply)
+        assert reply.payload == np.float32(value).tobytes()
 
 
 def test_parameters_that_came_with_newer_firmware() -> None:

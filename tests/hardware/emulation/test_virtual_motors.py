@@ -139,6 +139,12 @@ def test_on_an_interface_where_a_sender_hears_itself_nothing_is_counted_twice() 
         assert motors.load().frames == 2
 
 
+def test_a_message_with_numpys_integers_is_one_like_any(motors: VirtualMotors, bus: can.BusABC) -> None:
+    bus.send(can.Message(arbitration_id=np.int64(0x0300FD0E), data=bytes(8), is_extended_id=True))
+    assert len(_answers(bus, 1)) == 1
+    assert motors.failure is None
+
+
 def test_a_floating_base_is_held_and_let_go() -> None:
     biped = load_robot("lite_biped")
     with VirtualMotors(biped, ["virtual:biped"]) as motors:
