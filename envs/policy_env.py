@@ -153,9 +153,11 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         state, _ = self._read()
         side = self.setting.side
         observation, self._memory = side.observe(side.activate(state) if memory is None else memory, state)
-        self._observation = np.clip(observation, self._low, self._high)
+        self._observation = np.clip(
+            observation, self._low, self._high
+        )  # of a state of the caller's, it may be anything
         self._show(state, MITCommand.zeros(len(self.robot.joints)))
-        return observation, {"frame": int(self._memory.frame)}
+        return self._observation.copy(), {"frame": int(self._memory.frame)}
 
     def _begin(self, options: dict[str, Any]) -> tuple[PlantState, PolicyMemory | None]:
         """Where the robot begins, with the policy's memory if it is not a fresh one; sets the episode's commands."""

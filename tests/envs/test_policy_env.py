@@ -147,7 +147,8 @@ def test_an_observation_beyond_any_robot_s_is_a_fault(arms: PolicyEnv) -> None:
     arms.reset(seed=0)
     qpos = arms.robot.qpos.copy()
     qpos[0] += 5.0
-    arms.reset(options={"state": PlantState(qpos, np.zeros(14))})
+    observation, _ = arms.reset(options={"state": PlantState(qpos, np.zeros(14))})
+    assert arms.observation_space.contains(observation)
     observation, _, terminated, _, info = arms.step(np.zeros(14))
     assert terminated
     assert info["fault"].startswith("observation joint_pos[0] is ")
