@@ -12,6 +12,7 @@ from mujoco import rollout
 from humanoid_sim.bench.timing import Row, paired_ratio
 from humanoid_sim.controllers.action import action_command
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.mit import FloatArray
 
 __all__ = ["vector_step"]
 
@@ -42,6 +43,13 @@ def _over_rollout(repetitions: int) -> Row:
         count = _MANY * _STEPS
         return f"{count / ours:.0f} environment steps per s, {count / bare:.0f} bare, {physics.threads} threads"
 
+    begin()
+    envs.step()
+    reached = physics.simulation.qpos.copy()
+    begin()
+    physics.step()
+    if not np.allclose(physics.qpos, reached, rtol=0.0, atol=1e-9):
+        raise AssertionError("the bare physics is not that of the environments")
     name = f"vector, {_MANY} environments, over bare rollout"
     try:
         return paired_ratio(name, envs.step, physics.step, repetitions, 0.85, describe, speed=True, prepare=begin)
@@ -95,7 +103,7 @@ class _BareRollout:
         native: Any = stepped.envs.unwrapped
         assert isinstance(native, PolicyVectorEnv)
         stepped.step()  # the gains are in the models once a command has been given
-        self._simulation = simulation = native.simulation
+        self.simulation = simulation = native.simulation
         self._models = [simulation.model(i) for i in range(simulation.count)]
         model, steps = self._models[0], simulation.physics_steps
         self.threads = simulation.threads
@@ -112,7 +120,12 @@ class _BareRollout:
     def begin(self) -> None:
         """Start where the environments start."""
         self._initial[:, 0] = 0.0
-        self._initial[:, 1:] = np.concatenate([self._simulation.qpos, self._simulation.qvel], axis=1)
+        self._initial[:, 1:] = np.concatenate([self.simulation.qpos, self.simulation.qvel], axis=1)
+
+    @property
+    def qpos(self) -> FloatArray:
+        """Shape (N, nq), after the latest physics step."""
+        return self._path[:, -1, 1 : 1 + self._models[0].nq]
 
     def step(self) -> None:
         """As many physics steps as the vector environment takes, in as many calls."""
