@@ -1,0 +1,172 @@
+"""`regress` from its command line: verdicts as exit statuses, outputs, and one line for what cannot be used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import msgspec
+import pytest
+from policies import SAMPLE, failing_copy, swapped_copy
+from regress_runs import SHORT, standing_policy, yaml_suite
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.regress import main, program
+from humanoid_sim.regress.results import Results
+
+# What only the option `suite` changes from test to test is left as short as it can be.
+ONE = SHORT.replace("  - {name: drum, motion: drum, duration: 0.3}\n", "").replace("duration: 0.4", "duration: 0.2")
+
+
+@pytest.fixture
+def suite(tmp_path: Path) -> str:
+    return str(yaml_suite(tmp_path, ONE))
+
+
+def results(path: Path) -> Results:
+    return msgspec.json.decode(path.read_bytes(), type=Results)
+
+
+def test_the_sample_policy_passes_against_itself(
+    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    base, out, junit = tmp_path / "base.json", tmp_path / "out.json", tmp_path / "out.xml"
+    assert main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base)]) == 0
+    assert "lite_tracking: 3 episodes, 0 failed; no baseline to compare with" in capsys.readouterr().out
+    arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(base), "--json", str(out), "--junit", str(junit)]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "found with a probability of 80%" in printed
+    assert printed.index("found from") < printed.index("against the baseline")
+    assert printed.splitlines()[-1] == "PASS lite_tracking"
+    found = results(out)
+    assert found.passed
+    assert found.baseline is not None
+    assert found.candidates[0].run.episodes == found.baseline.episodes
+    assert {comparison.verdict for comparison in found.candidates[0].comparisons} == {"same"}
+    assert [announced.metric for announced in found.detectable] == [metric.name for metric in found.metrics]
+    assert ElementTree.parse(junit).getroot().get("failures") == "0"
+
+
+def test_the_same_command_writes_the_same_bytes(suite: str, tmp_path: Path) -> None:
+    for name in ("one.json", "two.json"):
+        main([str(SAMPLE), "--suite", suite, "--json", str(tmp_path / name), "--quiet"])
+    assert (tmp_path / "one.json").read_bytes() == (tmp_path / "two.json").read_bytes()
+
+
+def test_a_policy_that_is_worse_fails_and_is_named_beside_one_that_is_not(
+    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    worse = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
+    assert main([str(SAMPLE), str(worse), "--suite", suite, "--baseline", str(SAMPLE), "--quiet"]) == 1
+    assert capsys.readouterr().out.splitlines() == [
+        "PASS lite_tracking",
+        "FAIL swapped: worse: body_position_error, joint_error",
+    ]
+
+
+def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(
+    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
+    folder = tmp_path / "failures"
+    arguments = [str(policy), "--suite", suite, "--baseline", str(SAMPLE), "--record-failures", str(folder)]
+    assert main([*arguments, "--record-limit", "2"]) == 1
+    printed = capsys.readouterr().out
+    assert "3 of 3 episodes failed:" in printed
+    assert "wave, seed 0, after 0.00 s: action of left_shoulder_pitch is nan, expected a magnitude <= 100" in printed
+    assert printed.splitlines()[-1] == "FAIL nan: worse: faults"
+    assert sorted(path.name for path in folder.iterdir()) == ["nan-wave-0.mcap", "nan-wave-1.mcap"]
+
+
+def test_other_seeds_are_compared_case_by_case(suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    base = tmp_path / "base.json"
+    main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet"])
+    assert main([str(SAMPLE), "--suite", suite, "--baseline", str(base), "--first-seed", "50"]) == 0
+    assert "other seeds than the baseline's: compared case by case, not pair by pair" in capsys.readouterr().out
+
+
+def test_margins(suite: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(SAMPLE), "--suite", suite, "--margins", "--baseline", str(SAMPLE)]) == 0
+    printed = capsys.readouterr().out
+    assert "robustness margins" in printed
+    assert "gains down" in printed
+
+
+def test_two_policies_of_the_same_name_are_told_apart(suite: str, tmp_path: Path) -> None:
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "policy.onnx").write_bytes(SAMPLE.read_bytes())
+    out = tmp_path / "out.json"
+    paths = [str(tmp_path / name / "policy.onnx") for name in ("first", "second")]
+    main([*paths, "--suite", suite, "--json", str(out), "--quiet"])
+    assert [candidate.run.name for candidate in results(out).candidates] == ["first/policy", "second/policy"]
+
+
+def test_the_report_is_made_of_the_results(suite: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is on the page is tested with the report itself."""
+    monkeypatch.setattr(program, "report_page", lambda found: f"<p>{found.suite.name}: {found.passed}</p>")
+    page = tmp_path / "report.html"
+    assert main([str(SAMPLE), "--suite", suite, "--report", str(page), "--quiet"]) == 0
+    assert page.read_text(encoding="utf-8") == "<p>short: True</p>"
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line on stderr of a program that ends with status 2."""
+    assert run_program(main, arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line.removeprefix("error: ")
+
+
+def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    there = tmp_path / "there.json"
+    there.write_text("{}")
+    policy, short = str(SAMPLE), ("--suite", suite)
+    for arguments, expected in (
+        (
+            (policy, "--suite", "nowhere"),
+            "--suite: is 'nowhere', expected a suite's YAML file or one of: lite_tracking",
+        ),
+        ((policy, *short, "--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
+        ((policy, *short, "--json", str(there)), f"--json: '{there}' exists; choose another name, or add --overwrite"),
+        ((policy, *short, "--junit", "no/where.xml"), "--junit: 'no' is no folder, expected one that exists"),
+        ((policy, *short, "--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave"),
+        ((policy, *short, "--seeds", "1"), "--seeds: is 1, expected at least 2"),
+        ((policy, *short, "--threads", "0"), "--threads: is 0, expected a whole number >= 1"),
+        (
+            (policy, *short, "--record-failures", str(there)),
+            f"--record-failures: '{there}' is a file, expected a folder",
+        ),
+        ((policy, "--suite", "velocity"), "--robot: is missing; the suite 'velocity' is for any robot and names none"),
+        ((policy, *short, "--baseline", str(there)), f"{there}: is no baseline of `regress --write-baseline`"),
+        ((str(tmp_path / "none.onnx"), *short), f"{tmp_path / 'none.onnx'}: no such file, expected an ONNX file"),
+    ):
+        assert complaint(capsys, *arguments).startswith(expected)
+
+
+def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    walker = standing_policy(tmp_path / "walker.onnx")
+    line = complaint(capsys, str(walker), "--suite", suite, "--robot", "lite_biped")
+    assert line == (
+        f"{walker}: is a policy for task_type locomotion, the suite 'short' is for a policy that follows motions"
+    )
+    line = complaint(capsys, str(SAMPLE), "--suite", "velocity", "--robot", "lite")
+    assert line == "robot 'lite': has a fixed base, a velocity suite expects a floating one"
+    line = complaint(capsys, str(SAMPLE), "--suite", suite, "--robot", "lite_neck")
+    assert line.startswith(f"{SAMPLE}: ")
+    assert "the policy lacks neck_yaw, neck_roll, neck_pitch" in line
+    base = tmp_path / "base.json"
+    main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet"])
+    capsys.readouterr()
+    other = yaml_suite(tmp_path, ONE.replace("mass: [0.9, 1.1]", "mass: [0.8, 1.2]"))
+    line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
+    assert line.startswith(f"{base}: its case 'wave' was run under other conditions")
+    other = yaml_suite(tmp_path, ONE.replace("name: wave", "name: circle").replace("[wave]", "[circle]"))
+    line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
+    assert line == f"{base}: unknown case 'circle'; known: wave"
+
+
+def test_a_motion_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = yaml_suite(tmp_path, ONE.replace("motion: wave", "motion: no.mcap"))
+    line = complaint(capsys, str(SAMPLE), "--suite", str(other))
+    assert line.startswith("case 'wave': 'no.mcap' is neither a file nor a sample motion; samples: circle, drum")

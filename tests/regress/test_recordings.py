@@ -1,0 +1,127 @@
+"""Failing episodes as recordings that repeat bit for bit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from policies import SAMPLE, failing_copy, swapped_copy
+from regress_runs import episode, standing_policy, yaml_suite
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.repeat import repeat_run
+from humanoid_sim.regress.arena import Arena
+from humanoid_sim.regress.episodes import Disturbance, Step, run_episodes
+from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
+from humanoid_sim.regress.runner import Contest, prepare_contest
+from humanoid_sim.regress.subject import load_subject, suite_robot
+from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance
+from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.replay import main as replay
+from humanoid_sim.stack import rebuild_supervisor
+
+
+def make(folder: Path, policy: Path, case: Case) -> tuple[Contest, Arena]:
+    suite, where = load_suite(str(yaml_suite(folder)))
+    contest = prepare_contest(replace(suite, cases=(case,)), where, suite_robot(suite, where, None))
+    return contest, contest.arenas(load_subject(policy, None, contest.description, suite))[0]
+
+
+def check(path: Path, contest: Contest, arena: Arena, seed: int) -> list[Mode]:
+    """Record an episode, repeat the recording, compare it with the episode; returns the modes that it passes."""
+    steps: list[Step] = []
+    (failed,) = run_episodes(contest.suite, arena, [seed], contest.disturbance, watch=steps)
+    assert failed.failure
+    record_episode(path, contest.suite, arena, failed, contest.disturbance)
+    recording = open_recording(path)
+    records = list(recording.ticks())
+    assert recording.is_complete
+    assert repeat_run(open_recording(path), rebuild_supervisor).is_identical
+    ran = [record for record in records if record.output.policy_step is not None]
+    inferred = [step for step in steps if step.action is not None]
+    assert len(ran) == len(inferred)
+    for record, step in zip(ran, inferred, strict=True):
+        assert record.output.policy_step is not None
+        assert record.output.policy_step.action.tobytes() == step.action[0].tobytes()
+        assert record.input.state.joint_position.tobytes() == step.state.joint_position[0].tobytes()
+        assert record.qpos is not None
+        assert record.qpos.tobytes() == step.qpos[0].tobytes()
+    assert list(path.parent.glob(".*")) == []
+    settings = json.loads(recording.header.documents["settings"])
+    assert settings["regress"] == {
+        "suite": contest.suite.name,
+        "case": arena.case.name,
+        "seed": seed,
+        "failure": failed.failure,
+    }
+    return [record.output.control_mode.mode for record in records]
+
+
+def test_an_arm_that_strays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    policy = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
+    contest, arena = make(tmp_path, policy, Case(name="reach", motion="reach", duration=3.0))
+    modes = check(tmp_path / "lost.mcap", contest, arena, 1)
+    assert modes[:4] == [Mode.DAMPING, Mode.STANDBY, Mode.STANDBY, Mode.LOCOMOTION]
+    assert modes[-2:] == [Mode.LOCOMOTION, Mode.DAMPING]
+    # The same network on the recorded observations gives the recorded actions: what was batched is what is deployed.
+    assert replay(["--infer", str(tmp_path / "lost.mcap")]) == 0
+    assert "actions, bit for bit identical" in capsys.readouterr().out
+
+
+def test_an_action_that_is_refused_at_once(tmp_path: Path) -> None:
+    policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
+    contest, arena = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.4))
+    modes = check(tmp_path / "fault.mcap", contest, arena, 0)
+    assert modes == [Mode.DAMPING, Mode.STANDBY, Mode.STANDBY, Mode.DAMPING]
+
+
+def test_a_robot_that_falls(tmp_path: Path) -> None:
+    suite = Suite(
+        name="standing",
+        task="velocity",
+        robot="lite_biped",
+        cases=(Case(name="stand", command=(0.2, 0.0, 0.0), duration=2.0),),
+        seeds=2,
+        tolerances={"falls": Tolerance()},
+        pushes=Pushes(speed=3.0, interval=0.4),
+        randomisation={"joint_position_noise": 0.01},
+    )
+    contest = prepare_contest(suite, tmp_path, suite_robot(suite, tmp_path, None))
+    policy = standing_policy(tmp_path / "standing.onnx")
+    (arena,) = contest.arenas(load_subject(policy, None, contest.description, suite))
+    assert check(tmp_path / "fall.mcap", contest, arena, 0)[-1] is Mode.DAMPING
+    header = open_recording(tmp_path / "fall.mcap").header
+    assert json.loads(header.documents["settings"])["command"] == [0.2, 0.0, 0.0]
+    assert np.isclose(header.control_period, 0.02)
+
+
+def test_an_episode_that_does_not_repeat_is_a_bug_and_not_a_recording(tmp_path: Path) -> None:
+    contest, arena = make(tmp_path, SAMPLE, Case(name="wave", motion="wave", duration=0.1))
+    other = episode("wave", 0, {"joint_error": 1.0}, "fell")
+    with pytest.raises(AssertionError, match="wave, seed 0 does not repeat: '' instead of 'fell'"):
+        record_episode(tmp_path / "x.mcap", contest.suite, arena, other, contest.disturbance)
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
+    contest, arena = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.1))
+    (failed,) = run_episodes(contest.suite, arena, [0], Disturbance(contest.suite.draw()))
+    with pytest.raises(InputError, match="cannot be written: No such file"):
+        record_episode(tmp_path / "no" / "x.mcap", contest.suite, arena, failed, Disturbance(contest.suite.draw()))
+
+
+def test_the_first_failure_of_each_case_comes_first() -> None:
+    failures = [("a", 0), ("a", 1), ("a", 2), ("b", 5), ("c", 7), ("c", 8)]
+    episodes = [episode("a", 9, {}), *(episode(case, seed, {}, "fell") for case, seed in failures)]
+    chosen = [(e.case, e.seed) for e in choose_failures(episodes, 4)]
+    assert chosen == [("a", 0), ("b", 5), ("c", 7), ("a", 1)]
+
+
+def test_names_that_any_file_system_takes() -> None:
+    assert recording_name("run 3/policy", episode("walk: fast", 4, {}, "fell")) == "run_3_policy-walk_fast-4.mcap"
