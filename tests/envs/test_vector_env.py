@@ -19,10 +19,12 @@ from humanoid_sim.envs.batch import Randomisation
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 
 LITE = "humanoid_sim/LiteTracking-v0"
 BIPED = "humanoid_sim/BipedVelocity-v0"
+POLICY = "humanoid_sim/Policy-v0"
 COUNT = 3
 
 # Read once: YAML takes longer than a thousand steps.
@@ -78,6 +80,38 @@ def memory_policy() -> PolicyContract:
     )
 
 
+def anchored() -> dict[str, Any]:
+    """A contract that follows the pelvis and the joints of a short motion, which starts somewhere else."""
+    robot = ROBOTS["lite_biped"]
+    names = robot.joint_names
+    contract = PolicyContract(
+        task_type="tracking",
+        joint_names=names,
+        action_joint_names=names,
+        joint_stiffness=robot.stiffness,
+        joint_damping=robot.damping,
+        default_joint_pos=robot.initial_position,
+        observation=[
+            Term("command"),
+            Term("motion_anchor_pos_b"),
+            Term("motion_anchor_ori_b"),
+            Term("joint_pos"),
+            Term("last_action"),
+        ],
+        command_names=("motion",),
+        action_scale=np.full(14, 0.25),
+        policy_dt=0.02,
+        body_names=("pelvis",),
+        anchor_body="pelvis",
+    )
+    frames = np.zeros((8, 2 * 14 + 7))
+    frames[:, :14] = robot.initial_position
+    frames[:, 28:31] = np.linspace([1.0, 2.0, 0.77], [1.1, 2.2, 0.77], 8)
+    frames[:, [31, 34]] = np.sqrt(0.5)  # turned left by 90°
+    motion = Motion(frames, ("pelvis",), 0.02, layout="joints_bodies_w", joint_names=names)
+    return {"contract": contract, "robot": robot, "motion": motion, "max_episode_steps": 6}
+
+
 def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
     """Nested infos: the same keys, texts and masks, values equal to 1e-9."""
     if isinstance(theirs, Mapping):
@@ -109,12 +143,10 @@ def assert_states(native: PolicyVectorEnv, sync: SyncVectorEnv) -> None:
         (LITE, {"max_episode_steps": 5}),
         (LITE, {"max_episode_steps": 5, "autoreset_mode": AutoresetMode.SAME_STEP}),
         (BIPED, {"max_episode_steps": 9}),
-        (
-            "humanoid_sim/Policy-v0",
-            {"contract": memory_policy(), "robot": ROBOTS["lite_biped"], "max_episode_steps": 6},
-        ),
+        (POLICY, {"contract": memory_policy(), "robot": ROBOTS["lite_biped"], "max_episode_steps": 6}),
+        (POLICY, anchored()),
     ],
-    ids=["tracking", "tracking, same step", "velocity", "memory"],
+    ids=["tracking", "tracking, same step", "velocity", "memory", "anchored"],
     indirect=True,
 )
 def test_every_step_is_that_of_single_environments(both: tuple[PolicyVectorEnv, SyncVectorEnv]) -> None:
