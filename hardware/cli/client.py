@@ -21,8 +21,8 @@ from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
 
 __all__ = ["MotorClient", "SilentMotorError", "open_client"]
 
-_ANSWER_TIME = 0.1
-"""s that a motor has to answer."""
+_ANSWER_TIME = 0.2
+"""s that a motor has to answer; it takes a millisecond, and a busy computer may take longer to notice."""
 _ATTEMPTS = 3
 _ANY_MODEL = MODELS["rs-00"]
 """Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
+from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.robots.description import load_robot
 
@@ -43,3 +45,17 @@ def table_rows() -> Callable[[str], list[list[str]]]:
         return [line.split() for line in lines[ruler + 1 :] if line.strip()]
 
     return rows
+
+
+@pytest.fixture
+def inject() -> Callable[[VirtualMotors, Fault], None]:
+    """Let a fault begin, and return when it has begun."""
+
+    def begin(motors: VirtualMotors, fault: Fault) -> None:
+        motors.inject(fault)
+        injected, seen = motors.time, [0.0]
+        while seen[-1] <= injected:
+            motors.call(lambda emulator: seen.append(emulator.time))
+            time.sleep(0.001)
+
+    return begin

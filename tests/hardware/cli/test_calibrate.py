@@ -204,7 +204,7 @@ def test_ctrl_c_writes_nothing(
 
 
 def test_status_3_where_a_motor_falls_silent(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tool, "_SILENT", 0.2)
+    monkeypatch.setattr(tool, "_SILENT", 0.5)
     path = tmp_path / "calibration.yaml"
     channel = "virtual:bench-silent"
     with VirtualMotors(_LITE, [channel], faults=[Fault("silent", ("left_wrist_yaw",))]):

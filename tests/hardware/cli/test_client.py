@@ -1,7 +1,6 @@
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -14,9 +13,12 @@ from humanoid_sim.hardware.cli.exchange import read_device_id, read_value, read_
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.faults import MotorMode
+from humanoid_sim.hardware.robstride.messages import Command
 from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.robots.description import load_robot
+
+Inject = Callable[[VirtualMotors, Fault], None]
 
 _ADDRESS = parse_address("virtual:bench-client")
 
@@ -33,31 +35,42 @@ def client(motors: VirtualMotors) -> Iterator[MotorClient]:
         yield client
 
 
-def test_a_lost_frame_is_asked_for_again(client: MotorClient, motors: VirtualMotors) -> None:
-    motors.inject(Fault("lost", ("left_wrist_yaw",), value=1.0, start=0.0, duration=motors.time + 0.05))
+def test_a_lost_question_is_asked_again(client: MotorClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[Command] = []
+    send = client.send
+
+    def send_all_but_the_first(command: Command) -> None:
+        sent.append(command)
+        if len(sent) > 1:
+            send(command)
+
+    monkeypatch.setattr(client, "send", send_all_but_the_first)
     assert len(read_device_id(client, 15).uid) == 8
+    assert sent[1] == sent[0]
 
 
-def test_a_late_answer_is_not_the_next_questions(client: MotorClient, motors: VirtualMotors) -> None:
-    motors.inject(Fault("delayed", ("left_wrist_yaw",), value=0.06))
+def test_a_late_answer_is_not_the_next_questions(client: MotorClient, motors: VirtualMotors, inject: Inject) -> None:
+    inject(motors, Fault("delayed", ("left_wrist_yaw",), value=0.06))
     assert read_values(client, [15], PARAMETERS["VBUS"], 0.02) == {}
     assert read_value(client, 15, PARAMETERS["canTimeout"]) == 0
 
 
-def test_motors_that_are_silent_are_left_out(client: MotorClient, motors: VirtualMotors) -> None:
-    motors.inject(Fault("silent", ("left_wrist_yaw",)))
+def test_motors_that_are_silent_are_left_out(client: MotorClient, motors: VirtualMotors, inject: Inject) -> None:
+    inject(motors, Fault("silent", ("left_wrist_yaw",)))
     assert read_values(client, [14, 15, 16], PARAMETERS["VBUS"], 0.1) == {14: 48.0, 16: 48.0}
 
 
-def test_a_bus_that_is_down_is_an_error_and_says_why(client: MotorClient, motors: VirtualMotors) -> None:
-    motors.inject(Fault("bus_off"))
+def test_a_bus_that_is_down_is_an_error_and_says_why(
+    client: MotorClient, motors: VirtualMotors, inject: Inject
+) -> None:
+    inject(motors, Fault("bus_off"))
     for _ in range(2):
         with pytest.raises((RobotError, SilentMotorError), match=r"bus-off|Network is down"):
             read_device_id(client, 15)
 
 
-def test_silence_says_what_the_channel_knows_of_it(client: MotorClient, motors: VirtualMotors) -> None:
-    motors.inject(Fault("enobufs"))
+def test_silence_says_what_the_channel_knows_of_it(client: MotorClient, motors: VirtualMotors, inject: Inject) -> None:
+    inject(motors, Fault("enobufs"))
     with pytest.raises(
         SilentMotorError, match=r"motor 15 does not answer on virtual:bench-client \(outgoing queue is full"
     ):
@@ -76,17 +89,18 @@ def test_a_motor_is_enabled_within_the_context_only(client: MotorClient) -> None
         motor.command(position, 0.0, 5.0, 0.5)
 
 
-def test_a_motor_that_does_not_confirm_its_stop_is_said(client: MotorClient, motors: VirtualMotors) -> None:
+def test_a_motor_that_does_not_confirm_its_stop_is_said(
+    client: MotorClient, motors: VirtualMotors, inject: Inject
+) -> None:
     motor = EnabledMotor(client, 15)
     with pytest.raises(RobotError, match="does not confirm that it stopped; without commands it stops by itself"):  # noqa: SIM117
         with motor:
-            motors.inject(Fault("silent", ("left_wrist_yaw",)))
+            inject(motors, Fault("silent", ("left_wrist_yaw",)))
 
 
-def test_a_motor_that_loses_its_mode_is_noticed(client: MotorClient, motors: VirtualMotors) -> None:
+def test_a_motor_that_loses_its_mode_is_noticed(client: MotorClient, motors: VirtualMotors, inject: Inject) -> None:
     with EnabledMotor(client, 15) as motor:
-        motors.inject(Fault("reset", ("left_wrist_yaw",)))
-        time.sleep(0.01)
+        inject(motors, Fault("reset", ("left_wrist_yaw",)))
         with pytest.raises(RobotError, match="is in mode reset, expected run"):
             motor.command(0.0, 0.0, 0.0, 0.0)
 

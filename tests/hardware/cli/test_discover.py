@@ -13,7 +13,7 @@ Run = Callable[..., tuple[int, str, str]]
 Rows = Callable[[str], list[list[str]]]
 
 _CHANNEL = "virtual:bench-tools"
-_QUICK = ("--wait", "0.01", "--last", "30")
+_QUICK = ("--wait", "0.03", "--first", "11", "--last", "27")
 
 
 def test_every_motor_is_found_with_its_joint_and_firmware(run: Run, table_rows: Rows) -> None:
@@ -27,7 +27,7 @@ def test_every_motor_is_found_with_its_joint_and_firmware(run: Run, table_rows: 
 
 
 def test_only_the_asked_ids_are_asked(run: Run, table_rows: Rows) -> None:
-    status, printed, _ = run("discover", _CHANNEL, "--first", "13", "--last", "14", "--wait", "0.01")
+    status, printed, _ = run("discover", _CHANNEL, "--first", "13", "--last", "14", "--wait", "0.1")
     assert status == 0
     assert [row[1] for row in table_rows(printed)] == ["13", "14"]
 
@@ -39,7 +39,9 @@ def test_status_3_where_nothing_answers(run: Run) -> None:
 
 
 def test_status_1_where_a_joint_is_missing(run: Run) -> None:
-    status, _, complained = run("discover", _CHANNEL, "--last", "26", "--wait", "0.01", "--robot", "lite")
+    status, _, complained = run(
+        "discover", _CHANNEL, "--first", "11", "--last", "26", "--wait", "0.03", "--robot", "lite"
+    )
     assert status == 1
     assert complained == f"missing: right_wrist_pitch (motor 27 on {_CHANNEL})\n"
 

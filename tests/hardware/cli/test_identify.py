@@ -12,6 +12,7 @@ import yaml
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.hardware.bus.address import parse_address
+from humanoid_sim.hardware.cli import enabled_motor
 from humanoid_sim.hardware.cli import identify as tool
 from humanoid_sim.hardware.cli.client import MotorClient
 from humanoid_sim.hardware.cli.exchange import read_value, write_value
@@ -28,6 +29,7 @@ _WRIST = ("identify", _CHANNEL, "left_wrist_yaw", "--yes")
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tool, "_RAMP", 0.12)
     monkeypatch.setattr(tool, "_HOLD", 0.05)
+    monkeypatch.setattr(enabled_motor, "_CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
 
 
 def _is_stopped_as_before(motor_id: int) -> bool:

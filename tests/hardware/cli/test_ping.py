@@ -12,6 +12,7 @@ from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.robots.description import load_robot
 
+Inject = Callable[[VirtualMotors, Fault], None]
 Run = Callable[..., tuple[int, str, str]]
 
 _CHANNEL = "virtual:bench-tools"
@@ -64,9 +65,9 @@ def test_a_motor_in_another_run_mode_is_not_enabled(run: Run) -> None:
         assert "temperature" not in printed
 
 
-def test_a_faulty_motor_is_reported_and_stopped(run: Run) -> None:
+def test_a_faulty_motor_is_reported_and_stopped(run: Run, inject: Inject) -> None:
     with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]) as motors:
-        motors.inject(Fault("encoder_fault", ("left_shoulder_yaw",)))
+        inject(motors, Fault("encoder_fault", ("left_shoulder_yaw",)))
         status, _, complained = run("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
         assert status == 2
         assert complained == "error: motor 13 on virtual:bench-ping: reports encoder_fault\n"

@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from humanoid_sim.cli import main as humanoid_sim_main
+from humanoid_sim.hardware import main
+
+_TOOLS = ("discover", "ping", "param", "calibrate", "identify", "budget", "emulate")
+
+
+def test_help_lists_every_tool(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    assert all(f"• {tool} " in printed for tool in _TOOLS)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    program = (
+        "import sys\n"
+        "from humanoid_sim.hardware import main\n"
+        "try:\n    main(['calibrate', '--help'])\nexcept SystemExit:\n    pass\n"
+        "print('heavy:', sorted({'can', 'mujoco', 'numpy', 'onnxruntime', 'yaml'} & set(sys.modules)))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("heavy: []\n")
+
+
+def test_the_tools_are_a_verb_of_the_one_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert humanoid_sim_main(["hardware", "budget", "--rate", "50"]) == 0
+    assert capsys.readouterr().out.startswith("lite on 1 channel at 50 Hz")
+
+
+def test_emulate_is_reached(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["emulate", "--channel", "virtual:unused", "--fault", "help"]) == 0
+    assert "over_temperature" in capsys.readouterr().out

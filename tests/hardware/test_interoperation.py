@@ -1,0 +1,120 @@
+"""An independent client, the PyPI package robstride-dynamics, drives the emulated motors over a bus.
+
+Its scaling ranges are older than the manuals of 2026-04-28 and are patched to those; its host id is 0xFF. It opens
+SocketCAN only, so it is handed a virtual bus.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import can
+import numpy as np
+import pytest
+from robstride_dynamics import Motor, ParameterType, RobstrideBus
+from robstride_dynamics import table as their_table
+
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.models import MODELS
+from humanoid_sim.robots.description import load_robot
+
+_CHANNEL = "interoperation"
+_LITE = load_robot("lite")
+_MOTORS = {joint.name: joint.motor for joint in _LITE.joints if joint.motor is not None}
+
+
+@pytest.fixture(scope="module")
+def motors() -> Iterator[VirtualMotors]:
+    with VirtualMotors(_LITE, [f"virtual:{_CHANNEL}"]) as motors:
+        yield motors
+
+
+@pytest.fixture
+def client(motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> Iterator[RobstrideBus]:
+    for model in MODELS.values():
+        monkeypatch.setitem(their_table.MODEL_MIT_VELOCITY_TABLE, model.name, model.velocity)
+        monkeypatch.setitem(their_table.MODEL_MIT_TORQUE_TABLE, model.name, model.effort)
+    client = RobstrideBus(_CHANNEL, {name: Motor(motor.can_id, motor.model) for name, motor in _MOTORS.items()})
+    client.channel_handler = can.Bus(interface="virtual", channel=_CHANNEL)
+    yield client
+    client.disconnect(disable_torque=False)
+
+
+def _joint(motors: VirtualMotors, name: str) -> float:
+    """rad, motor frame, on whatever turn."""
+    return float(_MOTORS[name].direction * motors.truth.joint_position[_LITE.joint_names.index(name)])
+
+
+def test_their_scales_are_the_manuals_but_for_what_is_patched() -> None:
+    for model in MODELS.values():
+        assert their_table.MODEL_MIT_POSITION_TABLE[model.name] == model.position
+        assert their_table.MODEL_MIT_KP_TABLE[model.name] == model.stiffness
+        assert their_table.MODEL_MIT_KD_TABLE[model.name] == model.damping
+
+
+def test_every_motor_answers_their_ping_with_its_own_uid(client: RobstrideBus) -> None:
+    found = {}
+    for name, motor in _MOTORS.items():
+        sender, uid = client.read_id(name, timeout=0.5)
+        assert sender == motor.can_id
+        found[name] = bytes(uid)
+    assert len(set(found.values())) == 14
+    assert client.ping_by_id(40, timeout=0.05) is None
+
+
+def test_parameters_are_read_and_written(client: RobstrideBus, motors: VirtualMotors) -> None:
+    name = "left_elbow_pitch"
+    assert client.read(name, ParameterType.MODE) == 0
+    assert client.read(name, ParameterType.VBUS) == 48.0
+    turns = (client.read(name, ParameterType.MECHANICAL_POSITION) - _joint(motors, name)) / (2.0 * np.pi)
+    assert turns == pytest.approx(round(turns), abs=0.01)
+    client.write(name, ParameterType.TORQUE_LIMIT, 5.0)
+    assert client.read(name, ParameterType.TORQUE_LIMIT) == 5.0
+    client.write(name, ParameterType.EPSCAN_TIME, 3)
+    assert client.read(name, ParameterType.EPSCAN_TIME) == 3
+    client.write(name, ParameterType.TORQUE_LIMIT, 14.0)
+    client.write(name, ParameterType.EPSCAN_TIME, 1)
+
+
+def test_their_mit_frames_move_a_joint_and_their_readings_are_true(
+    client: RobstrideBus, motors: VirtualMotors, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = "left_wrist_yaw"
+    client.enable(name)
+    client.write_operation_frame(name, 0.0, 0.0, 0.0)
+    start, *_ = client.read_operation_frame(name)
+    deadline = time.monotonic() + 5.0
+    position = start
+    while abs(position - start - 0.3) > 0.02 and time.monotonic() < deadline:
+        client.write_operation_frame(name, start + 0.3, 20.0, 0.5)
+        position, velocity, torque, temperature = client.read_operation_frame(name)
+        time.sleep(0.005)
+    assert position == pytest.approx(start + 0.3, abs=0.02)
+    assert abs(velocity) < 5.0
+    assert abs(torque) < 5.5
+    assert temperature == pytest.approx(25.0, abs=2.0)
+    turns = (position - _joint(motors, name)) / (2.0 * np.pi)
+    assert turns == pytest.approx(round(turns), abs=0.02)
+    client.disable(name)
+    client.write_operation_frame(name, start, 20.0, 0.5)  # a stopped motor answers, and does not obey
+    still, _, effort, _ = client.read_operation_frame(name)
+    assert effort == pytest.approx(0.0, abs=1e-3)
+    assert still == pytest.approx(position, abs=0.1)
+    assert "WARNING" not in capsys.readouterr().out.replace("WARNING: No calibration provided", "")
+
+
+def test_the_torque_that_they_command_is_the_torque_that_acts(client: RobstrideBus, motors: VirtualMotors) -> None:
+    name = "right_wrist_yaw"
+    index = _LITE.joint_names.index(name)
+    client.enable(name)
+    client.write_operation_frame(name, 0.0, 0.0, 0.0, torque=0.8)
+    client.read_operation_frame(name)
+    time.sleep(0.02)
+    client.write_operation_frame(name, 0.0, 0.0, 0.0, torque=0.8)
+    _, _, torque, _ = client.read_operation_frame(name)
+    acting = motors.truth.joint_effort[index] * _MOTORS[name].direction
+    client.disable(name)
+    one_step = MODELS["rs-05"].effort / 32767
+    assert torque == pytest.approx(0.8, abs=2 * one_step)
+    assert acting == pytest.approx(0.8, abs=2 * one_step)
