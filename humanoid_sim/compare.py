@@ -1,0 +1,185 @@
+"""`python -m humanoid_sim.compare bus.mcap direct.mcap delayed.mcap`: how far apart recordings of one policy are.
+
+Runs are laid beside one another by the frame of the motion that the policy was shown, so that it does not matter when
+each of them began to play it.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tyro
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.recording.reader import open_recording
+
+__all__ = ["Distance", "PolicyRun", "compare_runs", "main", "read_policy_run"]
+
+
+@dataclass(frozen=True)
+class CompareConfig:
+    """Compare recordings of one policy with one motion, frame by frame: the others with the first.
+
+    What a bus does to a policy: record it over the bus, in plain simulation, and in simulation with the bus's delays,
+    and compare the last two with the first. The second line then says how much of the difference the delays explain.
+    """
+
+    reference: Path
+    """The recording (.mcap) that the others are compared with."""
+    others: tuple[Path, ...]
+    """One or more; from the second on, each is also compared with the first of them."""
+    json: bool = False
+    """Print the result as JSON."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolicyRun:
+    """The policy's steps of one recording, by frame of the motion; of a frame shown several times, the first."""
+
+    name: str
+    joint_names: tuple[str, ...]
+    frames: dict[int, int]
+    """Frame to row of the arrays."""
+    joint_position: FloatArray
+    """Shape (frames, n), rad."""
+    joint_velocity: FloatArray
+    """Shape (frames, n), rad/s."""
+    action: FloatArray
+    """Shape (frames, m), raw."""
+    joint_age: FloatArray
+    """Shape (frames, n), s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Distance:
+    """How far one run is from the reference: root mean square over all frames and joints, and the largest."""
+
+    name: str
+    frames: int
+    """Compared."""
+    joint_age: float
+    """s, mean age of the joints' state in this run."""
+    position_rms: float
+    """rad"""
+    position_max: float
+    """rad"""
+    worst_joint: str
+    """Where the largest is."""
+    velocity_rms: float
+    """rad/s"""
+    action_rms: float
+    """Raw."""
+    explained: float | None = None
+    """Part of the first run's `position_rms` that is gone in this one; none for the first."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `compare` with command-line arguments; returns the exit status."""
+    config = tyro.cli(
+        CompareConfig, prog="humanoid_sim.compare", args=arguments, config=(tyro.conf.PositionalRequiredArgs,)
+    )
+    if not config.others:
+        raise InputError("others: are missing, expected at least one recording to compare with the first")
+    reference = read_policy_run(config.reference)
+    distances = compare_runs(reference, [read_policy_run(path) for path in config.others])
+    if config.json:
+        print(json.dumps({"reference": reference.name, "others": [asdict(item) for item in distances]}, indent=1))
+    else:
+        _print(reference, distances)
+    return 0
+
+
+def read_policy_run(path: Path) -> PolicyRun:
+    """The policy's steps of a recording.
+
+    Raises:
+        InputError: if it cannot be read, or no policy ran.
+    """
+    recording = open_recording(path)
+    frames: dict[int, int] = {}
+    rows: list[tuple[npt.NDArray[Any], ...]] = []
+    for tick in recording.ticks():
+        step, state = tick.output.policy_step, tick.input.state
+        if step is None or step.frame in frames:
+            continue
+        frames[step.frame] = len(rows)
+        rows.append((state.joint_position, state.joint_velocity, step.action, state.joint_age))
+    if not rows:
+        raise InputError(f"{path}: no policy ran in it, expected a recording with LOCOMOTION")
+    position, velocity, action, age = (np.array(column, dtype=np.float64) for column in zip(*rows, strict=True))
+    return PolicyRun(str(path), recording.header.joint_names, frames, position, velocity, action, age)
+
+
+def compare_runs(reference: PolicyRun, others: Sequence[PolicyRun]) -> list[Distance]:
+    """The distance of each of the others from the reference.
+
+    Raises:
+        InputError: if one is of another robot or policy, or has no frame in common with the reference.
+    """
+    distances: list[Distance] = []
+    for other in others:
+        if other.joint_names != reference.joint_names or other.action.shape[1] != reference.action.shape[1]:
+            raise InputError(f"{other.name}: has other joints or actions than {reference.name}")
+        common = sorted(reference.frames.keys() & other.frames.keys())
+        if not common:
+            raise InputError(f"{other.name}: has no frame of the motion in common with {reference.name}")
+        mine = [other.frames[frame] for frame in common]
+        theirs = [reference.frames[frame] for frame in common]
+        position = np.abs(other.joint_position[mine] - reference.joint_position[theirs])
+        rms = _rms(position)
+        first = distances[0].position_rms if distances else None
+        distances.append(
+            Distance(
+                name=other.name,
+                frames=len(common),
+                joint_age=float(other.joint_age[mine].mean()),
+                position_rms=rms,
+                position_max=float(position.max()),
+                worst_joint=reference.joint_names[int(position.max(axis=0).argmax())],
+                velocity_rms=_rms(other.joint_velocity[mine] - reference.joint_velocity[theirs]),
+                action_rms=_rms(other.action[mine] - reference.action[theirs]),
+                explained=1.0 - rms / first if first else None,
+            )
+        )
+    return distances
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.square(values).mean()))
+
+
+def _print(reference: PolicyRun, distances: Sequence[Distance]) -> None:
+    from rich.console import Console  # noqa: PLC0415 - not needed for `--help`
+    from rich.table import Table  # noqa: PLC0415
+
+    age = 1e3 * float(reference.joint_age.mean())
+    title = f"Compared with {reference.name}, whose joints' state is {age:.1f} ms old on average"
+    table = Table(title=title, title_justify="left", title_style="bold")
+    table.add_column("run")
+    for heading in ("frames", "state age", "position RMS", "max", "velocity RMS", "action RMS", "explained"):
+        table.add_column(heading, justify="right")
+    for item in distances:
+        table.add_row(
+            item.name,
+            str(item.frames),
+            f"{1e3 * item.joint_age:.1f} ms",
+            f"{1e3 * item.position_rms:.2f} mrad",
+            f"{1e3 * item.position_max:.1f} mrad, {item.worst_joint}",
+            f"{item.velocity_rms:.4f} rad/s",
+            f"{item.action_rms:.4f}",
+            "" if item.explained is None else f"{100.0 * item.explained:.0f} %",
+        )
+    Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 200).print(table)
+
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))
