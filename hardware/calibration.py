@@ -97,22 +97,32 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
 
 def _entry(where: str, value: Any) -> CalibrationEntry:
     if not isinstance(value, dict):
-        raise InputError(f"{where}: is {value!r}, expected a mapping with {', '.join(_FIELDS)}")
+        raise InputError(f"{where}: is {_shown(value)}, expected a mapping with {', '.join(_FIELDS)}")
     for name in _FIELDS:
         if name not in value:
             raise InputError(f"{where}: misses '{name}'; expected {', '.join(_FIELDS)}")
     for name in value:
         if name not in _FIELDS:
-            raise InputError(f"{where}: unknown field '{name}'; expected {', '.join(_FIELDS)}")
+            raise InputError(f"{where}: unknown field {_shown(name)}; expected {', '.join(_FIELDS)}")
     motor_id, direction, offset = (value[name] for name in _FIELDS)
     if type(motor_id) is not int or not 1 <= motor_id <= 127:
-        raise InputError(f"{where}: id: is {motor_id!r}, expected a whole number of 1 to 127")
+        raise InputError(f"{where}: id: is {_shown(motor_id)}, expected a whole number of 1 to 127")
     if type(direction) is not int or direction not in (-1, 1):
-        raise InputError(f"{where}: direction: is {direction!r}, expected 1 or -1")
+        raise InputError(f"{where}: direction: is {_shown(direction)}, expected 1 or -1")
     # The comparison is written so that NaN fails it.
     if type(offset) not in (int, float) or not abs(offset) <= _LARGEST_OFFSET:
-        raise InputError(f"{where}: homing_offset: is {offset!r}, expected a number within ±{_LARGEST_OFFSET:.2f} rad")
+        accepted = f"a number within ±{_LARGEST_OFFSET:.2f} rad"
+        raise InputError(f"{where}: homing_offset: is {_shown(offset)}, expected {accepted}")
     return CalibrationEntry(motor_id, direction, float(offset))
+
+
+def _shown(value: object) -> str:
+    """A value for a message of one line, whatever a file may hold."""
+    if isinstance(value, dict | list):
+        return "a mapping" if isinstance(value, dict) else "a list"
+    if isinstance(value, int) and value.bit_length() > 64:  # Python refuses to write out the longest
+        return f"a number of {value.bit_length()} bits"
+    return repr(value)[:80]
 
 
 def _disagreements(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any
+from typing import Any
 
 from humanoid_sim.cli import complain
 
@@ -26,11 +26,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `hardware` with command-line arguments; returns the exit status."""
     import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
 
-    from humanoid_sim.hardware.cli.options import Budget, Calibrate, Discover, Identify, Param, Ping  # noqa: PLC0415
-    from humanoid_sim.hardware.emulation.config import EmulateConfig  # noqa: PLC0415
+    from humanoid_sim.hardware.cli.options import (  # noqa: PLC0415
+        Budget,
+        Calibrate,
+        Discover,
+        Emulate,
+        Identify,
+        Param,
+        Ping,
+    )
 
     options: Any = tyro.cli(
-        Discover | Ping | Param | Calibrate | Identify | Budget | Annotated[EmulateConfig, _named("emulate")],
+        Discover | Ping | Param | Calibrate | Identify | Budget | Emulate,
         prog="humanoid_sim.hardware",
         description="Find, test, set up and calibrate motors on a CAN bus, or emulate them.",
         args=arguments,
@@ -46,9 +53,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SilentMotorError as error:
         complain(f"error: {error}")
         return NOTHING_ANSWERS
-
-
-def _named(name: str) -> Any:
-    import tyro  # noqa: PLC0415
-
-    return tyro.conf.subcommand(name)

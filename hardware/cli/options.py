@@ -8,7 +8,9 @@ from typing import Annotated, Literal
 
 import tyro
 
-__all__ = ["Budget", "Calibrate", "Discover", "Get", "Identify", "Param", "Ping", "Save", "Set"]
+from humanoid_sim.hardware.emulation.config import EmulateConfig
+
+__all__ = ["Budget", "Calibrate", "Discover", "Emulate", "Get", "Identify", "Param", "Ping", "Save", "Set"]
 
 _Channel = Annotated[str, tyro.conf.Positional]
 """`can0`, or `interface:channel` for any interface of python-can."""
@@ -184,3 +186,7 @@ class Budget:
     """With the active reports that `play --hardware` switches on where the firmware has them, every 10 ms."""
     bitrate: float = 1e6
     """bit/s."""
+
+
+Emulate = Annotated[EmulateConfig, tyro.conf.subcommand("emulate")]
+"""Motors in a process of their own."""

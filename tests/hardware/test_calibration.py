@@ -107,6 +107,12 @@ def test_the_robot_descriptions_direction_is_used_and_said(tmp_path: Path) -> No
         (_FILE.replace("14", "15"), "left_elbow_pitch: id: is 15, the motor of lite's joint is 14"),
         (_FILE + _FILE, "line 3, column 1: not valid YAML: 'left_elbow_pitch' is given twice"),
         ("a: [", "not valid YAML"),
+        ("a: [1, 2]", "a: is a list, expected a mapping"),
+        ("a: {id: 0x" + "f" * 5000 + ", direction: 1, homing_offset: 0}", "a: id: is a number of 20000 bits, expected"),
+        (
+            "a: {id: 1, direction: 1, homing_offset: 0x" + "f" * 5000 + "}",
+            "a: homing_offset: is a number of 20000 bits",
+        ),
     ],
 )
 def test_files_that_are_no_calibration(tmp_path: Path, text: str, message: str) -> None:
