@@ -73,7 +73,7 @@ def prepare_motors(
     link.listen(_LISTENING)
     _refuse_intruders(link, checks)
     _refuse(checks, name)
-    uids, versions = identify(requests, link.sources, known_uids, checks)
+    uids, versions = identify(link, known_uids, checks)
     _refuse(checks, name)
     access = ParameterAccess(requests)
     stop_and_clear(requests, access, checks)

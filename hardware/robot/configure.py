@@ -44,13 +44,13 @@ def _write_exactly(
         elif found != values[joint]:
             checks.problem(wiring.names[joint], f"{name} reads {found:g} after {values[joint]:g} was written")
         else:
-            checks.passed(wiring.names[joint], f"{name} {found:g}{_meaning(name, found)}")
+            checks.passed(wiring.names[joint], _in_words(name, found))
 
 
-def _meaning(name: str, value: float) -> str:
+def _in_words(name: str, value: float) -> str:
     if name == "canTimeout":
-        return f", stops {1000.0 * CanTimeout.to_seconds(int(value)):g} ms after the last command"
-    return ", MIT commands" if name == "run_mode" else ""
+        return f"stops {1000.0 * CanTimeout.to_seconds(int(value)):g} ms after the last command"
+    return f"{name} {value:g}"
 
 
 def _write_limit(
@@ -74,7 +74,7 @@ def _write_limit(
         elif found < wanted * (1.0 - _FLOAT32):
             checks.warn(wiring.names[joint], f"{name} reads {found:g} {unit}: the motor allows no {wanted:g}")
         else:
-            checks.passed(wiring.names[joint], f"{name} {found:g} {unit}")
+            checks.passed(wiring.names[joint], f"at most {found:g} {unit}")
 
 
 def read_supply(wiring: Wiring, access: ParameterAccess, sources: Sequence[str], checks: CheckList) -> None:

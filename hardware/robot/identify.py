@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
+from humanoid_sim.hardware.bus.error_frames import BusEvent
+from humanoid_sim.hardware.bus.opening import BITRATE
 from humanoid_sim.hardware.robot.checks import CheckList
 from humanoid_sim.hardware.robot.firmware_checks import firmware_problem, firmware_warning
+from humanoid_sim.hardware.robot.link import Link
 from humanoid_sim.hardware.robot.requests import Requests
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, version_text
@@ -14,51 +17,60 @@ from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, Read
 
 __all__ = ["identify"]
 
-_QUIET = 0.06
+Answers = dict[tuple[int, int], set[bytes]]
+"""Unique ids that answered, by channel and motor id."""
+
+_QUIET = 0.1
 """s without an answer that end the scan; motors answer within a few milliseconds."""
 
 
 def identify(
-    requests: Requests,
-    sources: Sequence[str],
-    known_uids: Mapping[int, bytes],
-    checks: CheckList,
+    link: Link, known_uids: Mapping[int, bytes], checks: CheckList
 ) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
     """Scan all ids on all channels and read the firmware of the robot's motors. Asks only; nothing is written.
 
     Args:
-        requests: asks.
-        sources: the channels' names.
+        link: the open channels.
         known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
         checks: takes what was found.
 
     Returns:
         Unique ids and firmware versions by joint, of the motors that answered.
     """
-    wiring = requests.wiring
-    answers: dict[tuple[int, int], set[bytes]] = defaultdict(set)
-    for channel, reply in requests.scan(range(1, LARGEST_MOTOR_ID + 1), _QUIET):
+    wiring = link.requests.wiring
+    answers: Answers = defaultdict(set)
+    for channel, reply in link.requests.scan(range(1, LARGEST_MOTOR_ID + 1), _QUIET):
         answers[channel, reply.motor_id].add(reply.uid)
-    _ask_again(requests, answers)
-    expected = {(wiring.channel[i], wiring.motor_id[i]) for i in range(wiring.count)}
+    _ask_again(link.requests, answers)
     uids: dict[int, bytes] = {}
-    for joint, name in enumerate(wiring.names):
-        channel, motor_id = wiring.channel[joint], wiring.motor_id[joint]
-        problem = _problem(channel, motor_id, answers, sources)
-        if problem:
-            checks.problem(name, problem)
-        for uid in answers.get((channel, motor_id), ()):
-            uids[joint] = uid
-        before = known_uids.get(joint)
-        if joint in uids and before not in {None, uids[joint]}:
-            checks.problem(name, f"its motor was exchanged (id {motor_id} on {sources[channel]}): calibrate it")
-    for channel, motor_id in sorted(set(answers) - expected):
+    for channel, source in enumerate(link.sources):
+        joints = wiring.on_channel(channel)
+        if len(joints) > 1 and not any((channel, wiring.motor_id[i]) in answers for i in joints):
+            checks.problem(source, _dead_channel(link, channel))
+            continue
+        for i in joints:
+            problem = _problem(channel, wiring.motor_id[i], answers, link.sources)
+            if problem:
+                checks.problem(wiring.names[i], problem)
+            uids.update((i, uid) for uid in answers.get((channel, wiring.motor_id[i]), ()))
+            if i in uids and known_uids.get(i, uids[i]) != uids[i]:
+                text = f"its motor was exchanged (id {wiring.motor_id[i]} on {source}): calibrate it"
+                checks.problem(wiring.names[i], text)
+    for channel, motor_id in sorted(answers):
         if motor_id not in wiring.motor_id:
-            checks.warn(sources[channel], f"motor {motor_id} is no joint of this robot; it is left alone")
-    return uids, _versions(requests, uids, sources, checks)
+            checks.warn(link.sources[channel], f"motor {motor_id} is no joint of this robot; it is left alone")
+    return uids, _versions(link, uids, checks)
 
 
-def _ask_again(requests: Requests, answers: dict[tuple[int, int], set[bytes]]) -> None:
+def _dead_channel(link: Link, channel: int) -> str:
+    """What to look at when none of a channel's motors answers."""
+    heard = link.channels[channel].recent(BusEvent.DAMAGED, link.opened)
+    reported = f"; the interface reports: {heard}" if heard else ""
+    rate = BITRATE // 1_000_000
+    return f"no motor answers: are they powered, is the bus terminated, is it set to {rate} Mbit/s?{reported}"
+
+
+def _ask_again(requests: Requests, answers: Answers) -> None:
     """Ask those once more whose answer may have been lost."""
     wiring = requests.wiring
 
@@ -74,7 +86,7 @@ def _ask_again(requests: Requests, answers: dict[tuple[int, int], set[bytes]]) -
         answers[wiring.channel[joint], wiring.motor_id[joint]].add(found)
 
 
-def _problem(channel: int, motor_id: int, answers: Mapping[tuple[int, int], set[bytes]], sources: Sequence[str]) -> str:
+def _problem(channel: int, motor_id: int, answers: Answers, sources: Sequence[str]) -> str:
     found = answers.get((channel, motor_id), set())
     elsewhere = [sources[other] for other, answered in answers if answered == motor_id and other != channel]
     if not found:
@@ -88,12 +100,8 @@ def _problem(channel: int, motor_id: int, answers: Mapping[tuple[int, int], set[
     return ""
 
 
-def _versions(
-    requests: Requests,
-    uids: Mapping[int, bytes],
-    sources: Sequence[str],
-    checks: CheckList,
-) -> dict[int, FirmwareVersion]:
+def _versions(link: Link, uids: Mapping[int, bytes], checks: CheckList) -> dict[int, FirmwareVersion]:
+    requests = link.requests
     wiring = requests.wiring
 
     def version(_: int, reply: Reply) -> FirmwareVersion | None:
@@ -110,7 +118,7 @@ def _versions(
         if problem:
             checks.problem(name, problem)
             continue
-        where = f"motor {wiring.motor_id[joint]} on {sources[wiring.channel[joint]]}"
+        where = f"motor {wiring.motor_id[joint]} on {link.sources[wiring.channel[joint]]}"
         checks.passed(name, f"{where}, {model.name}, firmware {version_text(versions[joint])}, uid {uids[joint].hex()}")
         warning = firmware_warning(model, versions[joint])
         if warning:

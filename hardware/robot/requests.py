@@ -17,8 +17,8 @@ from humanoid_sim.hardware.robstride.models import MODELS
 __all__ = ["Requests"]
 
 _ATTEMPTS = 3
-_ANSWER_TIME = 0.1
-"""s that a motor has to answer; the reference's acknowledge timeout."""
+_ANSWER_TIME = 0.25
+"""s that a motor has to answer. It takes milliseconds; the rest is for a busy computer, and passes only in refusals."""
 _POLL = 0.001
 """s"""
 

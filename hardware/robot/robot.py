@@ -16,6 +16,7 @@ from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
 from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors, set_reports
 from humanoid_sim.hardware.robot.checks import Check, CheckList
 from humanoid_sim.hardware.robot.closing import damp_until_rest, disable, is_damped, is_limp, unconfirmed
+from humanoid_sim.hardware.robot.gain_checks import gain_warnings
 from humanoid_sim.hardware.robot.limiter import CommandEncoder
 from humanoid_sim.hardware.robot.link import Link, Locks
 from humanoid_sim.hardware.robot.settings import make_settings
@@ -187,6 +188,8 @@ class RobstrideRobot:
             raise RobotError(f"{self._settings.name}: the robot is closed")
         self._begin("not enabled")
         self._checks = CheckList()
+        for joint, text in gain_warnings(self._description, self._settings.wiring):
+            self._checks.warn(joint, text)
         try:
             link = self._open()
             prepared = prepare_motors(self._settings, link, self._uids, self._checks)

@@ -152,6 +152,8 @@ class MotorTable:
         self.channels = tuple(ChannelNotes() for _ in range(channel_count))
         self.inbox: Inbox | None = None
         """Takes answers to requests, on a receiver's thread; none: they are dropped."""
+        self.counts_answers = True
+        """Whether a status acknowledges a command; not when something else is asked as well."""
         self._host_id = host_id
         self._by_address = {(wiring.channel[i], wiring.motor_id[i]): slot for i, slot in enumerate(self.slots)}
         self._models = tuple(
@@ -221,7 +223,7 @@ class MotorTable:
                 slot.reports += 1
             else:
                 slot.statuses += 1
-                slot.acknowledged += slot.acknowledged < slot.commanded
+                slot.acknowledged += self.counts_answers and slot.acknowledged < slot.commanded
 
     def _take_foreign_status(self, channel: int, kind: int, motor_id: int, host: int, time: float) -> None:
         notes = self.channels[channel]

@@ -17,6 +17,7 @@ from humanoid_sim.robots.schema import (
     DampingSettings,
     JointDescription,
     MotorDescription,
+    RemoteSettings,
     RobotDescription,
     StandbySettings,
 )
@@ -36,8 +37,16 @@ def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(activation, "_REPORT_WAIT", 0.04)
     monkeypatch.setattr(channel, "_POLL", 0.005)
     monkeypatch.setattr(identify, "_QUIET", 0.02)
-    monkeypatch.setattr(requests, "_ANSWER_TIME", 0.03)
+    monkeypatch.setattr(requests, "_ANSWER_TIME", 0.1)
+    monkeypatch.setattr(requests, "_ATTEMPTS", 10)
     monkeypatch.setattr(closing, "_LONGEST", 0.05)
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests in which a motor will not do what it is asked."""
+    monkeypatch.setattr(requests, "_ANSWER_TIME", 0.03)
+    monkeypatch.setattr(requests, "_ATTEMPTS", 3)
 
 
 @pytest.fixture
@@ -64,6 +73,7 @@ def description() -> RobotDescription:
         damping_controller=DampingSettings(damping_scalar=3.0),
         standby_controller_a=pose,
         standby_controller_b=pose,
+        remote_policy_controller=RemoteSettings(damping_scalar=5.0),
     )
 
 
@@ -105,6 +115,7 @@ def make_robot(
     motors: ScriptedMotors,
     left: ScriptedMotor,
     right: ScriptedMotor,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[MakeRobot]:
     """Makes robots on the two channels; at the end the motors obey again, and the robots are closed."""
     made: list[RobstrideRobot] = []
@@ -116,6 +127,7 @@ def make_robot(
         return robot
 
     yield make
+    monkeypatch.setattr(requests, "_ATTEMPTS", 10)
     for motor in (left, right):
         motor.is_silent, motor.stops, motor.hears = False, True, lambda _: True
     for robot in made:

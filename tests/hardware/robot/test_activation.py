@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 
 import can
+import msgspec
 import numpy as np
 import pytest
 from scripted_motors import ScriptedMotor, ScriptedMotors
@@ -32,7 +33,7 @@ from humanoid_sim.hardware.robstride.messages import (
 from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, unpack_value
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel
-from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.robots.schema import RemoteSettings, RobotDescription
 
 MakeRobot = Callable[..., RobstrideRobot]
 
@@ -93,8 +94,9 @@ def test_the_list_says_what_was_verified(robot: RobstrideRobot) -> None:
     assert "motor 11 on virtual:left-" in lines["left"]
     for part in (
         "rs-02, firmware 0.2.3.9, uid 0102030405060708",
-        "canTimeout 2000, stops 100 ms after the last command",
-        "limit_torque 17 N·m",
+        "run_mode 0",
+        "stops 100 ms after the last command",
+        "at most 17 N·m; at most 23 A",
         "at -0.250 rad",
     ):
         assert part in lines["left"]
@@ -160,6 +162,7 @@ def test_a_motor_that_does_not_report_is_mentioned(robot: RobstrideRobot, left: 
 # --- who is there
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_missing_motor_keeps_every_motor_from_being_touched(
     robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor, channels: tuple[BusAddress, BusAddress]
 ) -> None:
@@ -168,6 +171,7 @@ def test_a_missing_motor_keeps_every_motor_from_being_touched(
     assert not any(isinstance(command, WriteParameter | Enable) for command in left.heard)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_everything_that_is_wrong_is_said_at_once(
     robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
@@ -175,6 +179,23 @@ def test_everything_that_is_wrong_is_said_at_once(
     assert len(_refusal(robot)) == 2
 
 
+@pytest.mark.usefixtures("impatient")
+def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: tuple[BusAddress, BusAddress]) -> None:
+    robot = RobstrideRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
+    bus = can.Bus(interface="virtual", channel=channels[0].channel)
+    timer = threading.Timer(0.005, bus.send, [can.Message(arbitration_id=0x20, data=bytes(8), is_error_frame=True)])
+    timer.start()
+    (problem,) = _refusal(robot)
+    timer.join()
+    bus.shutdown()
+    robot.close()
+    assert problem == (
+        f"{channels[0]}: no motor answers: are they powered, is the bus terminated, is it set to 1 Mbit/s?; "
+        "the interface reports: no acknowledgement on transmission"
+    )
+
+
+@pytest.mark.usefixtures("impatient")
 def test_swapped_channels_are_recognised(
     channels: tuple[BusAddress, BusAddress], description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
@@ -188,6 +209,7 @@ def test_swapped_channels_are_recognised(
     ]
 
 
+@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("where", [0, 1])
 def test_a_second_motor_with_an_expected_id_is_refused(
     where: int, robot: RobstrideRobot, channels: tuple[BusAddress, BusAddress], left: ScriptedMotor
@@ -230,6 +252,7 @@ def test_firmware_with_the_old_position_range_is_mentioned(robot: RobstrideRobot
     assert any("counts ±12.5 rad where frames are read as ±12.566" in line for line in _warnings(robot))
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_motor_without_a_version_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
     left.has_version = False
     (problem,) = _refusal(robot)
@@ -294,6 +317,7 @@ def test_the_fault_of_a_motor_is_cleared_and_told(robot: RobstrideRobot, left: S
     assert robot.read()[1][0].is_ok
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_fault_that_does_not_clear_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
     left.faults, left.clears_faults = StatusFault.UNDERVOLTAGE, False
     assert _refusal(robot) == ["left: faults do not clear: undervoltage"]
@@ -319,12 +343,14 @@ def test_a_fault_word_that_cannot_be_read_is_mentioned(robot: RobstrideRobot, le
     assert _warnings(robot) == ["warning: left: its fault word cannot be read: overvoltage would not be seen here"]
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_motor_that_does_not_stop_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
     left.mode, left.stops = MotorMode.RUN, False
     assert "left: does not confirm that it is stopped (mode run)" in _refusal(robot)
     left.stops = True
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_motor_that_does_not_enable_takes_the_others_down_again(
     robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
@@ -334,6 +360,7 @@ def test_a_motor_that_does_not_enable_takes_the_others_down_again(
     assert any(isinstance(command, Enable) for command in right.heard)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_motor_that_reports_a_fault_as_it_is_enabled_is_refused(
     robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
@@ -398,6 +425,7 @@ def test_a_motor_exchanged_between_two_activations_is_refused(robot: RobstrideRo
     assert problem.startswith("left: its motor was exchanged (id 11 on virtual:left-")
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_refused_reactivation_leaves_a_robot_that_can_be_read(
     robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
@@ -491,6 +519,23 @@ def test_an_interrupted_activation_stops_the_motors(
         robot.activate()
     assert [left.mode, right.mode] == [MotorMode.RESET, MotorMode.RESET]
     assert not robot.is_enabled
+
+
+def test_gains_of_the_description_beyond_a_motors_range_are_mentioned(
+    description: RobotDescription, channels: tuple[BusAddress, BusAddress], motors: ScriptedMotors
+) -> None:
+    stiff = msgspec.structs.replace(
+        description,
+        remote_policy_controller=RemoteSettings(damping=(6.0, 5.0)),
+        standby_controller_a=msgspec.structs.replace(description.standby_controller_a, target_stiffness=(50.0, 501.0)),
+    )
+    robot = RobstrideRobot(stiff, channels, calibration={"left": 0.0, "right": 0.0})
+    robot.activate()
+    assert _warnings(robot) == [
+        "warning: right: standby_controller_a.target_stiffness is 501, an rs-00 is told 500 at most",
+        "warning: left: remote_policy_controller's damping is 6, an rs-02 is told 5 at most",
+    ]
+    robot.close()
 
 
 # --- what cannot be

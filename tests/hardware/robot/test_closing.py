@@ -71,6 +71,7 @@ def test_a_robot_that_is_limp_or_rests_in_damping_is_disabled_at_once(
     assert left.mode is MotorMode.RESET
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_motor_that_does_not_confirm_is_named(
     make_robot: MakeRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
@@ -85,6 +86,7 @@ def test_a_motor_that_does_not_confirm_is_named(
     assert not any("virtual:" in thread.name for thread in threading.enumerate() if "motors" not in thread.name)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_the_channels_are_free_after_a_close_that_failed(make_robot: MakeRobot, left: ScriptedMotor) -> None:
     first = make_robot()
     first.activate()

@@ -1,0 +1,141 @@
+"""The adapter and emulated motors, MuJoCo behind them: two implementations of the protocol that must agree."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import time
+
+import msgspec
+import numpy as np
+import pytest
+
+from humanoid_sim.hardware.emulation.faults import parse_fault
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robot import closing
+from humanoid_sim.hardware.robot.robot import RobstrideRobot
+from humanoid_sim.messages import SafetyFlag, SafetyStatus
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.schema import HardwareSettings
+
+LITE = load_robot("lite")
+N = LITE.joint_count
+ZEROS = np.zeros(N)
+_numbers = itertools.count()
+
+
+@pytest.fixture(autouse=True)
+def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """These motors answer in the time that a bus takes: the waits for answers are as they are."""
+    monkeypatch.setattr(closing, "_LONGEST", 0.1)
+
+
+def _offsets() -> dict[str, float]:
+    """Homing offsets of a robot as it is assembled: anything within a turn."""
+    generator = np.random.default_rng(3)
+    return dict(zip(LITE.joint_names, generator.uniform(-1.2, 1.2, N).tolist(), strict=True))
+
+
+def _channels(count: int) -> list[str]:
+    return [f"virtual:adapter-{next(_numbers)}" for _ in range(count)]
+
+
+def _robot(
+    motors: VirtualMotors, channels: list[str], offsets: dict[str, float] | None = None, can_timeout: float = 1.0
+) -> RobstrideRobot:
+    """A robot that a busy machine does not disturb, unless the test says so."""
+    calibration = dict.fromkeys(LITE.joint_names, 0.0) if offsets is None else offsets
+    patient = msgspec.structs.replace(LITE, hardware=HardwareSettings(rx_timeout_ms=2000.0))
+    return RobstrideRobot(patient, channels, calibration=calibration, can_timeout=can_timeout, open_bus=motors.open_bus)
+
+
+def _hold(position: FloatArray, stiffness: float = 50.0, damping: float = 2.0) -> MITCommand:
+    return MITCommand(position, ZEROS, ZEROS, np.full(N, stiffness), np.full(N, damping))
+
+
+def _run(robot: RobstrideRobot, command: MITCommand, seconds: float) -> tuple[MITState, list[SafetyStatus], float]:
+    """Write a command at 50 Hz; the last state, what was not OK, and the median age of the oldest joint, s."""
+    bad, ages = [], []
+    deadline = time.monotonic()
+    for _ in range(round(seconds / 0.02)):
+        state, statuses = robot.read()
+        bad += [status for status in statuses if not status.is_ok]
+        ages.append(float(state.joint_age.max()))
+        robot.write(command)
+        deadline += 0.02
+        time.sleep(max(0.0, deadline - time.monotonic()))
+    return robot.read()[0], bad, float(np.median(ages))
+
+
+@pytest.mark.parametrize("channel_count", [2, pytest.param(1, marks=pytest.mark.slow)])
+def test_an_assembled_robot_is_read_where_it_is_and_moved_where_it_should_be(channel_count: int) -> None:
+    channels, offsets = _channels(channel_count), _offsets()
+    target = np.array(LITE.initial_position) + 0.1
+    with (
+        VirtualMotors(LITE, channels, settings=EmulationSettings(homing_offset=offsets)) as motors,
+        contextlib.closing(_robot(motors, channels, offsets)) as robot,
+    ):
+        robot.activate()
+        assert all(check.passed for check in robot.checks)
+        state, _ = robot.read()
+        np.testing.assert_allclose(state.joint_position, LITE.initial_position, atol=0.02)
+        state, bad, age = _run(robot, _hold(target), 0.8)
+        truth = motors.truth
+        robot.close()
+        assert bad == []
+        np.testing.assert_allclose(state.joint_position, truth.joint_position, atol=0.01)
+        np.testing.assert_allclose(state.joint_position[4:7], target[4:7], atol=0.03)
+        assert age < 0.018, "reports come twice a period"
+        statistics = robot.statistics
+        assert statistics.acknowledged == statistics.commanded
+        assert statistics.commanded >= 40 * N
+        assert statistics.reports > 20 * N
+        time.sleep(0.05)
+        assert np.abs(motors.truth.joint_effort).max() == 0.0, "nobody drives the joints any more"
+
+
+def test_nothing_recovers_by_itself_and_reactivating_does() -> None:
+    channels = _channels(1)
+    with VirtualMotors(LITE, channels) as motors, contextlib.closing(_robot(motors, channels)) as robot:
+        robot.activate()
+        limp = MITCommand.zeros(N)
+        motors.inject(parse_fault("reset:left_elbow_pitch", LITE))
+        _, bad, _ = _run(robot, limp, 0.2)
+        motors.clear_faults()
+        _, later, _ = _run(robot, limp, 0.4)
+        assert {status.flags for status in bad} == {SafetyFlag.MOTOR_FAULT}
+        assert "left_elbow_pitch" in bad[0].message
+        assert len(later) == 20, "the motor stays out of run mode until the robot is activated again"
+        robot.activate()
+        _, bad, _ = _run(robot, limp, 0.2)
+        assert bad == []
+
+
+def test_the_motors_stop_when_the_host_falls_silent() -> None:
+    channels = _channels(1)
+    with (
+        VirtualMotors(LITE, channels) as motors,
+        contextlib.closing(_robot(motors, channels, can_timeout=0.1)) as robot,
+    ):
+        robot.activate()
+        _run(robot, _hold(np.array(LITE.initial_position) + 0.2), 0.1)
+        assert np.abs(motors.truth.joint_effort).max() > 1.0
+        time.sleep(0.3)
+        assert np.abs(motors.truth.joint_effort).max() == 0.0
+        _, statuses = robot.read()
+        assert statuses[0].flags & SafetyFlag.MOTOR_FAULT
+        assert "left run mode (mode reset): all 14 motors" in statuses[0].message
+
+
+@pytest.mark.slow
+def test_every_command_of_a_minute_is_acknowledged() -> None:
+    channels = _channels(2)
+    with VirtualMotors(LITE, channels) as motors, contextlib.closing(_robot(motors, channels)) as robot:
+        robot.activate()
+        _, bad, _ = _run(robot, _hold(np.array(LITE.initial_position)), 60.0)
+        robot.close()
+        statistics = robot.statistics
+        assert bad == []
+        assert statistics.acknowledged == statistics.commanded >= 3000 * N
