@@ -52,6 +52,8 @@ class Step:
     """Shape (N, m), raw, whatever the policy answered; None: the episodes have ended in this state."""
     qpos: FloatArray
     """Shape (N, nq), MuJoCo's generalised position at that state."""
+    qvel: FloatArray
+    """Shape (N, nv), MuJoCo's generalised velocity."""
 
 
 def episode_keys(case: str, seeds: Sequence[int]) -> npt.NDArray[np.uint64]:
@@ -142,7 +144,7 @@ class EpisodeBatch:
             observation, memory = side.observe(memory, state)
             action = policy(observation, np.asarray(memory.frame))
             if watch is not None:
-                watch.append(Step(state, action, simulation.qpos.copy()))
+                watch.append(Step(state, action, simulation.qpos.copy(), simulation.qvel.copy()))
             self._refuse(observation, action)
             if not self._alive.any():
                 return
@@ -157,7 +159,7 @@ class EpisodeBatch:
             if not self._alive.any():
                 break
         if watch is not None:
-            watch.append(Step(state, None, simulation.qpos.copy()))
+            watch.append(Step(state, None, simulation.qpos.copy(), simulation.qvel.copy()))
 
     def _refuse(self, observation: Float32Array, action: Float32Array) -> None:
         """End the episodes whose observation or action the controller would not take."""

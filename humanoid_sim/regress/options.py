@@ -21,6 +21,8 @@ def check_outputs(config: RegressConfig) -> None:
     Raises:
         InputError: naming the option.
     """
+    if not config.policies:
+        raise InputError("POLICIES: is empty, expected one or more ONNX checkpoints")
     files = {
         "--write-baseline": (config.write_baseline, ".json"),
         "--json": (config.json, ".json"),

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from humanoid_sim.bench import control_tick, environment, main, program, vector
+from humanoid_sim.bench import control_tick, environment, main, program, regress_speed, vector
 from humanoid_sim.bench.timing import Row
 from humanoid_sim.cli import run_program
 
@@ -23,6 +23,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(environment, "_STEPS", 3)
     monkeypatch.setattr(vector, "_MANY", 6)
     monkeypatch.setattr(vector, "_SOME", 2)
+    monkeypatch.setattr(regress_speed, "_EPISODES", 4)
     monkeypatch.setenv("COLUMNS", "200")
 
     def bench(*arguments: str) -> tuple[int, str, str]:
@@ -69,15 +70,17 @@ def test_every_figure_can_be_taken(run: Run) -> None:
         "LiteTracking-v0.step",
         "vector, 6 environments, over bare rollout",
         "vector, over SyncVectorEnv",
+        "regress, 4 episodes, over bare rollout",
     ]
     assert rows["control tick of play at 200 Hz"]["target"] == 2.5
     assert rows["play --help"]["target"] == 15.0
     assert rows["LiteTracking-v0.step"]["target"] == 1.4
     assert rows["vector, 6 environments, over bare rollout"]["target"] == 0.85
     assert rows["vector, over SyncVectorEnv"]["target"] == 1.9
+    assert rows["regress, 4 episodes, over bare rollout"]["target"] == 0.7
     for row in rows.values():
         assert row["low"] <= row["value"] <= row["high"]
-        assert row["at_least"] == row["name"].startswith("vector")
+        assert row["at_least"] == row["name"].startswith(("vector", "regress"))
         within = row["target"] is None or (row["value"] >= row["target"]) == row["at_least"]
         assert row["met"] == within
     for name in ("control tick of play at 200 Hz", "play --help", "play, times real time"):
@@ -118,7 +121,7 @@ def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.Monke
         (
             ("--only", "speed"),
             "error: --only: is 'speed', expected part of one of control tick, play --help, supervisor step, recording, "
-            "real time, LiteTracking-v0.step, vector\n",
+            "real time, LiteTracking-v0.step, vector, regress\n",
         ),
         (("--repetitions", "0"), "error: --repetitions: is 0, expected a whole number >= 1\n"),
         (("--repetitions", "-3"), "error: --repetitions: is -3, expected a whole number >= 1\n"),

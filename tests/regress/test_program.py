@@ -123,6 +123,7 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
     there.write_text("{}")
     policy, short = str(SAMPLE), ("--suite", suite)
     for arguments, expected in (
+        (short, "POLICIES: is empty, expected one or more ONNX checkpoints"),
         (
             (policy, "--suite", "nowhere"),
             "--suite: is 'nowhere', expected a suite's YAML file or one of: lite_tracking",
