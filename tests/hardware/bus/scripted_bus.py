@@ -10,7 +10,7 @@ import can
 
 
 class ScriptedBus(can.BusABC):
-    """Receives what is put into `incoming` (an exception is raised), hands what is sent to `on_send`, which may raise."""
+    """Receives what is put into `incoming` (an exception is raised); `on_send` is given what is sent, and may raise."""
 
     def __init__(self) -> None:
         super().__init__(channel="scripted")
