@@ -14,7 +14,6 @@ from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.imu.interface import Imu
 from humanoid_sim.hardware.imu.options import make_imu
 from humanoid_sim.hardware.imu.simulated import SimulatedImu
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
@@ -52,12 +51,10 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
         raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
     offsets, notices = _homing_offsets(config, description, emulated=all(is_virtual))
     motors = _emulated(description, addresses, offsets) if all(is_virtual) else None
-    imu: Imu | None
-    if motors is None:
-        imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
-    else:
-        imu = SimulatedImu(lambda: motors.truth.imu)
     try:
+        imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
+        if imu is None and motors is not None:
+            imu = SimulatedImu(lambda: motors.truth.imu)
         robot = RobstrideRobot(
             description,
             addresses,

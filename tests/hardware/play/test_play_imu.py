@@ -1,0 +1,82 @@
+"""An IMU on a serial line beside emulated motors."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import models
+import pytest
+from emulated_imu import EmulatedImu
+from result import Result
+
+from humanoid_sim.messages import SafetyFlag
+from humanoid_sim.robots.description import load_robot
+
+Play = Callable[..., Result]
+
+HARDWARE = ("--hardware", "virtual:imu", "--allow-script", "--policy", "placeholder")
+
+
+@pytest.fixture
+def device() -> Iterator[EmulatedImu]:
+    emulated = EmulatedImu()
+    yield emulated
+    emulated.close()
+
+
+def test_what_it_feels_is_the_robots_state(run: Play, quick: str, device: EmulatedImu) -> None:
+    device.rate = (0.1, 0.2, 0.3)
+    result = run("--robot", quick, *HARDWARE, "--imu", f"microstrain:{device.port}", "--script", "hold 0.2")
+    assert result.status == 0
+    for tick in result.ticks:
+        assert tick.input.state.imu_angular_velocity == pytest.approx([0.1, -0.2, -0.3])
+        assert [status.source for status in tick.input.safety] == ["virtual:imu", "imu"]
+
+
+@pytest.mark.slow
+def test_one_that_goes_silent_is_a_fault(run: Play, quick: str, device: EmulatedImu) -> None:
+    def fall_silent(data: bytes) -> bytes:
+        if time.monotonic() > began + 2.0:
+            device.mute = True
+        return data
+
+    began = time.monotonic()
+    device.damage = fall_silent
+    result = run("--robot", quick, *HARDWARE, "--imu", f"microstrain:{device.port}", "--script", "damp; hold 5; load_a")
+    assert result.status == 1
+    assert "RX_TIMEOUT from imu: " in result.summary["safety"][0]["message"]
+    flags = [status.flags for tick in result.ticks for status in tick.input.safety if status.source == "imu"]
+    assert flags[0] is SafetyFlag.NONE
+    assert SafetyFlag.RX_TIMEOUT in flags
+    assert "STANDBY" not in result.modes
+
+
+def test_one_that_is_not_there_is_a_problem_in_the_list(run: Play, quick: str) -> None:
+    result = run("--robot", quick, *HARDWARE, "--imu", "microstrain:/dev/nowhere", "--script", "damp")
+    assert result.status == 2
+    assert "problem imu  /dev/nowhere: the IMU's port cannot be opened" in result.out
+
+
+def test_a_policy_that_observes_one_is_refused_without(run: Play, quick: str, folder: object) -> None:
+    lite = load_robot("lite")
+    names = lite.joint_names
+    contract = models.contract(
+        joint_names=names,
+        action_joint_names=names,
+        joint_stiffness=50.0,
+        joint_damping=2.0,
+        default_joint_pos=0.0,
+        action_scale=0.5,
+        observation=("projected_gravity", "imu_ang_vel"),
+    )
+    models.saved(folder / "feels.onnx", models.linear_model(models.write_metadata(contract), inputs=6, outputs=14))  # type: ignore[operator]
+    lines = [
+        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, homing_offset: 0.0}}"
+        for joint in lite.joints
+        if joint.motor is not None
+    ]
+    (folder / "calibration.yaml").write_text("\n".join(lines), encoding="utf-8")  # type: ignore[operator]
+    result = run("--robot", quick, "--hardware", "can0", "--policy", "feels.onnx", record=False)
+    assert result.status == 2
+    assert result.err == "error: --imu: is none, but the policy observes projected_gravity, imu_ang_vel\n"

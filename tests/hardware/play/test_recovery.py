@@ -1,0 +1,76 @@
+"""From a fault on the bus back to motion, as the operator's page says."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from result import Result
+
+from humanoid_sim import mode, replay
+from humanoid_sim.cli import run_program
+from humanoid_sim.hardware.emulation.faults import parse_fault
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.messages import Mode
+from humanoid_sim.play import real
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.control_socket import running_sessions
+
+pytestmark = pytest.mark.slow
+
+FAULTS = {
+    "bus_off": "BUS_OFF",
+    "reset:left_elbow_pitch": "MOTOR_FAULT",
+    "under_voltage:left_elbow_pitch": "MOTOR_FAULT",
+}
+
+
+def send(word: str) -> int:
+    return run_program(mode.main, [word])
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_reactivate_leads_back_to_motion(
+    run: Callable[..., Result], quick: str, fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motors: list[VirtualMotors] = []
+    answers: list[tuple[str, int]] = []
+
+    def emulated(*arguments: Any, **options: Any) -> VirtualMotors:
+        motors.append(VirtualMotors(*arguments, **options))
+        return motors[0]
+
+    def operator() -> None:
+        while os.getpid() not in running_sessions():
+            time.sleep(0.01)
+        steps = ["damp", "load_a", 1.0, "fault", 0.5, "load_a", "mend", 0.3, "reactivate", "damp", "load_a", 1.0]
+        for step in [*steps, "damp", 0.3, "quit"]:
+            if isinstance(step, float):
+                time.sleep(step)
+            elif step == "fault":
+                motors[0].inject(parse_fault(fault, load_robot("lite")))
+            elif step == "mend":
+                motors[0].clear_faults()
+            else:
+                answers.append((step, send(step)))
+
+    monkeypatch.setattr(real, "VirtualMotors", emulated)
+    thread = threading.Thread(target=operator)
+    thread.start()
+    result = run("--robot", quick, "--hardware", "virtual:recovery", "--policy", "placeholder")
+    thread.join()
+    assert answers[:3] == [("damp", 0), ("load_a", 0), ("load_a", 1)]  # refused while the fault lasts
+    assert answers[3:] == [(step, 0) for step in ("reactivate", "damp", "load_a", "damp", "quit")]
+    modes = result.modes[result.modes.index("DAMPING") :]
+    assert modes == ["DAMPING", "STANDBY", "DAMPING", "ZERO_TORQUE", "DAMPING", "STANDBY", "DAMPING"]
+    assert FAULTS[fault] in result.summary["safety"][0]["message"]
+    last = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.STANDBY][-1]
+    assert all(status.is_ok for status in last.input.safety)
+    assert last.output.standby is not None
+    assert last.output.standby.is_finished
+    assert result.status == 1  # there was a fault that nobody asked `play` for
+    assert run_program(replay.main, ["r.mcap"]) == 0

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from humanoid_sim.play.loop_figures import loop_figures, loop_table
+from humanoid_sim.session.histogram import DurationHistogram
+from humanoid_sim.session.monitor import RunMonitor
+from humanoid_sim.session.result import SessionResult
+
+
+def result(late: tuple[float, ...] = (), measures: tuple[str, ...] = ()) -> SessionResult:
+    jitter = DurationHistogram()
+    for seconds in late:
+        jitter.add(seconds)
+    return SessionResult(
+        ticks=len(late) + 1,
+        reason="QUIT",
+        duration=2.0,
+        wall_time=1.0,
+        overruns=1,
+        skipped=2,
+        jitter=jitter,
+        measures=measures,
+    )
+
+
+def shown(loop: dict[str, object], capsys: pytest.CaptureFixture[str]) -> str:
+    Console(width=100).print(loop_table(loop, {"largest": 1.5, "saturated_ticks": 3}))
+    return capsys.readouterr().out
+
+
+def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys: pytest.CaptureFixture[str]) -> None:
+    monitor = RunMonitor(np.ones(3))
+    for _ in range(100):
+        monitor.tick_time.add(0.004)
+    late = (*[1.5e-5] * 60, *[1.5e-4] * 3, 0.03)
+    loop = loop_figures(result(late, ("memory locked",)), monitor, 0.02, realtime=True)
+    assert loop["budget"] == pytest.approx(0.2, rel=0.05)
+    assert (loop["overruns"], loop["skipped_deadlines"]) == (1, 2)
+    histogram = {bar["up_to"]: bar["ticks"] for bar in loop["jitter"]["histogram"]}
+    assert {edge: count for edge, count in histogram.items() if count} == {2e-5: 60, 2e-4: 3, None: 1}
+    assert loop["jitter"]["max"] == 0.03
+    out = shown(loop, capsys)
+    assert "1 missed deadlines, 2 skipped" in out
+    assert "≤ 0.02 ms  " + "█" * 30 + " 60" in out
+    assert "≤ 0.05 ms   0" in out  # an empty bar between two others
+    assert "≤ 0.2 ms   ██ 3" in out
+    assert "above      █ 1" in out
+    assert "0.01 ms" not in out
+    assert "memory locked" in out
+    assert "physics aside" not in out
+
+
+def test_a_simulation_has_neither_deadlines_nor_jitter(capsys: pytest.CaptureFixture[str]) -> None:
+    loop = loop_figures(result(), RunMonitor(np.ones(3)), 0.005, realtime=False)
+    assert loop["jitter"] is None
+    assert loop["measures"] == []
+    out = shown(loop, capsys)
+    assert "2.0 times real time" in out
+    assert "none to miss; 1 ticks took longer than the control period" in out
+    assert "tick time, physics aside" in out
+    assert "late" not in out
