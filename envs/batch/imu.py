@@ -47,7 +47,10 @@ class BatchImu:
             self._offset, self._turn = np.zeros((3, 1)), column(np.array([1.0, 0.0, 0.0, 0.0]))
         self._tree = BodyTree(model, [self._body])
         self._gravity = column(model.opt.gravity)
-        self._is_still = int(model.body_weldid[self._body]) == 0
+        self._constant: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        if int(model.body_weldid[self._body]) == 0:  # it feels gravity, for ever
+            nothing = np.empty((1, 0))
+            self._constant = self._rows(nothing, nothing, nothing)
 
     def read(self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> ImuReading:
         """The readings, new arrays.
@@ -57,7 +60,11 @@ class BatchImu:
             qvel: shape (N, nv).
             qacc: shape (N, nv), of the latest physics step.
         """
-        count = len(qpos)
+        rows = self._constant or self._rows(qpos, qvel, qacc)
+        return ImuReading(*(np.broadcast_to(part, (len(part), len(qpos))).T.copy() for part in rows))
+
+    def _rows(self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The three parts of the readings, (4, N), (3, N) and (3, N)."""
         motion = self._tree.motion(self._body, qpos, qvel, qacc)
         arm = rotate(motion.pose.quaternion, self._offset)
         spin = motion.angular_velocity
@@ -68,12 +75,11 @@ class BatchImu:
             - self._gravity
         )
         quaternion = multiply(motion.pose.quaternion, self._turn)
-        readings = (
+        return (
             _as_from_matrix(normalize(quaternion)),
             rotate_inverse(quaternion, spin),
             rotate_inverse(quaternion, acceleration),
         )
-        return ImuReading(*(np.broadcast_to(rows, (len(rows), count)).T.copy() for rows in readings))
 
 
 def _as_from_matrix(quaternion: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """Vectors and quaternions of a batch, stored component by component: rows of shape (N,), contiguous in memory.
 
-Vectors are (3, N) and quaternions (4, N), w x y z; a constant is (3, 1) or (4, 1). The functions of
+Vectors are (3, …, N) and quaternions (4, …, N), w x y z; a constant is (3, …, 1) or (4, …, 1). The functions of
 `humanoid_sim.controllers.rotation` do the same on (..., 3) and (..., 4), which suits one robot but strides through
 memory on a thousand.
 """
@@ -23,7 +23,7 @@ def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
     """Hamilton product: the rotation `b` followed by `a`."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
-    product = np.empty((4, max(a.shape[1], b.shape[1])))
+    product = np.empty((4, *np.broadcast_shapes(a.shape[1:], b.shape[1:])))
     product[0] = aw * bw - ax * bx - ay * by - az * bz
     product[1] = aw * bx + ax * bw + ay * bz - az * by
     product[2] = aw * by - ax * bz + ay * bw + az * bx
@@ -33,7 +33,7 @@ def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross product."""
-    product = np.empty((3, max(a.shape[1], b.shape[1])))
+    product = np.empty((3, *np.broadcast_shapes(a.shape[1:], b.shape[1:])))
     product[0] = a[1] * b[2] - a[2] * b[1]
     product[1] = a[2] * b[0] - a[0] * b[2]
     product[2] = a[0] * b[1] - a[1] * b[0]

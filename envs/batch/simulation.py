@@ -73,9 +73,9 @@ class BatchSimulation:
         Raises:
             InputError: an option is not accepted, or the MJCF does not fit the description.
         """
-        _check_count("count", count)
-        if threads is not None:
-            _check_count("threads", threads)
+        for name, value in (("count", count), ("threads", 1 if threads is None else threads)):
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise InputError(f"{name}: is {value!r}, expected a whole number >= 1")
         settings = description.simulation
         timestep = settings.physics_timestep if physics_timestep is None else physics_timestep
         self.description = description
@@ -294,11 +294,6 @@ class BatchSimulation:
     def close(self) -> None:
         """Stop the threads. May be called twice."""
         self._physics.close()
-
-
-def _check_count(name: str, value: object) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise InputError(f"{name}: is {value!r}, expected a whole number >= 1")
 
 
 def _read_only(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
