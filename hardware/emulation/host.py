@@ -47,7 +47,7 @@ class EmulatorHost:
         Args:
             emulator: with as many buses.
             buses: open; they stay so, closing them is the caller's.
-            clock: s.
+            clock: s; one that goes slower than real time shows everything in slow motion.
             echoes: whether a sender on these channels hears itself.
         """
         self._emulator = emulator
@@ -111,8 +111,8 @@ class EmulatorHost:
         self.close()
 
     def _run(self) -> None:
-        next_look = self._clock()
-        next_truth = next_look
+        next_look = time.monotonic()
+        next_truth = self._clock()
         try:
             while not self._closing.is_set():
                 with self._lock:
@@ -121,8 +121,8 @@ class EmulatorHost:
                     if now >= next_truth:
                         self._truth = self._emulator.motors.plant.truth(now)
                         next_truth = now + _TRUTH_PERIOD
-                next_look = max(next_look + _POLL_PERIOD, self._clock())
-                time.sleep(max(next_look - self._clock(), 0.0))
+                next_look = max(next_look + _POLL_PERIOD, time.monotonic())
+                time.sleep(max(next_look - time.monotonic(), 0.0))
         except Exception as error:
             self.failure = error
 

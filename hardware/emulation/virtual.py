@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Self
 
@@ -41,6 +42,7 @@ class VirtualMotors:
         settings: EmulationSettings | None = None,
         faults: Iterable[Fault] = (),
         told: Told | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Power the motors on.
 
@@ -50,6 +52,7 @@ class VirtualMotors:
             settings: how motors and buses are; None for the defaults.
             faults: to come; their times count from now.
             told: is called on the motors' thread, see `Emulator`.
+            clock: s, see `EmulatorHost`; the robot that talks to the motors must have the same.
 
         Raises:
             InputError: an address is none, the number of channels does not fit the robot, or see `Emulator`.
@@ -64,13 +67,13 @@ class VirtualMotors:
         with contextlib.ExitStack() as opened:
             self._buses = [self._open(address, opened) for address in self.addresses]
             has_echoes = any(address.interface == _HEARS_ITSELF for address in self.addresses)
-            self._host = EmulatorHost(self._emulator, self._buses, echoes=has_echoes)
+            self._host = EmulatorHost(self._emulator, self._buses, clock=clock, echoes=has_echoes)
             opened.callback(self._host.close)
             self._resources = opened.pop_all()
 
     @property
     def truth(self) -> PlantTruth:
-        """What is really so, at most a few ms old; its time is that of `time.monotonic`."""
+        """What is really so, at most a few ms old; its time is on the clock, that of `time.monotonic` by default."""
         return self._host.truth
 
     @property

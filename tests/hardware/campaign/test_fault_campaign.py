@@ -1,0 +1,186 @@
+"""Every fault in every mode, on the real adapter, session and supervisor against emulated motors, in real time."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from campaign_rig import CAN_TIMEOUT, PERIOD, Campaign, NotReachedError, Tick, campaign
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.emulation.faults import FAULTS, Fault
+from humanoid_sim.messages import Mode, SafetyFlag
+
+ELBOW = ("left_elbow_pitch",)
+DURATION = 0.5
+"""s that a fault lasts."""
+AFTERWARDS = 0.3
+"""s that are watched after it is over."""
+DAMPING = 5.0
+"""N·m·s/rad, the Lite's in DAMPING."""
+SKEW = 0.3
+"""N·m: a snapshot's torque is that of the velocity half a ms before."""
+TOO_LATE = 0.035
+"""s between two ticks, or two pictures of the motors: nearly one is missing, for no fault of the test's."""
+SLOWNESS = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""A run in which the machine was late says nothing, and is repeated in slower motion: control period, bus time, motors
+and time limits all slower by this factor, so that the same computing takes a smaller part of them."""
+MODES = tuple(Mode)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault and what must come of it."""
+
+    fault: Fault | None
+    """None: the control thread stands still."""
+    flag: SafetyFlag
+    """NONE: it must be borne."""
+    reaches: bool = True
+    """Whether commands still reach the motors; where they do not, only the motors' own timeout stops them."""
+    leaves: bool = True
+    """Whether the driver looks at every frame; where it does not, harmless ones must be the first that leave later."""
+
+
+CASES = {
+    "lost": Case(Fault("lost", ELBOW), SafetyFlag.RX_TIMEOUT, reaches=False),
+    "some lost": Case(Fault("lost", value=0.1), SafetyFlag.NONE),
+    "delayed": Case(Fault("delayed", ELBOW), SafetyFlag.RX_TIMEOUT),
+    "duplicated": Case(Fault("duplicated"), SafetyFlag.NONE),
+    "reordered": Case(Fault("reordered"), SafetyFlag.NONE),
+    "corrupted_id": Case(Fault("corrupted_id", ELBOW), SafetyFlag.INVALID_FRAME),
+    "corrupted_dlc": Case(Fault("corrupted_dlc", ELBOW), SafetyFlag.INVALID_FRAME),
+    "silent": Case(Fault("silent", ELBOW), SafetyFlag.RX_TIMEOUT),
+    "unplugged": Case(Fault("unplugged", ELBOW), SafetyFlag.RX_TIMEOUT),
+    "reset": Case(Fault("reset", ELBOW), SafetyFlag.MOTOR_FAULT),
+    "over_temperature": Case(Fault("over_temperature", ELBOW), SafetyFlag.TEMPERATURE_LIMIT),
+    "under_voltage": Case(Fault("under_voltage", ELBOW), SafetyFlag.MOTOR_FAULT),
+    "over_voltage": Case(Fault("over_voltage", ELBOW), SafetyFlag.MOTOR_FAULT),
+    "overcurrent": Case(Fault("overcurrent", ELBOW), SafetyFlag.MOTOR_FAULT),
+    "stalled": Case(Fault("stalled", ELBOW), SafetyFlag.MOTOR_FAULT),
+    "encoder_fault": Case(Fault("encoder_fault", ELBOW), SafetyFlag.MOTOR_FAULT),
+    "encoder_jump": Case(Fault("encoder_jump", ELBOW), SafetyFlag.MOTOR_FAULT),
+    "other_master": Case(Fault("other_master"), SafetyFlag.INVALID_FRAME),
+    "bus_off": Case(Fault("bus_off"), SafetyFlag.BUS_OFF, reaches=False),
+    "enobufs": Case(Fault("enobufs"), SafetyFlag.TX_QUEUE_OVERRUN, reaches=False, leaves=False),
+    "host stalls 300 ms": Case(None, SafetyFlag.MOTOR_FAULT),
+}
+
+
+def test_every_fault_has_a_case() -> None:
+    assert {case.fault.kind for case in CASES.values() if case.fault is not None} == set(FAULTS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+@pytest.mark.parametrize("name", CASES)
+def test_fault_in_mode(name: str, mode: Mode, table: list[tuple[str, ...]]) -> None:
+    case = CASES[name]
+    for slowness in SLOWNESS:
+        try:
+            course = _run(case, mode, slowness)
+        except (NotReachedError, RobotError) as error:
+            problem = str(error)
+            continue
+        problem = course.disturbance
+        if not problem:
+            table.append((name, mode.name, *_judge(case, mode, course), f"{slowness:g}"))
+            return
+    pytest.fail(f"the machine is too busy even in slow motion: {problem}", pytrace=False)
+
+
+@dataclass(frozen=True)
+class Course:
+    """What happened around a fault."""
+
+    began: float
+    """s, slow clock."""
+    before: list[Tick]
+    """The last ticks before it, in which all was well."""
+    after: list[Tick]
+    """All that follow."""
+    campaign: Campaign
+    disturbance: str
+    """How the machine itself was late, so that this run says nothing; empty: it was not."""
+
+
+def _run(case: Case, mode: Mode, slowness: float) -> Course:
+    with campaign(slowness) as running:
+        running.reach(mode)
+        count = len(running.ticks)
+        before = running.ticks[-10:]
+        if case.fault is None:
+            began = running.clock()
+            time.sleep(0.3 * slowness)
+        else:
+            start = running.motors.time + 0.007
+            began = running.clock() + 0.007
+            running.motors.inject(replace(case.fault, start=start, duration=DURATION))
+        running.run(DURATION + AFTERWARDS)
+        after = running.ticks[count:]
+        return Course(began, before, after, running, _disturbance(before, after[case.fault is None :]))
+
+
+def _disturbance(before: list[Tick], after: list[Tick]) -> str:
+    bad = next((status for tick in before for status in tick.safety if not status.is_ok), None)
+    if bad is not None:
+        return f"before the fault: {bad.message}"
+    longest = max(late.read - early.read for early, late in itertools.pairwise(after))
+    blind = max(late.seen - early.seen for early, late in itertools.pairwise(after))
+    return f"{longest:.3f} s between ticks, {blind:.3f} s of motors" if max(longest, blind) > TOO_LATE else ""
+
+
+def _judge(case: Case, mode: Mode, course: Course) -> tuple[str, str, str, str]:
+    """The checks; flag, detection time, reaction time and torque for the table."""
+    enabled = [text for when, text in course.campaign.events if when >= course.began and text.endswith("enabled")]
+    assert enabled == [], "no motor is enabled without an operator"
+    torque_before = max(float(np.abs(tick.effort).max()) for tick in course.before)
+    detected = next((tick for tick in course.after if not tick.is_ok), None)
+    if case.flag is SafetyFlag.NONE:
+        assert detected is None, detected and detected.safety
+        assert {tick.mode for tick in course.after} == {mode}
+        return "none: it is borne", "", "", f"{torque_before:.1f}"
+
+    assert detected is not None, "never noticed"
+    assert case.flag in detected.flags, detected.safety
+    harmless = Mode.ZERO_TORQUE if mode is Mode.ZERO_TORQUE else Mode.DAMPING
+    tail = course.after[course.after.index(detected) :]
+    assert {tick.mode for tick in tail} == {harmless}, "from this tick on, and nothing recovers by itself"
+
+    since = detected.read
+    if not case.leaves:
+        since = max(since, next(when for when, text in course.campaign.events if text.startswith("fault over")))
+    reaction = _reaction(course.campaign, detected, since, harmless)
+    assert reaction <= PERIOD
+
+    settled = detected.read + PERIOD + 0.01 + (0.0 if case.reaches else CAN_TIMEOUT)
+    late = [tick for tick in tail if tick.seen >= settled]
+    assert len(late) >= 10
+    # Only damping is left, or nothing: what an arm still feels brakes it, and is no more than K_d times its velocity.
+    damping = 0.0 if harmless is Mode.ZERO_TORQUE else DAMPING
+    for tick in late:
+        assert (np.abs(tick.effort) <= damping * np.abs(tick.velocity) + SKEW).all(), (tick.effort, tick.velocity)
+        assert (tick.effort * tick.velocity <= 0.05 * SKEW).all(), "it takes energy away"
+    torque_after = max(float(np.abs(tick.effort).max()) for tick in late[-10:])
+    return (
+        str(case.flag.name),
+        f"{1e3 * (detected.read - course.began):.0f}",
+        f"{1e3 * reaction:.1f}",
+        f"{torque_before:.1f} → {torque_after:.1f}",
+    )
+
+
+def _reaction(running: Campaign, detected: Tick, since: float, harmless: Mode) -> float:
+    """s from `since` until every motor's harmless command had been handed to the driver; no other may follow."""
+    leaving: dict[int, float] = {}
+    written = [sent for sent in running.sent if sent.time >= detected.read]
+    for sent in written:
+        is_harmless = not sent.has_stiffness and sent.has_damping is (harmless is Mode.DAMPING)
+        if is_harmless and sent.time >= since:
+            leaving.setdefault(sent.motor_id, sent.time)
+        assert is_harmless or not leaving, "another command after the first harmless one"
+    assert len(leaving) == len(running.robot.joints), "one for every motor"
+    return max(leaving.values()) - since
