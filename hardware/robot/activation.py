@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.opening import BITRATE
+from humanoid_sim.hardware.bus.load import bus_load
 from humanoid_sim.hardware.robot.checks import CheckList
 from humanoid_sim.hardware.robot.configure import configure, read_supply
 from humanoid_sim.hardware.robot.identify import identify
@@ -16,7 +16,6 @@ from humanoid_sim.hardware.robot.link import Link
 from humanoid_sim.hardware.robot.parameter_access import ParameterAccess
 from humanoid_sim.hardware.robot.requests import Requests
 from humanoid_sim.hardware.robot.settings import AdapterSettings
-from humanoid_sim.hardware.robot.statistics import FRAME_BITS
 from humanoid_sim.hardware.robot.stopping import stop_and_clear
 from humanoid_sim.hardware.robot.turns import find_turns, turn_problems
 from humanoid_sim.hardware.robot.wiring import Wiring
@@ -140,7 +139,7 @@ def _start_reports(
     for channel, source in enumerate(link.sources):
         motors = wiring.on_channel(channel)
         interval = report_interval(_SCAN_TIME)
-        load = len(motors) * (2.0 / period + 1.0 / interval) * FRAME_BITS / BITRATE
+        load = bus_load(len(motors) * (2.0 / period + 1.0 / interval))
         if interval >= period:
             checks.passed(source, "no active reports: commands are answered as often")
         elif load > _FULL_BUS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of, version_text
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of, model_name, version_text
 from humanoid_sim.hardware.robstride.models import MotorModel
 
 __all__ = ["firmware_problem", "firmware_warning"]
@@ -11,12 +11,12 @@ __all__ = ["firmware_problem", "firmware_warning"]
 def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
     """Why a motor with this firmware must not be driven as this model; empty when it may.
 
-    The second number of a version is the model's in everything that the vendor prints of rs-00 to rs-04; rs-05 and
-    rs-06 are taken to follow. A motor driven as another model would scale torque, velocity and gains wrongly.
+    A motor driven as another model would scale torque, velocity and gains wrongly.
     """
-    found = f"rs-{version[1]:02d}"
+    found = model_name(version)
     if found != model.name:
-        return f"its firmware {version_text(version)} is an {found}'s, the robot description has an {model.name} here"
+        whose = f"is an {found}'s" if found else "is no known model's"
+        return f"its firmware {version_text(version)} {whose}, the robot description has an {model.name} here"
     factor = firmware_of(model, version).gain_factor
     if factor != 1.0:
         return f"its firmware {version_text(version)} multiplies K_p and K_d by {factor:g}: update it"

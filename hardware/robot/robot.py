@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-import math
 import time as system_time
 from collections.abc import Callable, Mapping, Sequence
-
-import numpy as np
+from dataclasses import replace
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
 from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
-from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors, set_reports
+from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors
 from humanoid_sim.hardware.robot.checks import Check, CheckList
 from humanoid_sim.hardware.robot.closing import damp_until_rest, disable, is_damped, is_limp, unconfirmed
+from humanoid_sim.hardware.robot.control import MotorControl
 from humanoid_sim.hardware.robot.gain_checks import gain_warnings
-from humanoid_sim.hardware.robot.limiter import CommandEncoder
 from humanoid_sim.hardware.robot.link import Link, Locks
 from humanoid_sim.hardware.robot.settings import make_settings
 from humanoid_sim.hardware.robot.statistics import RobotStatistics, gather_statistics
 from humanoid_sim.hardware.robot.stopping import enable_motors, stop_motors
-from humanoid_sim.hardware.robot.table import nothing_heard
-from humanoid_sim.hardware.robot.tracker import JointTracker
-from humanoid_sim.hardware.robot.watch import SafetyWatch
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["RobstrideRobot"]
-
-_HOST = "host"
-"""Source of the status about this program's own commands."""
 
 
 class RobstrideRobot:
@@ -91,26 +83,11 @@ class RobstrideRobot:
         self._clock, self._origin = clock, clock()
         self._locks = Locks()
         self._link: Link | None = None
+        self._control: MotorControl | None = None
+        self._why_not = "not activated"
         self._uids: Mapping[int, bytes] = {}
         self._checks = CheckList()
         self._is_closing = self._is_closed = False
-        zeros = np.zeros(self._settings.wiring.count)
-        self._damped = MITCommand(zeros, zeros, zeros, zeros, self._settings.damping)
-        self._begin("not activated")
-
-    def _begin(self, why: str) -> None:
-        """Forget everything that belongs to one activation."""
-        wiring = self._settings.wiring
-        self._is_enabled = False
-        self._why_not = why
-        self._watch: SafetyWatch | None = None
-        self._tracker = JointTracker(wiring, np.full(wiring.count, np.nan))
-        self._joints = self._tracker.update(nothing_heard(wiring.count))
-        self._encoder = CommandEncoder(wiring, len(self._settings.addresses), 2.0 * self._settings.control_period)
-        self._reporting: tuple[int, ...] = ()
-        self._last_command: MITCommand | None = None
-        self._refused = 0
-        self._bad_command = -math.inf
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -140,7 +117,7 @@ class RobstrideRobot:
     @property
     def is_enabled(self) -> bool:
         """Whether the motors were enabled, and not disabled since by this program."""
-        return self._is_enabled
+        return self._control is not None and self._control.is_enabled
 
     @property
     def checks(self) -> tuple[Check, ...]:
@@ -150,7 +127,7 @@ class RobstrideRobot:
     @property
     def statistics(self) -> RobotStatistics:
         """What happened on the buses since they were opened."""
-        return gather_statistics(self._settings, self._link, self._encoder, self._refused, self.time)
+        return gather_statistics(self._settings, self._link, self._control, self.time)
 
     # --- activation
 
@@ -169,7 +146,7 @@ class RobstrideRobot:
         Raises:
             RobotError: with the whole list of what is wrong; no motor is enabled then.
         """
-        link, prepared = self._prepare()
+        link, prepared, control = self._prepare()
         if self._dry_run:
             raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
         try:
@@ -179,14 +156,12 @@ class RobstrideRobot:
         except BaseException as error:
             self._give_up(error)
             raise
-        link.begin()
-        self._watch = SafetyWatch(self._settings, link.table, link.channels, since=self.time)
-        self._is_enabled = True
+        control.enable(self.time)
 
-    def _prepare(self) -> tuple[Link, Prepared]:
+    def _prepare(self) -> tuple[Link, Prepared, MotorControl]:
         if self._is_closing:
             raise RobotError(f"{self._settings.name}: the robot is closed")
-        self._begin("not enabled")
+        self._control, self._why_not = None, "not enabled"
         self._checks = CheckList()
         for joint, text in gain_warnings(self._description, self._settings.wiring):
             self._checks.warn(joint, text)
@@ -196,10 +171,9 @@ class RobstrideRobot:
         except BaseException as error:
             self._give_up(error)
             raise
-        self._uids, self._reporting = prepared.uids, prepared.reporting
-        self._tracker = JointTracker(self._settings.wiring, prepared.turns)
-        self._joints = self._tracker.update(link.table.readings())
-        return link, prepared
+        self._uids = prepared.uids
+        self._control = control = MotorControl(self._settings, link, prepared)
+        return link, prepared, control
 
     def _open(self) -> Link:
         """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
@@ -236,39 +210,39 @@ class RobstrideRobot:
 
         Never raises, and waits for nothing.
         """
-        now = self.time
-        if self._link is not None:
-            self._joints = self._tracker.update(self._link.table.readings())
-        joints = self._joints
-        age = np.maximum(now - joints.time, 0.0)
-        statuses = self._statuses(now, age)
+        now, control = self.time, self._control
+        statuses: tuple[SafetyStatus, ...] = ()
         imu = upright_at_rest(OK) if self._imu is None else self._imu.read(now)
-        if self._imu is not None:
-            statuses = (*statuses, imu.status)
-        state = MITState(
-            time=now,
-            joint_position=joints.position,
-            joint_velocity=joints.velocity,
-            joint_effort=joints.effort,
-            joint_age=age,
-            imu_quaternion=imu.quaternion,
-            imu_angular_velocity=imu.angular_velocity,
-            imu_linear_acceleration=imu.linear_acceleration,
-        )
-        return state, statuses
-
-    def _statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
-        if self._watch is None or not self._is_enabled:
-            flags = SafetyFlag.BUS_OFF if self._link is None else SafetyFlag.MOTOR_FAULT
-            return tuple(
-                SafetyStatus(SafetyLevel.FAULT, flags, str(address), self._why_not)
-                for address in self._settings.addresses
+        if control is None:
+            unknown = MITState.unknown(self._settings.wiring.count, now)
+            state = replace(
+                unknown,
+                imu_quaternion=imu.quaternion,
+                imu_angular_velocity=imu.angular_velocity,
+                imu_linear_acceleration=imu.linear_acceleration,
             )
-        statuses = self._watch.statuses(now, age, self._tracker)
-        if now - self._bad_command > self._settings.rx_timeout:
-            return statuses
-        text = "a command was not finite and was replaced by damping"
-        return (*statuses, SafetyStatus(SafetyLevel.CRITICAL, SafetyFlag.NONE, _HOST, text))
+        else:
+            joints, age = control.read(now)
+            statuses = control.statuses(now, age)
+            state = MITState(
+                time=now,
+                joint_position=joints.position,
+                joint_velocity=joints.velocity,
+                joint_effort=joints.effort,
+                joint_age=age,
+                imu_quaternion=imu.quaternion,
+                imu_angular_velocity=imu.angular_velocity,
+                imu_linear_acceleration=imu.linear_acceleration,
+            )
+        if not statuses:
+            statuses = self._not_enabled()
+        return state, statuses if self._imu is None else (*statuses, imu.status)
+
+    def _not_enabled(self) -> tuple[SafetyStatus, ...]:
+        flags = SafetyFlag.BUS_OFF if self._link is None else SafetyFlag.MOTOR_FAULT
+        return tuple(
+            SafetyStatus(SafetyLevel.FAULT, flags, str(address), self._why_not) for address in self._settings.addresses
+        )
 
     def write(self, command: MITCommand) -> None:
         """Hand a command, shape (n,), to every motor; returns at once. While the motors are not enabled, none is sent.
@@ -283,22 +257,8 @@ class RobstrideRobot:
             raise RobotError(f"{name}: command has shape {command.position.shape}, expected ({n},)")
         if self._is_closing:
             raise RobotError(f"{name}: the robot is closed")
-        self._write(command)
-
-    def _write(self, command: MITCommand) -> None:
-        link = self._link
-        if link is None or not self._is_enabled:
-            self._refused += 1
-            return
-        if not command.is_finite():
-            self._refused += 1
-            self._bad_command = self.time
-            command = self._damped
-        self._last_command = command
-        batches = self._encoder.encode(command, self._joints, self._tracker)
-        for channel, batch in zip(link.channels, batches, strict=True):
-            link.table.count_commands(batch)
-            channel.send(batch)
+        if self._control is not None:
+            self._control.write(command, self.time)
 
     # --- the end
 
@@ -311,18 +271,16 @@ class RobstrideRobot:
         if self._is_closing:
             return
         self._is_closing = True
-        link = self._link
+        link, control = self._link, self._control
         left: tuple[int, ...] = ()
         try:
-            if link is not None and self._is_enabled:
+            if link is not None and control is not None:
                 try:
-                    self._damp()
+                    self._damp(control)
                 finally:
-                    left = disable(self._settings, link, self._reporting)
-            elif link is not None:
-                set_reports(link.requests, self._reporting, is_on=False)
+                    left = disable(self._settings, link, control.reporting)
+                    control.disable()
         finally:
-            self._is_enabled = False
             self._why_not = "closed"
             if link is not None:
                 link.close()
@@ -333,9 +291,9 @@ class RobstrideRobot:
         if left and link is not None:
             raise RobotError(unconfirmed(self._settings, link, left))
 
-    def _damp(self) -> None:
+    def _damp(self, control: MotorControl) -> None:
         """Damp the joints, unless there was no torque, or they rest in DAMPING already."""
-        last = self._last_command
+        last = control.last_command
         if last is None or is_limp(last) or is_damped(last, self.read()[0]):
             return
-        damp_until_rest(lambda: self.read()[0], lambda: self._write(self._damped))
+        damp_until_rest(lambda: self.read()[0], lambda: control.damp(self.time))

@@ -6,15 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from humanoid_sim.hardware.bus.channel import ChannelCounters
-from humanoid_sim.hardware.bus.opening import BITRATE
-from humanoid_sim.hardware.robot.limiter import CommandEncoder
+from humanoid_sim.hardware.bus.load import bus_load
+from humanoid_sim.hardware.robot.control import MotorControl
 from humanoid_sim.hardware.robot.link import Link
 from humanoid_sim.hardware.robot.settings import AdapterSettings
 
-__all__ = ["FRAME_BITS", "ChannelStatistics", "RobotStatistics", "gather_statistics"]
-
-FRAME_BITS = 146
-"""Bits of an 8-byte extended frame: 131 without stuffing, 160 at most; the middle."""
+__all__ = ["ChannelStatistics", "RobotStatistics", "gather_statistics"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +31,7 @@ class ChannelStatistics:
     def load(self) -> float:
         """Estimate of the share of a 1 Mbit/s bus that was in use, 0 to 1, from the frames' number."""
         frames = self.counters.sent + self.counters.received
-        return frames * FRAME_BITS / (BITRATE * self.elapsed) if self.elapsed > 0.0 else 0.0
+        return bus_load(frames / self.elapsed) if self.elapsed > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,15 +97,14 @@ class RobotStatistics:
 
 
 def gather_statistics(
-    settings: AdapterSettings, link: Link | None, encoder: CommandEncoder, refused: int, now: float
+    settings: AdapterSettings, link: Link | None, control: MotorControl | None, now: float
 ) -> RobotStatistics:
     """The statistics of an open link, or of none.
 
     Args:
         settings: the robot's.
         link: its channels.
-        encoder: counts what was cut off.
-        refused: command sets that were not sent.
+        control: of the motors; none before they are prepared.
         now: s, robot's clock.
     """
     slots = () if link is None else link.table.slots
@@ -125,8 +121,8 @@ def gather_statistics(
         acknowledged=sum(slot.acknowledged for slot in slots),
         reports=sum(slot.reports for slot in slots),
         invalid_frames=sum(slot.invalid_frames for slot in slots),
-        saturations=encoder.saturations,
-        bounded=encoder.bounded,
+        saturations={} if control is None else control.encoder.saturations,
+        bounded={} if control is None else control.encoder.bounded,
         temperature={names[slot.joint]: slot.sample.temperature / 10.0 for slot in slots if slot.sample},
-        refused=refused,
+        refused=0 if control is None else control.refused,
     )

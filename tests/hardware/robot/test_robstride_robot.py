@@ -370,6 +370,45 @@ def test_random_frames_raise_nothing_and_leave_no_joint_unheard_of(
     assert sum(channel.counters.receiver_failures for channel in enabled.statistics.channels) == 0
 
 
+def _random_message(generator: random.Random) -> can.Message:
+    """Anything that a driver may hand over: data, error, remote and CAN FD frames."""
+    frame = random_frame(generator)
+    kind = generator.random()
+    return can.Message(
+        arbitration_id=frame.arbitration_id,
+        data=generator.randbytes(generator.choice((12, 64))) if kind > 0.98 else frame.data,
+        is_extended_id=frame.is_extended,
+        is_remote_frame=frame.is_remote,
+        is_error_frame=kind < 0.05,
+        is_fd=kind > 0.98,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_random_messages_for_minutes_neither_raise_nor_stop_the_threads(
+    enabled: RobstrideRobot, motors: ScriptedMotors
+) -> None:
+    seed = random.SystemRandom().getrandbits(32)
+    print(f"seed {seed}")
+    generator = random.Random(seed)
+    sent, deadline = 0, time.monotonic() + 120.0
+    while time.monotonic() < deadline:
+        for _ in range(50):
+            motors.buses[sent % 2].send(_random_message(generator))
+            sent += 1
+        state, statuses = enabled.read()
+        enabled.write(_hold())
+        assert state.joint_count == 2
+        assert len(statuses) == 2
+        assert np.isfinite(state.joint_velocity).all()
+        time.sleep(0.002)
+    channels = enabled.statistics.channels
+    assert all(channel.counters.receiver_failures == 0 for channel in channels)
+    assert wait_until(lambda: sum(channel.counters.received for channel in channels) > 0.8 * sent, 30.0)
+    assert not any("has ended" in status.message for status in enabled.read()[1])
+
+
 def test_messages_do_not_change_from_tick_to_tick(enabled: RobstrideRobot, left: ScriptedMotor) -> None:
     left.is_silent = True
     left.mode = MotorMode.RESET
