@@ -83,7 +83,7 @@ def assemble(plan: Plan, console: Console) -> Run:
             duration=config.duration,
             punctual=config.hardware is not None,
         ),
-        header=session_header(config, description, policy, plan.control_period, config.remote != "none"),
+        header=session_header(plan),
         intents=intents,
         remote=remote,
         sinks=sinks,

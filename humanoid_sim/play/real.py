@@ -75,6 +75,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             notices=notices,
             bring_up=_BringUp(robot, description, addresses, emulated=motors is not None),
             figures=lambda: _figures(robot),
+            failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
             release=(lambda: None) if motors is None else motors.close,
         )
     except BaseException:

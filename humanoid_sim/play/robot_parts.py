@@ -62,5 +62,7 @@ class RobotParts:
     """Of a real robot."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None
     """What happened on its buses, for the summary: JSON, with `lines` for people."""
+    failure: Callable[[], str] = lambda: ""
+    """Why what the robot needs beside itself has failed; empty while it works."""
     release: Callable[[], None] = lambda: None
     """Lets go of what the robot needs beside itself, after it was closed. May be called twice."""

@@ -8,7 +8,7 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.interface import Robot
 
-__all__ = ["REACTIVATE", "Reactivation", "is_fresh_start"]
+__all__ = ["REACTIVATE", "Reactivation", "is_fresh_start", "one_line"]
 
 REACTIVATE = "reactivate"
 """What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
@@ -55,13 +55,13 @@ class Reactivation:
         try:
             robot.activate()
         except RobotError as error:
-            self.answer = f"{_FAILED}: {_one_line(str(error))}"
+            self.answer = f"{_FAILED}: {one_line(str(error))}"
         else:
             self.answer = f"{_DONE}: the robot is verified and enabled afresh"
         return self.answer
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """A message that lists what is wrong line by line, for where there is one line only."""
     first, *items = (line.strip() for line in text.splitlines())
     return " ".join((first, "; ".join(item.removeprefix("- ") for item in items))).strip()

@@ -143,6 +143,16 @@ def test_a_policy_that_turns_nan_leaves_dampings_command_in_that_very_tick(run: 
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
+def test_an_injection_that_never_comes_about_is_told(run: Play, quick: str) -> None:
+    result = run(
+        "--robot", quick, "--script", "damp; hold 0.3", "--inject", "nan_policy@0.1", "safety@99", *PLACEHOLDER
+    )
+    assert result.status == 0
+    assert result.summary["never_injected"] == ["nan_policy@0.1", "safety@99"]
+    for name in result.summary["never_injected"]:
+        assert f"--inject {name}: never came about, the run was over or in another mode" in result.out
+
+
 def test_a_safety_status_damps_in_that_very_tick(run: Play, quick: str) -> None:
     result = run("--robot", quick, "--script", WALK, "--inject", "safety@0.9", *PLACEHOLDER)
     assert result.status == 0

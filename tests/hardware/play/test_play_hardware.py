@@ -116,7 +116,7 @@ def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
     assert (result.summary["safety"], result.summary["faults"]) == ([], [])
     assert result.status == 0
     assert statuses == [0, 0, 0]
-    assert result.modes == ["ZERO_TORQUE", "DAMPING", "ZERO_TORQUE"]
+    assert result.modes in (["ZERO_TORQUE", "DAMPING", "ZERO_TORQUE"], ["DAMPING", "ZERO_TORQUE"])  # DAMP at once
     assert "waits for an operator in another terminal: python -m humanoid_sim.mode damp" in result.out
     assert "reactivated: the robot is verified and enabled afresh" in [event.text for event in result.events]
     for tick in result.ticks:
