@@ -7,6 +7,7 @@ import os
 import re
 import sys
 import tempfile
+import threading
 from pathlib import Path
 from typing import Self
 
@@ -18,11 +19,17 @@ __all__ = ["ChannelLock"]
 _SHARED = Path("/tmp")
 """The same for every user and every TMPDIR: two sessions that look in different folders would both drive the robot."""
 
+_WITHIN_PROCESS = "virtual"
+_held: set[BusAddress] = set()
+"""Virtual channels in use."""
+_guard = threading.Lock()
+
 
 class ChannelLock:
     """Holds a channel for this process until `release`, the end of the process, or its death.
 
     `flock` belongs to the open file and not to the process, so two sessions in one process exclude each other as well.
+    A channel of the interface `virtual` exists within one process only, and its lock is no file.
     """
 
     def __init__(self, address: BusAddress) -> None:
@@ -31,14 +38,21 @@ class ChannelLock:
         Raises:
             RobotError: another session drives it (the message names its process), or the lock cannot be made.
         """
-        self._path = _lock_path(address)
-        self._descriptor = _open(self._path, address)
+        self._address = address
+        self._descriptor = -1
+        self._is_released = False
+        if address.interface == _WITHIN_PROCESS:
+            with _guard:
+                if address in _held:
+                    raise RobotError(f"{address}: is in use by another session (of this process)")
+                _held.add(address)
+            return
+        self._descriptor = _open(_lock_path(address), address)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             holder = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
             os.close(self._descriptor)
-            self._descriptor = -1
             raise RobotError(f"{address}: is in use by another session ({holder or 'unknown process'})") from None
         # The file stays when the lock goes: a name removed and made again would be two files, and so two locks.
         os.ftruncate(self._descriptor, 0)
@@ -50,6 +64,9 @@ class ChannelLock:
             os.ftruncate(self._descriptor, 0)
             os.close(self._descriptor)
             self._descriptor = -1
+        elif self._address.interface == _WITHIN_PROCESS and not self._is_released:
+            _held.discard(self._address)
+        self._is_released = True
 
     def __enter__(self) -> Self:
         return self
@@ -61,9 +78,7 @@ class ChannelLock:
 def _lock_path(address: BusAddress) -> Path:
     folder = _SHARED if _SHARED.is_dir() else Path(tempfile.gettempdir())
     name = re.sub(r"[^A-Za-z0-9._-]", "_", f"{address.interface}-{address.channel}")
-    # A virtual channel exists within one process: those of two processes have nothing to do with each other.
-    own = f"-{os.getpid()}" if address.interface == "virtual" else ""
-    return folder / f"humanoid_sim-can-{name}{own}.lock"
+    return folder / f"humanoid_sim-can-{name}.lock"
 
 
 def _open(path: Path, address: BusAddress) -> int:

@@ -92,12 +92,17 @@ def test_a_link_in_the_place_of_the_lock_is_not_followed(tmp_path) -> None:
     assert victim.read_text() == "precious"
 
 
-def test_virtual_channels_are_locked_per_process(tmp_path) -> None:
-    with ChannelLock(BusAddress("virtual", "lite")):
-        (path,) = tmp_path.iterdir()
-        assert str(os.getpid()) in path.name
-        with pytest.raises(RobotError, match="virtual:lite: is in use"):
-            ChannelLock(BusAddress("virtual", "lite"))
+def test_virtual_channels_are_locked_within_the_process_and_leave_no_file(tmp_path) -> None:
+    address = BusAddress("virtual", "lite")
+    first = ChannelLock(address)
+    with pytest.raises(RobotError, match=r"virtual:lite: is in use by another session \(of this process\)"):
+        ChannelLock(address)
+    first.release()
+    with ChannelLock(address):
+        first.release()
+        with pytest.raises(RobotError):
+            ChannelLock(address)
+    assert not list(tmp_path.iterdir())
 
 
 def test_device_paths_make_one_file(tmp_path) -> None:

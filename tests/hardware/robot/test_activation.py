@@ -182,12 +182,18 @@ def test_everything_that_is_wrong_is_said_at_once(
 @pytest.mark.usefixtures("impatient")
 def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: tuple[BusAddress, BusAddress]) -> None:
     robot = RobstrideRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
-    bus = can.Bus(interface="virtual", channel=channels[0].channel)
-    timer = threading.Timer(0.005, bus.send, [can.Message(arbitration_id=0x20, data=bytes(8), is_error_frame=True)])
-    timer.start()
+    ended = threading.Event()
+
+    def complain() -> None:
+        with can.Bus(interface="virtual", channel=channels[0].channel) as bus:
+            while not ended.wait(0.005):
+                bus.send(can.Message(arbitration_id=0x20, data=bytes(8), is_error_frame=True))
+
+    thread = threading.Thread(target=complain)
+    thread.start()
     (problem,) = _refusal(robot)
-    timer.join()
-    bus.shutdown()
+    ended.set()
+    thread.join()
     robot.close()
     assert problem == (
         f"{channels[0]}: no motor answers: are they powered, is the bus terminated, is it set to 1 Mbit/s?; "
@@ -444,7 +450,7 @@ def test_a_second_session_is_refused_until_the_first_is_closed(make_robot: MakeR
     first.prepare()
     problems = _refusal(second)
     assert len(problems) == 2
-    assert all("is in use by another session (process" in problem for problem in problems)
+    assert all("is in use by another session (of this process)" in problem for problem in problems)
     first.close()
     second.prepare()
 
