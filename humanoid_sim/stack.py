@@ -37,7 +37,7 @@ from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.metadata import parse_metadata
-from humanoid_sim.policy.motion import Motion, parse_motion
+from humanoid_sim.policy.motion import ATTACHMENT, Motion, parse_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.session.sink import SessionHeader
@@ -54,7 +54,7 @@ __all__ = [
 
 T = TypeVar("T")
 
-MOTION_ATTACHMENT = "motion.mcap"
+MOTION_ATTACHMENT = ATTACHMENT
 """Name of the motion file inside a recording."""
 
 

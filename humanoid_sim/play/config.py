@@ -22,6 +22,9 @@ class PlayConfig:
     """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
     """Motion to follow: an .mcap file, or the name of a sample motion. Default with the sample policy: wave."""
+    again: str | None = None
+    """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
+    with the same motion or command. Options that are given count more than the recording's."""
     robot: str = "lite"
     """A shipped robot (lite, lite_neck, lite_biped), or the path of a robot's YAML file or of an MJCF."""
     command: str = "0,0,0"

@@ -14,6 +14,7 @@ from rich.progress import Progress
 
 from humanoid_sim.cli import complain, mute_output
 from humanoid_sim.errors import InputError
+from humanoid_sim.play.again import again
 from humanoid_sim.play.assembly import Run, assemble
 from humanoid_sim.play.bring_up import bring_up
 from humanoid_sim.play.config import PlayConfig
@@ -38,6 +39,7 @@ def play(config: PlayConfig) -> int:
         InputError: before anything moves.
     """
     output, console = sys.stdout, _new_console()
+    config = again(config)
     plan = make_plan(config)
     with ExitStack() as left:
         left.callback(plan.parts.release)

@@ -4,7 +4,8 @@ A tracking frame of the layout `bodies_b` is `[positions 3·B | orientations 6·
 orientation is the first two columns of its rotation matrix, flattened row by row. One of the layout `joints_bodies_w`
 is `[joint positions n | joint velocities n | positions 3·B | quaternions w x y z 4·B]`, rad, rad/s and metres, world
 frame. A piano frame is the goal state of the keys, 0 or 1. Files of other writers are read too; the metadata record
-`motion` (robot, body_names, joint_names, layout, policy_dt, task_type) is then missing.
+`motion` (robot, body_names, joint_names, layout, policy_dt, task_type) is then missing. Of a recording the motion is
+read that it was made with.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import IO, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.errors import FieldError, InputError
@@ -29,9 +30,12 @@ from humanoid_sim.recording.schemas import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING,
 from humanoid_sim.recording.stream import McapStream, Message
 from humanoid_sim.recording.whole_file import whole_file
 
-__all__ = ["Motion", "MotionLayout", "motion_bytes", "parse_motion", "read_motion", "write_motion"]
+__all__ = ["ATTACHMENT", "Motion", "MotionLayout", "motion_bytes", "parse_motion", "read_motion", "write_motion"]
 
 MotionLayout = Literal["bodies_b", "joints_bodies_w"]
+
+ATTACHMENT = "motion.mcap"
+"""Name of the motion file inside a recording."""
 
 _TOPIC = "/motion"
 _LIBRARY = "humanoid_sim"
@@ -150,6 +154,8 @@ def _read_rows(path: Path, stream: McapStream) -> tuple[list[npt.NDArray[np.floa
     rows: list[npt.NDArray[np.float32]] = []
     times: list[int] = []
     for record in stream:
+        if isinstance(record, Attachment) and record.name == ATTACHMENT:
+            return _read_rows(path, McapStream(BytesIO(record.data)))
         if isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):

@@ -33,7 +33,7 @@ from humanoid_sim.regress.runner import (
     suite_info,
 )
 from humanoid_sim.regress.show import show_candidate, show_detectable, show_run, show_verdict
-from humanoid_sim.regress.subject import Subject, load_subject, suite_robot, unique_names
+from humanoid_sim.regress.subject import Subject, load_subject, robot_name, suite_robot, unique_names
 from humanoid_sim.regress.suite_file import load_suite
 
 __all__ = ["regress"]
@@ -54,6 +54,8 @@ class _Plan:
     contest: Contest
     baseline: _Entrant | PolicyRun | None
     candidates: list[_Entrant]
+    robot: str
+    """Its name or path."""
 
 
 def regress(config: RegressConfig) -> int:
@@ -87,7 +89,8 @@ def _plan(config: RegressConfig) -> _Plan:
     contract = None if config.contract is None else Path(config.contract)
     subjects = [load_subject(Path(policy), contract, description, suite) for policy in config.policies]
     candidates = [_Entrant(subject, contest.arenas(subject)) for subject in unique_names(subjects)]
-    return _Plan(contest, _baseline(config, contest, contract), candidates)
+    robot = robot_name(suite, folder, config.robot)
+    return _Plan(contest, _baseline(config, contest, contract), candidates, robot)
 
 
 def _baseline(config: RegressConfig, contest: Contest, contract: Path | None) -> _Entrant | PolicyRun | None:
@@ -171,7 +174,8 @@ def _record(folder: Path, limit: int, plan: _Plan, results: Results, console: Co
         arenas = {arena.case.name: arena for arena in entrant.arenas}
         for episode in choose_failures(candidate.run.episodes, limit):
             path = folder / recording_name(candidate.run.name, episode)
-            record_episode(path, plan.contest.suite, arenas[episode.case], episode, plan.contest.disturbance)
+            arena, disturbance = arenas[episode.case], plan.contest.disturbance
+            record_episode(path, plan.contest.suite, arena, episode, disturbance, plan.robot)
             console.print(f"recorded {path}", markup=False, highlight=False, soft_wrap=True)
 
 

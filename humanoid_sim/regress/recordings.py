@@ -58,7 +58,9 @@ def recording_name(policy: str, episode: Episode) -> str:
     return re.sub(r"[^\w.+-]+", "_", f"{policy}-{episode.case}-{episode.seed}") + ".mcap"
 
 
-def record_episode(path: Path, suite: Suite, arena: Arena, episode: Episode, disturbance: Disturbance) -> None:
+def record_episode(
+    path: Path, suite: Suite, arena: Arena, episode: Episode, disturbance: Disturbance, robot: str = ""
+) -> None:
     """Run an episode again and write it as a recording, whole or not at all.
 
     Args:
@@ -67,6 +69,7 @@ def record_episode(path: Path, suite: Suite, arena: Arena, episode: Episode, dis
         arena: that it was run in.
         episode: which.
         disturbance: that it was run with.
+        robot: what `play` calls it; empty for its name.
 
     Raises:
         InputError: if the file cannot be written.
@@ -89,7 +92,7 @@ def record_episode(path: Path, suite: Suite, arena: Arena, episode: Episode, dis
             description,
             loaded,
             remote=False,
-            settings=_settings(suite, arena, episode),
+            settings=_settings(suite, arena, episode, robot or description.name),
             action_limit=suite.action_limit,
         ),
         attachments={} if arena.motion is None else {MOTION_ATTACHMENT: motion_bytes(arena.motion)},
@@ -113,14 +116,27 @@ def record_episode(path: Path, suite: Suite, arena: Arena, episode: Episode, dis
     temporary.replace(path)
 
 
-def _settings(suite: Suite, arena: Arena, episode: Episode) -> dict[str, object]:
-    checkpoint, command = arena.subject.checkpoint, arena.case.command
+def _settings(suite: Suite, arena: Arena, episode: Episode, robot: str) -> dict[str, object]:
+    checkpoint = arena.subject.checkpoint
+    policy = str(Path(checkpoint.source).resolve())
+    options: dict[str, object] = {
+        "policy": policy,
+        "robot": robot,
+        "action_limit": suite.action_limit,
+        "actuation": "affine",
+        "physics_timestep": suite.physics_timestep,
+        "base_height": suite.base_height,
+    }
+    if checkpoint.contract_file is not None:
+        options["contract"] = str(checkpoint.contract_file.resolve())
+    if arena.case.command is not None:
+        options["command"] = ",".join(f"{value:g}" for value in arena.case.command)
     return {
         "program": f"humanoid_sim.regress {__version__}",
-        "policy": str(Path(checkpoint.source).resolve()),
+        "options": options,
+        "policy": policy,
         "policy_sha256": checkpoint.sha256,
         "motion": arena.case.motion or None,
-        "command": None if command is None else list(command),
         "regress": {"suite": suite.name, "case": episode.case, "seed": episode.seed, "failure": episode.failure},
         "versions": {"python": sys.version.split()[0], "mujoco": mujoco.__version__, "numpy": np.__version__},
         "platform": platform.platform(),

@@ -13,9 +13,9 @@ from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, load_checkpoint
 from humanoid_sim.regress.batched_policy import BatchedPolicy
 from humanoid_sim.regress.suite import Suite
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
 
-__all__ = ["Subject", "load_subject", "suite_robot", "unique_names"]
+__all__ = ["Subject", "load_subject", "robot_name", "suite_robot", "unique_names"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,18 +29,26 @@ class Subject:
     """Of the robot, as it is without a policy."""
 
 
+def robot_name(suite: Suite, folder: Path, robot: str | None) -> str:
+    """What the robot is called, wherever one is: a shipped robot's name or an absolute path.
+
+    Raises:
+        InputError: there is none.
+    """
+    name = robot or suite.robot
+    if not name:
+        raise InputError(f"--robot: is missing; the suite '{suite.name}' is for any robot and names none")
+    path = Path(name) if robot else folder / name
+    return name if name in shipped_robots() or not path.is_file() else str(path.resolve())
+
+
 def suite_robot(suite: Suite, folder: Path, robot: str | None) -> RobotDescription:
     """The robot of a suite, or another in its place.
 
     Raises:
         InputError: neither names one, or it cannot be read.
     """
-    name = robot or suite.robot
-    if not name:
-        raise InputError(f"--robot: is missing; the suite '{suite.name}' is for any robot and names none")
-    if robot is None and (folder / name).is_file():
-        name = str(folder / name)
-    description = load_robot(name)
+    description = load_robot(robot_name(suite, folder, robot))
     if suite.task == "velocity" and not description.is_floating:
         raise InputError(f"robot '{description.name}': has a fixed base, a velocity suite expects a floating one")
     if suite.base_height is not None:

@@ -96,7 +96,7 @@ def test_a_robot_that_falls(tmp_path: Path) -> None:
     (arena,) = contest.arenas(load_subject(policy, None, contest.description, suite))
     assert check(tmp_path / "fall.mcap", contest, arena, 0)[-1] is Mode.DAMPING
     header = open_recording(tmp_path / "fall.mcap").header
-    assert json.loads(header.documents["settings"])["command"] == [0.2, 0.0, 0.0]
+    assert json.loads(header.documents["settings"])["options"]["command"] == "0.2,0,0"
     assert np.isclose(header.control_period, 0.02)
 
 
