@@ -26,7 +26,7 @@ from humanoid_sim.envs.spaces import action_space, observation_space
 from humanoid_sim.envs.tasks.sample import BaseSample, StepSample
 from humanoid_sim.envs.tasks.task import Judgement
 from humanoid_sim.envs.vector_info import VectorInfo
-from humanoid_sim.envs.vector_options import autoreset, reset_command, reset_mask, reset_seeds
+from humanoid_sim.envs.vector_options import autoreset, check_counts, reset_command, reset_mask, reset_seeds
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import Motion
@@ -101,8 +101,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         """
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise InputError(f"max_episode_steps: is {max_episode_steps!r}, expected a whole number >= 1 or None")
+        check_counts(num_envs, max_episode_steps)
         self.setting = setting = make_setting(
             contract,
             robot,

@@ -1,4 +1,4 @@
-"""What the reset of a vector environment takes, checked."""
+"""What a vector environment and its reset take, checked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["autoreset", "reset_command", "reset_mask", "reset_seeds"]
+__all__ = ["autoreset", "check_counts", "reset_command", "reset_mask", "reset_seeds"]
 
 
 def reset_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
@@ -41,6 +41,18 @@ def autoreset(mode: AutoresetMode | str) -> AutoresetMode:
     except ValueError:
         accepted = " or ".join([", ".join(m.value for m in list(AutoresetMode)[:-1]), list(AutoresetMode)[-1].value])
         raise InputError(f"autoreset_mode: is {mode!r}, expected {accepted}") from None
+
+
+def check_counts(num_envs: int, max_episode_steps: int | None) -> None:
+    """Refuse numbers of environments and steps that are none.
+
+    Raises:
+        InputError: naming the option.
+    """
+    if isinstance(num_envs, bool) or num_envs < 1:
+        raise InputError(f"num_envs: is {num_envs!r}, expected a whole number >= 1")
+    if max_episode_steps is not None and max_episode_steps < 1:
+        raise InputError(f"max_episode_steps: is {max_episode_steps!r}, expected a whole number >= 1 or None")
 
 
 def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:

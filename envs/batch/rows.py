@@ -7,11 +7,16 @@ memory on a thousand.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["column", "cross", "multiply", "normalize", "rotate", "rotate_inverse"]
+__all__ = ["column", "cross", "multiply", "normalize", "read_only", "rotate", "rotate_inverse"]
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 def column(constant: FloatArray) -> FloatArray:
@@ -23,8 +28,9 @@ def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
     """Hamilton product: the rotation `b` followed by `a`."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
-    product = np.empty((4, *np.broadcast_shapes(a.shape[1:], b.shape[1:])))
-    product[0] = aw * bw - ax * bx - ay * by - az * bz
+    scalar = aw * bw - ax * bx - ay * by - az * bz
+    product = np.empty((4, *scalar.shape))
+    product[0] = scalar
     product[1] = aw * bx + ax * bw + ay * bz - az * by
     product[2] = aw * by - ax * bz + ay * bw + az * bx
     product[3] = aw * bz + ax * by - ay * bx + az * bw
@@ -33,8 +39,9 @@ def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross product."""
-    product = np.empty((3, *np.broadcast_shapes(a.shape[1:], b.shape[1:])))
-    product[0] = a[1] * b[2] - a[2] * b[1]
+    first = a[1] * b[2] - a[2] * b[1]
+    product = np.empty((3, *first.shape))
+    product[0] = first
     product[1] = a[2] * b[0] - a[0] * b[2]
     product[2] = a[0] * b[1] - a[1] * b[0]
     return product
@@ -61,3 +68,10 @@ def normalize(quaternion: FloatArray) -> FloatArray:
     w, x, y, z = quaternion
     unit: FloatArray = quaternion / np.sqrt(w * w + x * x + y * y + z * z)
     return unit
+
+
+def read_only(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+    """A view that cannot be written."""
+    view = array.view()
+    view.setflags(write=False)
+    return view

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -17,6 +16,7 @@ from humanoid_sim.envs.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.envs.batch.physics import BatchPhysics
 from humanoid_sim.envs.batch.placement import Placement
 from humanoid_sim.envs.batch.randomisation import Randomisation, vary_model
+from humanoid_sim.envs.batch.rows import read_only
 from humanoid_sim.envs.batch.sensors import BatchSensors
 from humanoid_sim.envs.tasks.frames import seen_from
 from humanoid_sim.errors import InputError, RobotError
@@ -25,13 +25,13 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
+from humanoid_sim.simulation.stability import DampingStability
 
 __all__ = ["BatchSimulation"]
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class BatchSimulation:
@@ -71,7 +71,8 @@ class BatchSimulation:
             seeds: shape (N,), whole numbers, of the differences and the noise; None: 0, 1, 2, ….
 
         Raises:
-            InputError: an option is not accepted, or the MJCF does not fit the description.
+            InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
+                is unstable at this physics step.
         """
         for name, value in (("count", count), ("threads", 1 if threads is None else threads)):
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
@@ -87,6 +88,7 @@ class BatchSimulation:
         self.randomisation = Randomisation() if randomisation is None else randomisation
 
         model = build_model(description, physics_timestep=timestep, affine_actuators=True, scene="floor")
+        DampingStability(model, description).check_description()
         self._timestep = timestep
         self._joints = joint_addresses(model, description.joint_names)
         self._sensors = BatchSensors(model, description, self._joints, self.randomisation, anchor_body)
@@ -128,27 +130,27 @@ class BatchSimulation:
     @property
     def qpos(self) -> FloatArray:
         """Shape (N, nq), MuJoCo's generalised position; a read-only view."""
-        return _read_only(self._physics.qpos)
+        return read_only(self._physics.qpos)
 
     @property
     def qvel(self) -> FloatArray:
         """Shape (N, nv), MuJoCo's generalised velocity; a read-only view."""
-        return _read_only(self._physics.qvel)
+        return read_only(self._physics.qvel)
 
     @property
     def effort(self) -> FloatArray:
         """Shape (N, n), N·m, the saturated torque of the latest physics step; a read-only view."""
-        return _read_only(self._effort)
+        return read_only(self._effort)
 
     @property
     def steps(self) -> IntArray:
         """Shape (N,), control periods since each environment was reset; a read-only view."""
-        return _read_only(self._step)
+        return read_only(self._step)
 
     @property
     def fault(self) -> BoolArray:
         """Shape (N,), environments that stand still because they broke; a read-only view."""
-        return _read_only(self._fault)
+        return read_only(self._fault)
 
     @property
     def base(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
@@ -294,9 +296,3 @@ class BatchSimulation:
     def close(self) -> None:
         """Stop the threads. May be called twice."""
         self._physics.close()
-
-
-def _read_only(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
-    view = array.view()
-    view.setflags(write=False)
-    return view

@@ -360,6 +360,8 @@ def test_specs_are_picklable() -> None:
         ({"autoreset_mode": "Later"}, "autoreset_mode: is 'Later', expected NextStep, SameStep or Disabled"),
         ({"randomisation": {"colour": (0, 1)}}, "randomisation: unknown field 'colour'; known: mass, friction"),
         ({"threads": 0}, "threads: is 0"),
+        ({"count": 0}, "num_envs: is 0, expected a whole number >= 1"),
+        ({"physics_timestep": 0.005}, "unstable above 2"),
         ({"motion": "polka"}, "polka"),
     ],
 )

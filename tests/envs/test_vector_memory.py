@@ -27,9 +27,8 @@ def test_a_hundred_thousand_vector_steps_hold_their_memory() -> None:
     """Episodes that end, actions that are refused, late commands and noise included."""
     envs = gymnasium.make_vec(
         "humanoid_sim/LiteTracking-v0",
-        num_envs=4,
+        num_envs=2,
         threads=2,
-        physics_timestep=0.005,  # stable enough to move, and quick
         max_episode_steps=50,
         randomisation={"mass": (0.9, 1.1), "command_delay": (0.0, 0.02), "joint_position_noise": 0.01},
     )
@@ -37,15 +36,15 @@ def test_a_hundred_thousand_vector_steps_hold_their_memory() -> None:
     generator = np.random.default_rng(0)
     episodes, faults, early = 0, 0, 0.0
     for step in range(100_000):
-        action = generator.uniform(-0.3, 0.3, (4, 14)).astype(np.float32)
+        action = generator.uniform(-0.3, 0.3, (2, 14)).astype(np.float32)
         if step % 97 == 0:
-            action[step % 4] = np.nan
+            action[step % 2] = np.nan
         *_, terminated, truncated, info = envs.step(action)
         episodes += int((terminated | truncated).sum())
         faults += "fault" in info
         if step == 10_000:
             early = resident_megabytes()
-    assert episodes > 5_000
+    assert episodes > 3_000
     assert faults > 500
     assert resident_megabytes() < early + 2.0
     envs.close()
