@@ -43,11 +43,14 @@ def read_policy(source: Named | PolicyContract, motion: Named | Motion | None, j
     """
     checkpoint = _checkpoint(source, joints)
     contract, followed = checkpoint.contract, checkpoint.motion
-    if motion is not None:
-        followed = motion if isinstance(motion, Motion) else read_motion(motion_path(str(motion)))
-    if followed is None and contract.task_type != "locomotion":
-        raise InputError(f"motion: is missing; {checkpoint.source} is a {contract.task_type} policy and follows one")
     what = "motion" if isinstance(motion, Motion | None) else str(motion)
+    if motion is not None:
+        followed = motion if isinstance(motion, Motion) else _read_motion(what)
+    if contract.task_type == "locomotion":
+        if motion is not None:
+            raise InputError(f"motion: is '{what}', but {checkpoint.source} follows no motion")
+    elif followed is None:
+        raise InputError(f"motion: is missing; {checkpoint.source} is a {contract.task_type} policy and follows one")
     return load_policy(
         contract,
         checkpoint.policy,
@@ -81,6 +84,14 @@ def _checkpoint(source: Named | PolicyContract, joints: tuple[str, ...]) -> Chec
         return load_checkpoint(path, None, joints)
     contract = merge(read_contract_file(path), str(path), joints)
     return Checkpoint(contract, zero_policy(contract.action_count), str(path))
+
+
+def _read_motion(name: str) -> Motion:
+    try:
+        path = motion_path(name)
+    except InputError as error:  # which names the option of `play`
+        raise InputError(str(error).removeprefix("--")) from None
+    return read_motion(path)
 
 
 def _policy_file(name: Named) -> Path:
