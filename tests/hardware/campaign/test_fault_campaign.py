@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from campaign_rig import CAN_TIMEOUT, PERIOD, Campaign, NotReachedError, Tick, campaign
+from campaign_rig import Campaign, campaign
+from drive_rig import CAN_TIMEOUT, PERIOD, NotReachedError, Tick
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.emulation.faults import FAULTS, Fault
@@ -109,18 +110,18 @@ class Course:
 
 def _run(case: Case, mode: Mode, slowness: float) -> Course:
     with campaign(slowness) as running:
-        running.reach(mode)
-        count = len(running.ticks)
-        before = running.ticks[-10:]
+        drive, motors = running.drive, running.motors
+        drive.reach(mode)
+        count = len(drive.ticks)
+        before = drive.ticks[-10:]
         if case.fault is None:
-            began = running.clock()
+            began = drive.clock()
             time.sleep(0.3 * slowness)
         else:
-            start = running.motors.time + 0.007
-            began = running.clock() + 0.007
-            running.motors.inject(replace(case.fault, start=start, duration=DURATION))
-        running.run(DURATION + AFTERWARDS)
-        after = running.ticks[count:]
+            began = drive.clock() + 0.007
+            motors.inject(replace(case.fault, start=motors.time + 0.007, duration=DURATION))
+        drive.run(DURATION + AFTERWARDS)
+        after = drive.ticks[count:]
         return Course(began, before, after, running, _disturbance(before, after[case.fault is None :]))
 
 
@@ -135,8 +136,8 @@ def _disturbance(before: list[Tick], after: list[Tick]) -> str:
 
 def _judge(case: Case, mode: Mode, course: Course) -> tuple[str, str, str, str]:
     """The checks; flag, detection time, reaction time and torque for the table."""
-    enabled = [text for when, text in course.campaign.events if when >= course.began and text.endswith("enabled")]
-    assert enabled == [], "no motor is enabled without an operator"
+    diary = course.campaign.diary
+    assert diary.times_of("enabled", course.began) == [], "no motor is enabled without an operator"
     torque_before = max(float(np.abs(tick.effort).max()) for tick in course.before)
     detected = next((tick for tick in course.after if not tick.is_ok), None)
     if case.flag is SafetyFlag.NONE:
@@ -152,7 +153,7 @@ def _judge(case: Case, mode: Mode, course: Course) -> tuple[str, str, str, str]:
 
     since = detected.read
     if not case.leaves:
-        since = max(since, next(when for when, text in course.campaign.events if text.startswith("fault over")))
+        since = max(since, next(when for when, text in diary.lines if text.startswith("fault over")))
     reaction = _reaction(course.campaign, detected, since, harmless)
     assert reaction <= PERIOD
 
@@ -182,5 +183,5 @@ def _reaction(running: Campaign, detected: Tick, since: float, harmless: Mode) -
         if is_harmless and sent.time >= since:
             leaving.setdefault(sent.motor_id, sent.time)
         assert is_harmless or not leaving, "another command after the first harmless one"
-    assert len(leaving) == len(running.robot.joints), "one for every motor"
+    assert len(leaving) == len(running.drive.joints), "one for every motor"
     return max(leaving.values()) - since

@@ -1,0 +1,47 @@
+"""A host that is killed in any mode, with the motors in another process: their CAN timeout is all that is left."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaign_rig import emulated
+from drive_rig import CAN_TIMEOUT, PERIOD
+
+from humanoid_sim.messages import Mode
+
+pytestmark = pytest.mark.slow
+
+_HOST = Path(__file__).parent / "campaign_host.py"
+_SLACK = 0.05
+"""s for the last command to be on its way, and for this process to note what it is told."""
+
+
+@pytest.mark.parametrize("mode", tuple(Mode), ids=lambda mode: mode.name)
+def test_the_motors_stop_by_themselves_and_stay_so(mode: Mode, table: list[tuple[str, ...]]) -> None:
+    channel = f"udp_multicast:239.74.164.{10 + mode}"
+    with emulated(channel) as (motors, diary):
+        with subprocess.Popen([sys.executable, str(_HOST), channel, mode.name], stdout=subprocess.PIPE) as host:
+            assert host.stdout is not None
+            assert host.stdout.readline() == b"there\n"
+            time.sleep(3 * PERIOD)
+            before = np.abs(motors.truth.joint_effort).max()
+            host.kill()
+            killed = time.monotonic()
+            host.wait()
+        time.sleep(CAN_TIMEOUT + 0.3)
+        stopped = [when - killed for when in diary.times_of("stopped, in reset mode", killed)]
+        assert len(stopped) == 14
+        assert CAN_TIMEOUT - 1.5 * PERIOD <= min(stopped) <= max(stopped) <= CAN_TIMEOUT + _SLACK
+        after = np.abs(motors.truth.joint_effort).max()
+        assert after == 0.0
+        time.sleep(0.3)
+        assert diary.times_of("enabled", killed) == []
+    times = f"{1e3 * max(stopped):.0f}"
+    table.append(
+        ("host killed", mode.name, "none is left to raise one", times, times, f"{before:.1f} → {after:.1f}", "1")
+    )
