@@ -50,7 +50,7 @@ def test_a_channel_in_use_is_refused(run: Run) -> None:
     with ChannelLock(parse_address(_CHANNEL)):
         status, _, complained = run("discover", _CHANNEL, *_QUICK)
     assert status == 2
-    assert complained.startswith(f"error: {_CHANNEL}: is in use by another session (process ")
+    assert complained.startswith(f"error: {_CHANNEL}: is in use by another session (")
 
 
 @pytest.mark.parametrize(
