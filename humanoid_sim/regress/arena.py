@@ -38,7 +38,8 @@ class Arena:
     steps: int
     """Policy steps of a whole episode."""
     joint_reference: FloatArray | None
-    """Shape (F, n), rad, robot's order: where the motion has the joints; None without a motion."""
+    """Shape (F, n), rad, robot's order: where the motion has the joints, frame by frame as far as an episode comes;
+    None without a motion."""
 
     @property
     def task(self) -> Task:
@@ -94,8 +95,9 @@ def make_arena(suite: Suite, subject: Subject, case: Case, motion: Motion | None
     except InputError as error:
         text = str(error)
         raise InputError(text if checkpoint.source in text else f"{checkpoint.source}: {text}") from None
-    joints = None if motion is None else _joint_reference(setting, motion)
-    return Arena(subject, case, motion, setting, _steps(setting, case), joints)
+    steps = _steps(setting, case)
+    joints = None if motion is None else _joint_reference(setting, motion, steps + 1)
+    return Arena(subject, case, motion, setting, steps, joints)
 
 
 def case_motion(folder: Path, case: Case) -> Motion | None:
@@ -119,16 +121,16 @@ def _steps(setting: Setting, case: Case) -> int:
     return max(setting.side.reference.frame_count - 1, 1)
 
 
-def _joint_reference(setting: Setting, motion: Motion) -> FloatArray | None:
-    """The motion's joints; of one that has bodies only, those that bring the bodies there."""
+def _joint_reference(setting: Setting, motion: Motion, count: int) -> FloatArray | None:
+    """The motion's joints in its first `count` frames; of one that has bodies only, those that bring them there."""
     description, contract, terms = setting.description, setting.contract, setting.side.reference.terms
     if "reference_joint_pos" in terms:
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
-        return terms["reference_joint_pos"][:, order].astype(np.float64)
+        return terms["reference_joint_pos"][:count, order].astype(np.float64)
     if "motion_body_pos_b" not in terms:
         return None
-    frames, count = motion.frames.astype(np.float64), len(contract.body_names)
-    position = frames[:, : 3 * count].reshape(-1, count, 3)
-    rotation = rotation_from_6d(frames[:, 3 * count :].reshape(-1, count, 6))
+    frames, bodies = motion.frames[:count].astype(np.float64), len(contract.body_names)
+    position = frames[:, : 3 * bodies].reshape(-1, bodies, 3)
+    rotation = rotation_from_6d(frames[:, 3 * bodies :].reshape(-1, bodies, 6))
     solver = InverseKinematics(description, contract.body_names, damping=_IK_DAMPING)
     return solver.solve_path(position, rotation, np.array(description.initial_position))
