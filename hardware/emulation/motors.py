@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.drives import Drives
 from humanoid_sim.hardware.emulation.motor_state import MotorState, Sensed, Stored
@@ -128,13 +129,19 @@ class Motors:
         return self._take(motor, reaction, time)
 
     def step(self) -> list[tuple[int, Frame]]:
-        """One period of the control loops and of physics; what motors send of themselves at its end."""
+        """One period of the control loops and of physics; what motors send of themselves at its end.
+
+        Raises:
+            RobotError: the simulation is no longer sound.
+        """
         plant, drives = self.plant, self._drives
         np.add(plant.shaft, self._jump, out=self._read)
         plant.step(drives.torque(self._read, plant.velocity, plant.timestep))
         self._steps += 1
         time = self.time
         if self._steps % self._steps_between_checks == 0:
+            if problem := plant.fault():
+                raise RobotError(f"{plant.description.name}: {problem} (t = {time:.3f} s)")
             drives.warm(plant.torque, self._steps_between_checks * plant.timestep)
             self._look_at = time
         if time < self._look_at:

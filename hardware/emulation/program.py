@@ -20,6 +20,7 @@ from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.scale import Scale
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.session.realtime import punctual_threads
 
 __all__ = ["emulate"]
 
@@ -53,11 +54,15 @@ def emulate(config: EmulateConfig) -> int:
     ending = threading.Event()
     handlers = [(number, signal.signal(number, _ender(ending))) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
-        with VirtualMotors(
-            description, addresses, settings=_settings(config, description), faults=faults, told=told
-        ) as motors:
+        with punctual_threads(behind=0) as punctuality:
+            motors = VirtualMotors(
+                description, addresses, settings=_settings(config, description), faults=faults, told=told
+            )
+        with motors:
             channels = ", ".join(str(address) for address in addresses)
-            console.print(f"{len(motors.joints)} motors of {description.name} on {channels}", highlight=False)
+            console.print(
+                f"{len(motors.joints)} motors of {description.name} on {channels}; {punctuality}", highlight=False
+            )
             sweep, begin = HandSweep(description, motors.truth.joint_position), motors.time
             while not ending.wait(_WAKE):
                 if motors.failure is not None:

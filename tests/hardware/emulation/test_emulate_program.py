@@ -35,7 +35,7 @@ def test_it_says_what_happens_and_ends_with_a_summary(emulate: Callable[..., tup
         "--channel", CHANNEL, "--fault", "over_temperature:14@0.05", "--fault", "silent@0.1", "--duration", "0.3"
     )
     assert (status, err) == (0, "")
-    assert out.splitlines()[0] == f"14 motors of lite on {CHANNEL}"
+    assert out.startswith(f"14 motors of lite on {CHANNEL}; ")
     assert re.search(r"0\.05\d s  left_elbow_pitch: motor_overtemperature", out)
     assert "0.100 s  fault: silent@0.1" in out
     assert re.search(r"frames, \d+\.\d % load", out)

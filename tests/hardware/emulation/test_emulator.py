@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bus_rig import IDS, LITE, MODELS_BY_ID, Bench
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
@@ -24,6 +24,7 @@ from humanoid_sim.hardware.robstride.messages import (
     Status,
     WriteParameter,
 )
+from humanoid_sim.hardware.robstride.scale import Scale
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -156,6 +157,33 @@ def test_work_makes_windings_warm() -> None:
     bench.command(duration=1.0, effort=5.0)
     (warm,) = [reply for reply in bench.command(duration=0.02) if reply.motor_id == 15]
     assert 26.0 < warm.temperature < 40.0, "3 times its rated torque for 1 s"
+
+
+def test_a_motor_that_reads_as_the_manual_prints_it_takes_zero_for_half_a_step_less() -> None:
+    bench = Bench(settings=EmulationSettings(scale=Scale.MANUAL))
+    bench.enable()
+    bench.command(duration=0.01)
+    expected = [-MODELS_BY_ID[motor_id].effort / 65535 for motor_id in IDS]
+    np.testing.assert_allclose(bench.emulator.motors.plant.torque, expected, rtol=1e-9)
+
+
+def test_old_firmware_multiplies_the_gains() -> None:
+    torques = []
+    for version in ("0.2.3.5", "0.2.3.6"):
+        bench = Bench(settings=EmulationSettings(firmware={"rs-02": version}, stall_time=math.inf))
+        bench.enable()
+        bench.emulator.motors.plant.jam(0, True)
+        bench.submit(OperationControl(11, 6.0, 0.0, 0.0, 10.0, 0.0))
+        bench.advance(0.01)
+        torques.append(bench.emulator.motors.plant.torque[0])
+    assert torques[0] / torques[1] == pytest.approx(1.4167, rel=1e-3)
+
+
+def test_a_simulation_that_is_no_longer_sound_is_an_error() -> None:
+    bench = Bench()
+    bench.emulator.motors.plant.step(np.full(14, np.nan))
+    with pytest.raises(RobotError, match="lite: simulation unstable"):
+        bench.advance(0.02)
 
 
 def test_active_reports_arrive_every_10_ms_over_the_bus() -> None:
