@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import gymnasium
-import mujoco
 import numpy as np
-from mujoco import rollout
 
+from humanoid_sim.bench.bare_rollout import BareRollout
 from humanoid_sim.bench.timing import Row, paired_ratio
 from humanoid_sim.controllers.action import action_command
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
-from humanoid_sim.mit import FloatArray
 
 __all__ = ["vector_step"]
 
@@ -33,26 +31,25 @@ def vector_step(repetitions: int) -> list[Row]:
 
 def _over_rollout(repetitions: int) -> Row:
     envs = _Stepped("vector_entry_point", _MANY)
-    physics = _BareRollout(envs)
-
-    def begin() -> None:
-        envs.begin()
-        physics.begin()
+    native = envs.envs.unwrapped
+    assert isinstance(native, PolicyVectorEnv)
+    simulation = native.simulation
+    envs.step()
+    reached = simulation.qpos.copy()
+    envs.begin()
+    targets = [action_command(native.setting.side.action_map, action).position for action in envs.actions]
+    physics = BareRollout(simulation, simulation.qpos, simulation.qvel, targets)
+    physics.run()
+    if not np.allclose(physics.qpos, reached, rtol=0.0, atol=1e-9):
+        raise AssertionError("the bare physics is not that of the environments")
 
     def describe(ours: float, bare: float) -> str:
         count = _MANY * _STEPS
-        return f"{count / ours:.0f} environment steps per s, {count / bare:.0f} bare, {physics.threads} threads"
+        return f"{count / ours:.0f} environment steps per s, {count / bare:.0f} bare, {simulation.threads} threads"
 
-    begin()
-    envs.step()
-    reached = physics.simulation.qpos.copy()
-    begin()
-    physics.step()
-    if not np.allclose(physics.qpos, reached, rtol=0.0, atol=1e-9):
-        raise AssertionError("the bare physics is not that of the environments")
     name = f"vector, {_MANY} environments, over bare rollout"
     try:
-        return paired_ratio(name, envs.step, physics.step, repetitions, 0.85, describe, speed=True, prepare=begin)
+        return paired_ratio(name, envs.step, physics.run, repetitions, 0.85, describe, speed=True, prepare=envs.begin)
     finally:
         physics.close()
         envs.envs.close()
@@ -94,57 +91,3 @@ class _Stepped:
             *_, terminated, truncated, _ = self.envs.step(action)
             if terminated.any() or truncated.any():  # the next step would do less than a step
                 raise AssertionError("an episode ended before the last of the steps")
-
-
-class _BareRollout:
-    """The physics of a vector environment alone: the same models, states, controls and threads."""
-
-    def __init__(self, stepped: _Stepped) -> None:
-        native: Any = stepped.envs.unwrapped
-        assert isinstance(native, PolicyVectorEnv)
-        stepped.step()  # the gains are in the models once a command has been given
-        self.simulation = simulation = native.simulation
-        self._models = [simulation.model(i) for i in range(simulation.count)]
-        model, steps = self._models[0], simulation.physics_steps
-        self.threads = simulation.threads
-        self._data = [mujoco.MjData(model) for _ in range(self.threads)]
-        self._rollout = rollout.Rollout(nthread=self.threads if self.threads > 1 else 0)
-        self._controls = []
-        for action in stepped.actions:
-            command = action_command(native.setting.side.action_map, action)
-            self._controls.append(np.repeat((command.stiffness * command.position)[:, None], steps, axis=1))
-        width = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        self._initial = np.zeros((simulation.count, width))
-        self._path = np.zeros((simulation.count, steps, width))
-
-    def begin(self) -> None:
-        """Start where the environments start."""
-        self._initial[:, 0] = 0.0
-        self._initial[:, 1:] = np.concatenate([self.simulation.qpos, self.simulation.qvel], axis=1)
-
-    @property
-    def qpos(self) -> FloatArray:
-        """Shape (N, nq), after the latest physics step."""
-        return self._path[:, -1, 1 : 1 + self._models[0].nq]
-
-    def step(self) -> None:
-        """As many physics steps as the vector environment takes, in as many calls."""
-        state, velocity = self._initial, slice(1 + self._models[0].nq, None)
-        acceleration = np.zeros_like(state[:, velocity])
-        for control in self._controls:
-            self._rollout.rollout(
-                self._models,
-                self._data,
-                state,
-                control,
-                nstep=control.shape[1],
-                skip_checks=True,
-                initial_warmstart=acceleration,
-                state=self._path,
-            )
-            state = self._path[:, -1].copy()
-            acceleration = (state - self._path[:, -2])[:, velocity] / self._models[0].opt.timestep
-
-    def close(self) -> None:
-        """Stop the threads."""
-        self._rollout.close()
