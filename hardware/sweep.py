@@ -24,7 +24,9 @@ class Verdict(Enum):
     """Less than the threshold: the joint keeps its previous offset."""
     GOOD = "good"
     INCOMPLETE = "partial"
-    """Shorter or longer than the joint's range: not both stops were reached, or the stops are not the limits."""
+    """Shorter than the joint's range: not both stops were reached, or they are nearer than the limits."""
+    BEYOND = "beyond"
+    """Longer than the joint's range: its stops are farther than its limits, or two motors answer as one."""
     FLIPPED = "flipped"
     """Where the joint cannot be: its `direction` is wrong in the robot description, or its motor sits elsewhere."""
 
@@ -87,6 +89,7 @@ def evaluate(
     overlap = min(highest, joint.upper) - max(lowest, joint.lower)
     if not any_offset and overlap <= min(_TOUCH, 0.5 * width):
         return SweepResult(Verdict.FLIPPED, width, None)
-    if abs(width - (joint.upper - joint.lower)) > tolerance:
-        return SweepResult(Verdict.INCOMPLETE, width, None)
+    excess = width - (joint.upper - joint.lower)
+    if abs(excess) > tolerance:
+        return SweepResult(Verdict.BEYOND if excess > 0.0 else Verdict.INCOMPLETE, width, None)
     return SweepResult(Verdict.GOOD, width, nearest * direction)

@@ -82,7 +82,7 @@ def calibrate(config: Calibrate) -> int:
     missing = [name for name in description.joint_names if name not in entries]
     if missing:
         print(f"not calibrated yet: {', '.join(missing)}")
-    unusable = any(result.verdict in {Verdict.FLIPPED, Verdict.INCOMPLETE} for result in results.values())
+    unusable = any(result.verdict not in {Verdict.GOOD, Verdict.UNSWEPT} for result in results.values())
     return NOT_AS_EXPECTED if unusable else 0
 
 
@@ -185,7 +185,13 @@ def _poll(wiring: Wiring, clients: Sequence[MotorClient], tracks: Mapping[int, _
             track.sweep = track.sweep.with_angle(track.angle)
 
 
-_COLOURS = {Verdict.GOOD: "green", Verdict.FLIPPED: "red", Verdict.INCOMPLETE: "yellow", Verdict.UNSWEPT: "dim"}
+_COLOURS = {
+    Verdict.GOOD: "green",
+    Verdict.UNSWEPT: "dim",
+    Verdict.INCOMPLETE: "yellow",
+    Verdict.BEYOND: "yellow",
+    Verdict.FLIPPED: "red",
+}
 
 
 def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tracks: Mapping[int, _Track]) -> Table:
@@ -218,6 +224,12 @@ def _report(
             complain(
                 f"warning: {joint.name}: swept {result.width:.2f} rad of a range of {joint.upper - joint.lower:.2f}: "
                 "not used. Reach both stops, or raise --tolerance"
+            )
+        if result.verdict is Verdict.BEYOND:
+            complain(
+                f"warning: {joint.name}: swept {result.width:.2f} rad, more than its range of "
+                f"{joint.upper - joint.lower:.2f}: not used. Its stops are not its limits (raise --tolerance), or "
+                f"another motor has the id {wiring.motor_id[i]} (discover)"
             )
         if result.verdict is Verdict.FLIPPED:
             complain(

@@ -67,10 +67,12 @@ def test_a_joint_that_was_not_moved_is_not_swept() -> None:
     assert _verdict(_YAW, 1, Sweep(0.1, 0.59)).verdict is Verdict.UNSWEPT
 
 
-@pytest.mark.parametrize("upper", [1.2, 1.9])
-def test_a_sweep_that_is_not_the_joints_range_is_incomplete(upper: float) -> None:
+@pytest.mark.parametrize(
+    ("upper", "verdict"), [(1.2, Verdict.INCOMPLETE), (1.9, Verdict.BEYOND), (9.0, Verdict.BEYOND)]
+)
+def test_a_sweep_that_is_not_the_joints_range_gives_no_offset(upper: float, verdict: Verdict) -> None:
     result = _verdict(_YAW, 1, Sweep(-1.5708, upper))
-    assert (result.verdict, result.homing_offset) == (Verdict.INCOMPLETE, None)
+    assert (result.verdict, result.homing_offset) == (verdict, None)
 
 
 def test_the_formula_of_the_reference() -> None:
