@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import select
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from rich.live import Live
@@ -19,12 +19,11 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
 from humanoid_sim.hardware.cli.client import MotorClient
-from humanoid_sim.hardware.cli.exchange import read_values
 from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
+from humanoid_sim.hardware.cli.joint_tracks import JointTrack, JointTracks
 from humanoid_sim.hardware.cli.options import Calibrate
 from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
-from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.sweep import Sweep, SweepResult, Verdict, evaluate
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
@@ -34,21 +33,6 @@ _POLL_PERIOD = 0.02
 """s between two readings of all positions."""
 _TABLE_PERIOD = 0.2
 """s between two pictures of the table."""
-_ANSWER_TIME = 0.02
-"""s; a position that comes later is the next one's."""
-_SILENT = 1.0
-"""s without a position after which a motor counts as silent."""
-
-
-@dataclass(slots=True)
-class _Track:
-    """What was seen of one joint."""
-
-    angle: float = float("nan")
-    """rad, `direction · motor`, without an offset."""
-    heard: float = -float("inf")
-    """s, when."""
-    sweep: Sweep = field(default_factory=Sweep)
 
 
 def calibrate(config: Calibrate) -> int:
@@ -61,7 +45,7 @@ def calibrate(config: Calibrate) -> int:
     """
     description = load_robot(config.robot)
     chosen = _chosen_joints(config, description)
-    entries = dict(load_calibration(config.output, description).entries) if config.output.exists() else {}
+    entries = dict(load_calibration(config.output, description).entries) if os.path.exists(config.output) else {}
     _check_options(config)
     addresses = parse_addresses(config.channels)
     wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
@@ -70,6 +54,9 @@ def calibrate(config: Calibrate) -> int:
         tracks = _sweep(config, description, wiring, clients, chosen)
     results = {i: _result(config, description, wiring, i, tracks[i].sweep) for i in chosen}
     _report(description, wiring, results, entries)
+    silent = [wiring.names[i] for i in chosen if tracks[i].restarts or tracks[i].is_silent(time.monotonic())]
+    if silent:
+        complain(f"warning: fell silent during the sweep, which began anew: {', '.join(silent)}")
     swept = {i: result.homing_offset for i, result in results.items() if result.homing_offset is not None}
     if swept:
         for i, offset in swept.items():
@@ -83,7 +70,7 @@ def calibrate(config: Calibrate) -> int:
     if missing:
         print(f"not calibrated yet: {', '.join(missing)}")
     unusable = any(result.verdict not in {Verdict.GOOD, Verdict.UNSWEPT} for result in results.values())
-    return NOT_AS_EXPECTED if unusable else 0
+    return NOT_AS_EXPECTED if unusable or silent else 0
 
 
 def _chosen_joints(config: Calibrate, description: RobotDescription) -> list[int]:
@@ -127,10 +114,10 @@ def _sweep(
     wiring: Wiring,
     clients: Sequence[MotorClient],
     chosen: Sequence[int],
-) -> dict[int, _Track]:
-    """Read positions until it is enough; show them meanwhile. Reading is all that the motors are asked for."""
-    tracks = {i: _Track() for i in chosen}
+) -> Mapping[int, JointTrack]:
+    """Read positions until it is enough; show them meanwhile."""
     begin = time.monotonic()
+    tracks = JointTracks(wiring, clients, chosen, begin)
     next_table = begin
     console = make_console()
     print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
@@ -138,22 +125,19 @@ def _sweep(
         live = shown.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while True:
             now = time.monotonic()
-            _poll(wiring, clients, tracks)
-            for i, track in tracks.items():
-                if now - max(track.heard, begin) > _SILENT:
-                    raise clients[wiring.channel[i]].silence(f"{wiring.names[i]} (motor {wiring.motor_id[i]})")
+            tracks.poll(now)
             if live is not None and now >= next_table:
                 next_table = max(next_table + _TABLE_PERIOD, now)
-                live.update(_table(config, description, wiring, tracks), refresh=True)
+                live.update(_table(config, description, wiring, tracks.by_joint), refresh=True)
             if _is_over(config, now - begin):
                 break
             time.sleep(max(now + _POLL_PERIOD - time.monotonic(), 0.0))
-        last = _table(config, description, wiring, tracks)
+        last = _table(config, description, wiring, tracks.by_joint)
         if live is not None:
             live.update(last, refresh=True)
         else:
             console.print(last)
-    return tracks
+    return tracks.by_joint
 
 
 def _how_to_end(config: Calibrate) -> str:
@@ -172,19 +156,6 @@ def _is_over(config: Calibrate, elapsed: float) -> bool:
     return False
 
 
-def _poll(wiring: Wiring, clients: Sequence[MotorClient], tracks: Mapping[int, _Track]) -> None:
-    """One reading of `mechPos`, which counts turns and does not wrap, of every chosen joint's motor."""
-    for channel, client in enumerate(clients):
-        joints = {wiring.motor_id[i]: i for i in tracks if wiring.channel[i] == channel}
-        positions = read_values(client, list(joints), PARAMETERS["mechPos"], _ANSWER_TIME)
-        for motor_id, position in positions.items():
-            i = joints[motor_id]
-            track = tracks[i]
-            track.angle = float(wiring.direction[i]) * position
-            track.heard = time.monotonic()
-            track.sweep = track.sweep.with_angle(track.angle)
-
-
 _COLOURS = {
     Verdict.GOOD: "green",
     Verdict.UNSWEPT: "dim",
@@ -194,7 +165,7 @@ _COLOURS = {
 }
 
 
-def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tracks: Mapping[int, _Track]) -> Table:
+def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tracks: Mapping[int, JointTrack]) -> Table:
     headings = ("id", "now", "low", "high", "swept", "range", "offset")
     table = make_table("joint", *headings, "", right=headings)
     for i, track in tracks.items():
@@ -203,6 +174,8 @@ def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tra
         numbers = (track.angle, track.sweep.lowest, track.sweep.highest, track.sweep.width, joint.upper - joint.lower)
         offset = "" if result.homing_offset is None else f"{result.homing_offset:.3f}"
         verdict = f"[{_COLOURS[result.verdict]}]{result.verdict.value}[/]"
+        if track.is_silent(time.monotonic()):
+            verdict = "[red]silent[/]"
         shown = (f"{number:.2f}" for number in numbers)
         table.add_row(escape(joint.name), str(wiring.motor_id[i]), *shown, offset, verdict)
     return table

@@ -14,7 +14,9 @@ from rich.console import Console
 
 from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
 from humanoid_sim.hardware.cli import calibrate as tool
+from humanoid_sim.hardware.cli import joint_tracks
 from humanoid_sim.hardware.cli.client import MotorClient
+from humanoid_sim.hardware.cli.joint_tracks import JointTrack
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
@@ -120,7 +122,7 @@ def test_no_motor_is_enabled_or_written_to(
 
 def _seen(monkeypatch: pytest.MonkeyPatch, sweep: Sweep) -> None:
     """The elbow was swept so; nothing else."""
-    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: tool._Track(sweep=sweep)})
+    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: JointTrack(heard=time.monotonic(), sweep=sweep)})
 
 
 def test_a_flipped_direction_is_warned_of_and_not_written(
@@ -216,8 +218,8 @@ def test_ctrl_c_writes_nothing(
     assert not path.exists()
 
 
-def test_status_3_where_a_motor_falls_silent(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tool, "_SILENT", 0.5)
+def test_status_3_where_a_motor_is_silent(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joint_tracks, "_SILENT", 0.5)
     path = tmp_path / "calibration.yaml"
     channel = "virtual:bench-silent"
     with VirtualMotors(_LITE, [channel], faults=[Fault("silent", ("left_wrist_yaw",))]):
@@ -225,6 +227,25 @@ def test_status_3_where_a_motor_falls_silent(run: Run, tmp_path: Path, monkeypat
     assert status == 3
     assert complained == f"error: left_wrist_yaw (motor 15) does not answer on {channel}\n"
     assert not path.exists()
+
+
+def test_a_motor_that_falls_silent_begins_its_sweep_anew() -> None:
+    track = JointTrack()
+    for time_heard, angle in ((0.0, -1.0), (0.1, 1.0), (0.9, 1.0)):
+        track.take(angle, time_heard)
+    assert (track.sweep, track.restarts) == (Sweep(-1.0, 1.0), 0)
+    assert track.is_silent(2.0)
+    track.take(5.0, 2.0)  # another turn: it was without power
+    assert (track.sweep, track.restarts, track.is_silent(2.5)) == (Sweep(5.0, 5.0), 1, False)
+
+
+def test_a_silence_during_the_sweep_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    track = JointTrack(heard=time.monotonic(), sweep=Sweep(0.0, 0.1), restarts=1)
+    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: track})
+    words = ("--output", str(tmp_path / "c.yaml"), "--joints", "left_elbow_pitch", "--duration", "1")
+    status, _, complained = run("calibrate", _CHANNEL, *words)
+    assert status == 1
+    assert complained == "warning: fell silent during the sweep, which began anew: left_elbow_pitch\n"
 
 
 def test_an_existing_file_that_is_none_is_left_alone(run: Run, motors: VirtualMotors, tmp_path: Path) -> None:
