@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.progress import Progress
 
 from humanoid_sim.cli import complain, mute_output
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.play.again import again
 from humanoid_sim.play.assembly import Run, assemble
 from humanoid_sim.play.bring_up import bring_up
@@ -21,6 +21,7 @@ from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.plan import Plan, make_plan
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.video import save_snapshot
+from humanoid_sim.session.reactivation import one_line
 from humanoid_sim.session.session import SessionResult
 
 __all__ = ["play"]
@@ -52,6 +53,8 @@ def play(config: PlayConfig) -> int:
         try:
             with _signals(run) as received:
                 result = run.session.run()
+        except RobotError as error:  # it could not be activated, although it could be prepared
+            raise RobotError(one_line(str(error))) from None
         finally:
             for operator in run.operators:
                 operator.close()
@@ -124,6 +127,7 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         ("final table", run.monitor.error),
         ("console", None if isinstance(run.console.error, (BrokenPipeError, SystemExit)) else run.console.error),
         ("gravity compensation", run.gravity and run.gravity.error),
+        ("robot", run.plan.parts.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
     if run.recorder is not None and run.recorder.lost:

@@ -23,7 +23,7 @@ from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import bring_up as bring_up_module
-from humanoid_sim.play import real
+from humanoid_sim.play import program, real
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.control_socket import running_sessions
 
@@ -97,6 +97,30 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(
     assert "left_elbow_pitch" in problem
     assert "ZERO_TORQUE" not in result.out
     assert list(result.folder.iterdir()) == []
+
+
+def test_a_problem_that_comes_after_the_list_is_one_line(
+    run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plug that comes off while the operator reads."""
+    motors: list[VirtualMotors] = []
+
+    def emulated(*arguments: Any, **options: Any) -> VirtualMotors:
+        motors.append(VirtualMotors(*arguments, **options))
+        return motors[0]
+
+    def pulled(robot: Any, *arguments: Any) -> bool:
+        robot.prepare()
+        motors[0].inject(parse_fault("unplugged:left_elbow_pitch", load_robot("lite")))
+        return True
+
+    monkeypatch.setattr(real, "VirtualMotors", emulated)
+    monkeypatch.setattr(program, "bring_up", pulled)
+    result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
+    assert result.status == 2
+    assert result.err.startswith("error: lite: not enabled, 1 problem: left_elbow_pitch: motor 14 does not answer")
+    assert result.err.count("\n") == 1
+    assert result.ticks == []
 
 
 def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
@@ -176,7 +200,7 @@ def test_a_channel_that_another_session_drives_is_refused(run: Play, quick: str)
     with ChannelLock(parse_address("virtual:play")):
         result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert result.status == 2
-    assert "problem virtual:play  is in use by another session (process " in result.out
+    assert "problem virtual:play  is in use by another session (of this process)" in result.out
     assert result.err == "error: lite: not enabled, 1 problem\n"
 
 
