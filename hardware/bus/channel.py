@@ -75,7 +75,7 @@ class ChannelCounters:
     superseded: int = 0
     """Commands that a newer one replaced before they could leave."""
     overruns: int = 0
-    """Frames that found the outgoing queue full, and commands that were replaced more than once in a row."""
+    """Frames that found the outgoing queue full, and commands replaced although none had left for 60 ms."""
 
 
 @dataclass(slots=True)
@@ -152,7 +152,7 @@ class Channel:
         self._outbox.put(frames)
         if self._outbox.overruns != self._overruns_seen:
             self._overruns_seen = self._outbox.overruns
-            self._note(BusEvent.TX_FULL, f"{self._outbox.overruns} commands did not leave in time")
+            self._note(BusEvent.TX_FULL, "commands do not leave in time")
         self.counters.superseded, self.counters.overruns = self._outbox.superseded, self._outbox.overruns
 
     def forget_events(self) -> None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable, Sequence
+import time
+from collections.abc import Callable, Hashable, Sequence
 
 from humanoid_sim.hardware.robstride.frames import Frame
 
 __all__ = ["Outbox"]
 
-_PATIENCE = 2
-"""Commands in a row that may be replaced unsent before that counts as an overrun: one is a late thread."""
+_PATIENCE = 0.06
+"""s that a motor's commands may be replaced unsent before that counts as an overrun. Less is a late thread; more comes
+close to the motors' CAN timeout."""
 
 
 class Outbox:
@@ -18,22 +20,23 @@ class Outbox:
 
     Frames leave in order of arrival. A frame with a key (a motor's MIT command) replaces an unsent one with that key
     and takes its place: once the bus is free again the newest command leaves at once, and not behind a queue of old
-    ones, which is what a DAMP after a jam needs. A command replaced once is counted. Replaced twice in a row, with the
-    motor two periods without a command, the queue has overrun; so it has when it is full.
+    ones, which is what a DAMP after a jam needs. A replaced command is counted. Where none has left for 60 ms, the
+    queue has overrun; so it has when it is full.
     """
 
-    def __init__(self, capacity: int) -> None:
-        """Start empty; at most `capacity` frames wait."""
+    def __init__(self, capacity: int, clock: Callable[[], float] = time.monotonic) -> None:
+        """Start empty; at most `capacity` frames wait. `clock` in s."""
         self._capacity = capacity
+        self._clock = clock
         self._ready = threading.Condition()
         self._waiting: dict[Hashable, Frame] = {}
-        self._replaced_in_a_row: dict[Hashable, int] = {}
+        self._jammed_since: dict[Hashable, float] = {}
         self._serial = 0
         self._is_closed = False
         self.superseded = 0
         """Commands that a newer one replaced before they were sent."""
         self.overruns = 0
-        """Frames that found the queue full, and commands replaced again before any was sent."""
+        """Frames that found the queue full, and commands replaced although none had left for too long."""
 
     def put(self, frames: Sequence[tuple[Hashable, Frame]]) -> None:
         """Queue keyed frames; a key None keeps a frame apart from all others. Never blocks on the bus."""
@@ -56,10 +59,9 @@ class Outbox:
         self._waiting[key] = frame  # a replaced frame keeps its place: a dict remembers the first insertion
 
     def _count_replaced(self, key: Hashable) -> None:
-        times = self._replaced_in_a_row.get(key, 0) + 1
-        self._replaced_in_a_row[key] = times
+        now = self._clock()
         self.superseded += 1
-        self.overruns += times >= _PATIENCE
+        self.overruns += now - self._jammed_since.setdefault(key, now) > _PATIENCE
 
     def take(self, timeout: float) -> tuple[Hashable, Frame] | None:
         """The next frame, or None if `timeout` (s) passes without one. A frame that cannot be sent: `give_back`."""
@@ -73,9 +75,9 @@ class Outbox:
 
     def sent(self, key: Hashable) -> None:
         """A frame that was taken has left."""
-        if key in self._replaced_in_a_row:
+        if key in self._jammed_since:
             with self._ready:
-                self._replaced_in_a_row.pop(key, None)
+                self._jammed_since.pop(key, None)
 
     def give_back(self, key: Hashable, frame: Frame) -> None:
         """Put a frame that could not be sent back in front, unless a newer one with its key has come."""
@@ -91,7 +93,7 @@ class Outbox:
         """Forget everything that waits."""
         with self._ready:
             self._waiting.clear()
-            self._replaced_in_a_row.clear()
+            self._jammed_since.clear()
 
     @property
     def is_empty(self) -> bool:

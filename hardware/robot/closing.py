@@ -20,8 +20,8 @@ _LONGEST = 2.0
 """s that damping may take."""
 _PERIOD = 0.01
 """s between its commands."""
-_LAST_ANSWERS = 0.02
-"""s in which the last commands are answered."""
+_LAST_ANSWERS = 0.1
+"""s at most in which the last commands are answered."""
 _SLOW = 0.05
 """rad/s below which a joint that is damped already needs no more of it."""
 
@@ -49,7 +49,9 @@ def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None]) -> N
 
 def disable(settings: AdapterSettings, link: Link, reporting: Iterable[int]) -> tuple[int, ...]:
     """Stop all motors and their active reports; the joints whose motors did not confirm it, asked six times."""
-    link.listen(_LAST_ANSWERS)
+    deadline = time.monotonic() + _LAST_ANSWERS
+    while link.unanswered and time.monotonic() < deadline:
+        time.sleep(_PERIOD)
     link.table.counts_answers = False
     set_reports(link.requests, reporting, is_on=False)
     joints: Sequence[int] = range(settings.wiring.count)

@@ -89,6 +89,12 @@ class Link:
             if notes.intrusions
         )
 
+    @property
+    def unanswered(self) -> int:
+        """Commands that no status has answered yet; those that a newer one replaced unsent are left out."""
+        superseded = sum(channel.counters.superseded for channel in self.channels)
+        return sum(slot.commanded - slot.acknowledged for slot in self.table.slots) - superseded
+
     def listen(self, duration: float) -> None:
         """Wait for what others say, s."""
         time.sleep(duration)

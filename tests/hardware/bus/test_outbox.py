@@ -35,15 +35,20 @@ def test_a_newer_command_takes_the_place_of_an_unsent_one() -> None:
     assert (outbox.superseded, outbox.overruns) == (2, 0)
 
 
-def test_a_command_replaced_twice_in_a_row_is_an_overrun() -> None:
-    outbox = Outbox(8)
-    for number in range(3):
+def test_commands_replaced_although_none_has_left_for_long_are_an_overrun() -> None:
+    now = [0.0]
+    outbox = Outbox(8, lambda: now[0])
+    for number in range(5):
         outbox.put([("left", _frame(number))])
-    assert (outbox.superseded, outbox.overruns) == (2, 1)
-    assert _drain(outbox) == [2]
+        now[0] += 0.02
+    assert (outbox.superseded, outbox.overruns) == (4, 0), "replaced for 60 ms"
+    outbox.put([("left", _frame(5))])
+    assert (outbox.superseded, outbox.overruns) == (5, 1)
+    assert _drain(outbox) == [5]
+    now[0] += 1.0
+    outbox.put([("left", _frame(6))])
     outbox.put([("left", _frame(7))])
-    outbox.put([("left", _frame(8))])
-    assert outbox.overruns == 1, "one late frame after one that left is none"
+    assert outbox.overruns == 1, "since then one has left"
 
 
 def test_a_full_outbox_drops_what_does_not_fit_and_counts_it() -> None:

@@ -335,9 +335,9 @@ def test_after_a_jam_the_latest_command_leaves(make_robot: MakeRobot, left: Scri
     robot.activate()
     left.heard.clear()
     failing.error = can.CanOperationError("no buffer", error_code=errno.ENOBUFS)
-    for _ in range(4):
+    for _ in range(5):
         robot.write(_hold())
-        time.sleep(0.005)
+        time.sleep(0.025)
     robot.write(_hold(0.0, 3.0))
     failing.error = None
     assert wait_until(lambda: bool(left.commands))
