@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
+import socket
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,9 @@ BITRATE = 1_000_000
 
 _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketcand"})
 """Interfaces that either have none or are given theirs elsewhere."""
+_IP_MULTICAST_ALL = 49
+_IPV6_MULTICAST_ALL = 29
+"""Of `linux/in.h` and `linux/in6.h`; Python's socket module does not name them."""
 _NETWORK = Path("/sys/class/net")
 _CAN_HARDWARE = "280"
 """ARPHRD_CAN, the kernel's number for a CAN interface."""
@@ -36,9 +42,26 @@ def open_bus(address: BusAddress) -> can.BusABC:
     """
     options: dict[str, Any] = {} if address.interface in _WITHOUT_BITRATE else {"bitrate": BITRATE}
     try:
-        return can.Bus(interface=address.interface, channel=address.channel, **options)
+        bus = can.Bus(interface=address.interface, channel=address.channel, **options)
     except Exception as error:  # every driver has exceptions of its own
         raise RobotError(f"{address}: cannot be opened: {_reason(address, error)}") from error
+    if address.interface == "udp_multicast":
+        _hear_own_group_only(bus)
+    return bus
+
+
+def _hear_own_group_only(bus: can.BusABC) -> None:
+    """Keep the groups of a machine apart.
+
+    python-can binds every group to one port on all addresses, and Linux then hands each socket what comes for any group
+    that anybody has joined: two buses would hear each other's motors. Elsewhere a socket hears its own groups only.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    with socket.socket(fileno=os.dup(bus.fileno())) as own:
+        is_six = own.family == socket.AF_INET6
+        level, option = (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL) if is_six else (socket.IPPROTO_IP, _IP_MULTICAST_ALL)
+        own.setsockopt(level, option, 0)
 
 
 def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:

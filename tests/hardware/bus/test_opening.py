@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import random
 from pathlib import Path
 
 import can
@@ -81,3 +82,25 @@ def test_the_error_number_is_found_wherever_python_can_put_it() -> None:
     wrapped.__cause__ = OSError(errno.ENETUNREACH, "unreachable")
     assert error_number(wrapped) == errno.ENETUNREACH
     assert error_number(can.CanOperationError("Transmit buffer full")) is None
+
+
+def test_two_multicast_groups_do_not_hear_each_other() -> None:
+    """The port is python-can's own for all: only the group tells two buses of one machine apart."""
+    groups = [BusAddress("udp_multicast", f"239.74.{random.randrange(256)}.{last}") for last in (81, 82)]
+    try:
+        ends = [open_bus(group) for group in (groups[0], groups[0], groups[1])]
+    except RobotError as error:
+        pytest.skip(f"no multicast here: {error}")
+    sender, near, far = ends
+    try:
+        sender.send(can.Message(arbitration_id=0x1234, data=b"hello"))
+    except can.CanOperationError as error:
+        pytest.skip(f"no multicast here: {error}")
+    else:
+        heard = near.recv(2.0)
+        assert heard is not None
+        assert bytes(heard.data) == b"hello"
+        assert far.recv(0.05) is None
+    finally:
+        for end in ends:
+            end.shutdown()
