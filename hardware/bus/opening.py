@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import logging
 import os
@@ -58,7 +59,8 @@ def _hear_own_group_only(bus: can.BusABC) -> None:
     """
     if not sys.platform.startswith("linux"):
         return
-    with socket.socket(fileno=os.dup(bus.fileno())) as own:
+    # A kernel without the option leaves the groups as they were.
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(bus.fileno())) as own:
         is_six = own.family == socket.AF_INET6
         level, option = (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL) if is_six else (socket.IPPROTO_IP, _IP_MULTICAST_ALL)
         own.setsockopt(level, option, 0)
