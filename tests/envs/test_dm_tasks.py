@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import builtins
+import os
+import shutil
+import subprocess
 import sys
 import unittest
 from collections.abc import Iterator
@@ -138,6 +141,50 @@ def test_the_viewer_s_loop_runs_it() -> None:
     assert errors == []
     assert runtime.get_time() == pytest.approx(0.1, abs=0.03)
     runtime.stop()
+
+
+UNDER_XVFB = """
+import glfw
+import numpy as np
+from dm_control.viewer import application
+from humanoid_sim.envs import dm
+
+window = application.Application(width=160, height=120)
+window._pause_subject.value = False  # it waits for the space bar
+steps = []
+
+
+def policy(time_step):
+    steps.append(time_step)
+    if len(steps) == 3:
+        glfw.set_window_should_close(window._window._context.window, True)
+    return np.zeros(14, dtype=np.float32)
+
+
+window.launch(lambda: dm.load("lite_tracking", seed=0), policy)
+print(len(steps), round(window._runtime.get_time(), 6), window._status._value["Error"])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
+def test_the_viewer_opens_it() -> None:
+    pytest.importorskip("glfw")
+    # Tests before this one may have chosen an OpenGL without windows for this process.
+    inherited = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"}
+    done = subprocess.run(
+        ["xvfb-run", "-a", sys.executable, "-W", "ignore", "-c", UNDER_XVFB],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=200,
+        env={**inherited, "MUJOCO_GL": "glfw"},
+    )
+    assert done.returncode == 0, done.stderr
+    steps, time, error = done.stdout.split()
+    assert int(steps) >= 3
+    assert float(time) >= 0.04
+    assert error == "--"
 
 
 def test_unknown_names_and_a_missing_package_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
