@@ -122,7 +122,7 @@ def test_motors_whose_host_is_killed_stop_by_themselves_and_the_arms_sink(
             wait_for(process, "STANDBY → LOCOMOTION")
             time.sleep(0.7)
             held = motors.truth
-            assert len(told.times_of("enabled")) == 14
+            assert len(told.times_of("enabled")) >= 14  # more where an answer was late and the question repeated
             assert np.abs(held.joint_effort).max() > 1.0
             process.send_signal(signal.SIGKILL)
             killed = time.monotonic()
