@@ -178,7 +178,9 @@ def _print(reference: PolicyRun, distances: Sequence[Distance]) -> None:
             f"{item.action_rms:.4f}",
             "" if item.explained is None else f"{100.0 * item.explained:.0f} %",
         )
-    Console(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 200).print(table)
+    Console(
+        highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 200
+    ).print(table)
 
 
 if __name__ == "__main__":

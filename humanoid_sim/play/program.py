@@ -82,7 +82,8 @@ def play(config: PlayConfig) -> int:
 
 
 def _new_console() -> Console:
-    return Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+    # The channel `virtual:b` and the colon after its name are no emoji.
+    return Console(highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty())
 
 
 def _introduce(console: Console, plan: Plan) -> None:

@@ -213,8 +213,10 @@ def test_emulated_motors_are_assembled_as_the_calibration_says(run: Play, quick:
         if joint.motor is not None
     ]
     (folder / "mine.yaml").write_text("\n".join(lines), encoding="utf-8")
-    result = run("--robot", quick, *HARDWARE, "--calibration", "mine.yaml", "--script", "hold 0.2", *PLACEHOLDER)
+    options = ("--hardware", "virtual:a,virtual:b", "--allow-script", "--calibration", "mine.yaml")
+    result = run("--robot", quick, *options, "--script", "hold 0.2", *PLACEHOLDER)
     assert result.status == 0
+    assert "virtual:b: " in result.out  # and no emoji
     expected = np.array(load_robot("lite").initial_position)
     assert np.abs(result.ticks[0].input.state.joint_position - expected).max() < 0.01
 
