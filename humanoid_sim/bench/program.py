@@ -18,6 +18,7 @@ from humanoid_sim import __version__
 from humanoid_sim.bench.config import BenchConfig
 from humanoid_sim.bench.control_tick import control_tick, real_time_factor, recorder_cost, supervisor_step
 from humanoid_sim.bench.environment import environment_step
+from humanoid_sim.bench.hardware_loop import hardware_loop
 from humanoid_sim.bench.regress_speed import regress_speed
 from humanoid_sim.bench.startup import help_start
 from humanoid_sim.bench.timing import Row
@@ -35,6 +36,7 @@ _BENCHMARKS: dict[str, Callable[[int], list[Row]]] = {
     "LiteTracking-v0.step": environment_step,
     "vector": vector_step,
     "regress": regress_speed,
+    "hardware loop": hardware_loop,
 }
 
 
