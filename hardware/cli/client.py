@@ -16,7 +16,7 @@ from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.frames import Frame
-from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, Ignored, Malformed, Reply
+from humanoid_sim.hardware.robstride.messages import Command, DeviceId, Ignored, Malformed, Reply
 from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
 
 __all__ = ["MotorClient", "SilentMotorError", "open_client"]
@@ -181,13 +181,30 @@ class MotorClient:
                     found[reply.motor_id] = answer
         return found
 
-    def scan(self, motor_id: int, wait: float) -> list[DeviceId]:
-        """Ask one id, and take whatever ids are told within `wait` s: two motors may have been given the same one.
+    def poll(
+        self, commands: Mapping[int, Command], accept: Callable[[Reply], Answer | None], *, wait: float
+    ) -> dict[int, Answer]:
+        """Ask several motors once, for what is asked again and again: the latest answers that have come, by id.
 
-        Raises:
-            RobotError: the channel is down.
+        Unlike `ask_each` it takes late answers to earlier questions as well: where a bus, or whoever emulates one,
+        takes longer than `wait`, there is an old answer each time, and not none for ever.
         """
-        self.send(GetDeviceId(motor_id, host_id=self.host_id))
+        for command in commands.values():
+            self.send(command)
+        found: dict[int, Answer] = {}
+        deadline = time.monotonic() + wait
+        while True:
+            left = deadline - time.monotonic() if len(found) < len(commands) else 0.0
+            try:
+                reply, _when = self._answers.get(timeout=left) if left > 0.0 else self._answers.get_nowait()
+            except queue.Empty:
+                return found
+            answer = accept(reply) if reply.motor_id in commands else None
+            if answer is not None:
+                found[reply.motor_id] = answer
+
+    def heard_ids(self, wait: float) -> list[DeviceId]:
+        """Whoever says its id within `wait` s, one id twice where two motors have been given the same one."""
         found = []
         deadline = time.monotonic() + wait
         while (left := deadline - time.monotonic()) > 0.0:

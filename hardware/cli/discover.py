@@ -18,9 +18,13 @@ from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
+from humanoid_sim.hardware.robstride.messages import GetDeviceId
 from humanoid_sim.robots.description import load_robot
 
 __all__ = ["discover"]
+
+_LATE = 0.1
+"""s to wait for late answers at the end."""
 
 _Found = Mapping[tuple[int, int], set[bytes]]
 """Unique ids by channel and motor id."""
@@ -68,9 +72,13 @@ def discover(config: Discover) -> int:
 def _scan(clients: list[MotorClient], config: Discover) -> dict[tuple[int, int], set[bytes]]:
     found: dict[tuple[int, int], set[bytes]] = {}
     for channel, client in enumerate(clients):
+        heard = []
         for motor_id in range(config.first, config.last + 1):
-            for reply in client.scan(motor_id, config.wait):
-                found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
+            client.send(GetDeviceId(motor_id, host_id=config.host_id))
+            heard += client.heard_ids(config.wait)
+        heard += client.heard_ids(_LATE)
+        for reply in heard:
+            found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
     return dict(sorted(found.items()))
 
 

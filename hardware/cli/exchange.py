@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.cli.client import MotorClient
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
@@ -18,7 +20,16 @@ from humanoid_sim.hardware.robstride.messages import (
 )
 from humanoid_sim.hardware.robstride.parameters import CanTimeout, Parameter, pack_value, unpack_value
 
-__all__ = ["any_status", "read_device_id", "read_value", "read_values", "read_version", "shown", "write_value"]
+__all__ = [
+    "any_status",
+    "poll_values",
+    "read_device_id",
+    "read_value",
+    "read_values",
+    "read_version",
+    "shown",
+    "write_value",
+]
 
 
 def read_device_id(client: MotorClient, motor_id: int) -> DeviceId:
@@ -48,10 +59,23 @@ def read_value(client: MotorClient, motor_id: int, parameter: Parameter) -> floa
     return unpack_value(parameter.type, reply.payload) if reply.is_success else None
 
 
-def read_values(client: MotorClient, motor_ids: list[int], parameter: Parameter, wait: float) -> dict[int, float]:
+def read_values(client: MotorClient, motor_ids: Sequence[int], parameter: Parameter, wait: float) -> dict[int, float]:
     """A parameter of several motors, asked once; those that did not answer or have none are left out."""
-    questions = {motor_id: ReadParameter(motor_id, parameter.index, host_id=client.host_id) for motor_id in motor_ids}
-    replies = client.ask_each(questions, lambda reply: _of(reply, parameter), wait=wait, attempts=1)
+    questions = _questions(client, motor_ids, parameter)
+    return _values(client.ask_each(questions, lambda reply: _of(reply, parameter), wait=wait, attempts=1), parameter)
+
+
+def poll_values(client: MotorClient, motor_ids: Sequence[int], parameter: Parameter, wait: float) -> dict[int, float]:
+    """`read_values` for what is read again and again: a late answer counts the next time."""
+    questions = _questions(client, motor_ids, parameter)
+    return _values(client.poll(questions, lambda reply: _of(reply, parameter), wait=wait), parameter)
+
+
+def _questions(client: MotorClient, motor_ids: Sequence[int], parameter: Parameter) -> dict[int, ReadParameter]:
+    return {motor_id: ReadParameter(motor_id, parameter.index, host_id=client.host_id) for motor_id in motor_ids}
+
+
+def _values(replies: Mapping[int, ParameterReply], parameter: Parameter) -> dict[int, float]:
     return {
         motor_id: unpack_value(parameter.type, reply.payload) for motor_id, reply in replies.items() if reply.is_success
     }

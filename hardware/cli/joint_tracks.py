@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from humanoid_sim.hardware.cli.client import MotorClient
-from humanoid_sim.hardware.cli.exchange import read_values
+from humanoid_sim.hardware.cli.exchange import poll_values
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.sweep import Sweep
@@ -68,7 +68,7 @@ class JointTracks:
         """
         for channel, client in enumerate(self._clients):
             joints = {self._wiring.motor_id[i]: i for i in self.by_joint if self._wiring.channel[i] == channel}
-            for motor_id, position in read_values(client, list(joints), PARAMETERS["mechPos"], _ANSWER_TIME).items():
+            for motor_id, position in poll_values(client, list(joints), PARAMETERS["mechPos"], _ANSWER_TIME).items():
                 i = joints[motor_id]
                 self.by_joint[i].take(float(self._wiring.direction[i]) * position, time)
         if time - self._begin > _SILENT:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -9,7 +10,7 @@ from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.cli.client import MotorClient, SilentMotorError
 from humanoid_sim.hardware.cli.enabled_motor import EnabledMotor
-from humanoid_sim.hardware.cli.exchange import read_device_id, read_value, read_values
+from humanoid_sim.hardware.cli.exchange import poll_values, read_device_id, read_value, read_values
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.faults import MotorMode
@@ -53,6 +54,15 @@ def test_a_late_answer_is_not_the_next_questions(client: MotorClient, motors: Vi
     inject(motors, Fault("delayed", ("left_wrist_yaw",), value=0.06))
     assert read_values(client, [15], PARAMETERS["VBUS"], 0.02) == {}
     assert read_value(client, 15, PARAMETERS["canTimeout"]) == 0
+
+
+def test_polling_takes_late_answers_the_next_time(client: MotorClient, motors: VirtualMotors, inject: Inject) -> None:
+    inject(motors, Fault("delayed", ("left_wrist_yaw",), value=0.06))
+    begin = time.monotonic()
+    polled: dict[int, float] = {}
+    while not polled and time.monotonic() < begin + 5.0:
+        polled = poll_values(client, [15], PARAMETERS["VBUS"], 0.01)
+    assert polled == {15: 48.0}
 
 
 def test_motors_that_are_silent_are_left_out(client: MotorClient, motors: VirtualMotors, inject: Inject) -> None:
