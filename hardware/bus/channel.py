@@ -209,8 +209,8 @@ class Channel:
         if message.is_error_frame:
             self._take_error(message)
             return
-        if not message.is_rx:
-            return
+        # Whether `is_rx` does not matter: what another process of this machine sends on SocketCAN comes without it, and
+        # what this one sends does not come back.
         data = bytes(message.data)
         if message.is_fd or len(data) > 8:
             self.counters.unusable += 1
@@ -223,7 +223,7 @@ class Channel:
         self._receive_frame(frame, self._arrival(message.timestamp))
 
     def _take_error(self, message: can.Message) -> None:
-        report = read_error_frame(message.arbitration_id, bytes(message.data))
+        report = read_error_frame(self.address.interface, message.arbitration_id, bytes(message.data))
         if report.event is BusEvent.NORMAL:
             self.counters.lost_arbitration += 1
             return

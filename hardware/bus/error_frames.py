@@ -1,4 +1,4 @@
-"""What an error frame says. The bits are those of Linux' `linux/can/error.h`, which SocketCAN drivers report."""
+"""What an error frame says: by the bits of Linux' `linux/can/error.h` where the interface uses them."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ class ErrorReport:
     text: str
 
 
+_LINUX_BITS = frozenset({"socketcan", "socketcand", "gs_usb", "virtual", "udp_multicast"})
 _CLASSES = (
     (0x040, BusEvent.DOWN, "bus-off"),
     (0x100, BusEvent.DOWN, "controller restarted after bus-off"),
@@ -58,8 +59,16 @@ _COUNTERS = 0x200
 _BY_WEIGHT = (BusEvent.DOWN, BusEvent.TX_FULL, BusEvent.DAMAGED, BusEvent.NORMAL)
 
 
-def read_error_frame(arbitration_id: int, data: bytes) -> ErrorReport:
-    """The heaviest event of an error frame, and all of them in words. An unknown one counts as a damaged frame."""
+def read_error_frame(interface: str, arbitration_id: int, data: bytes) -> ErrorReport:
+    """The heaviest event of an error frame, and all of them in words. An unknown one counts as a damaged frame.
+
+    Args:
+        interface: python-can's name of the driver; many have error frames of their own, in which the bits mean others.
+        arbitration_id: the frame's, whose bits are error classes.
+        data: the frame's.
+    """
+    if interface not in _LINUX_BITS:
+        return ErrorReport(BusEvent.DAMAGED, "error frame")
     found = [(event, text) for bit, event, text in _CLASSES if arbitration_id & bit]
     if arbitration_id & _CONTROLLER:
         state = data[1] if len(data) > 1 else 0

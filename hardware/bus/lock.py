@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import re
@@ -55,13 +56,15 @@ class ChannelLock:
             os.close(self._descriptor)
             raise RobotError(f"{address}: is in use by another session ({holder or 'unknown process'})") from None
         # The file stays when the lock goes: a name removed and made again would be two files, and so two locks.
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, f"process {os.getpid()}, {Path(sys.argv[0]).name or 'python'}\n".encode(), 0)
+        with contextlib.suppress(OSError):  # a full disk keeps nobody from driving; the next one is told less
+            os.ftruncate(self._descriptor, 0)
+            os.pwrite(self._descriptor, f"process {os.getpid()}, {Path(sys.argv[0]).name or 'python'}\n".encode(), 0)
 
     def release(self) -> None:
         """Let others have the channel. May be called twice."""
         if self._descriptor >= 0:
-            os.ftruncate(self._descriptor, 0)
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, 0)
             os.close(self._descriptor)
             self._descriptor = -1
         elif self._address.interface == _WITHIN_PROCESS and not self._is_released:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time as system_time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -273,23 +274,25 @@ class RobstrideRobot:
         self._is_closing = True
         link, control = self._link, self._control
         left: tuple[int, ...] = ()
-        try:
+        with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
+            stack.callback(self._ended)
+            stack.callback(self._locks.release)
+            if self._imu is not None:
+                stack.callback(self._imu.close)
+            if link is not None:
+                stack.callback(link.close)
             if link is not None and control is not None:
                 try:
                     self._damp(control)
                 finally:
                     left = disable(self._settings, link, control.reporting)
                     control.disable()
-        finally:
-            self._why_not = "closed"
-            if link is not None:
-                link.close()
-            if self._imu is not None:
-                self._imu.close()
-            self._locks.release()
-            self._is_closed = True
         if left and link is not None:
             raise RobotError(unconfirmed(self._settings, link, left))
+
+    def _ended(self) -> None:
+        self._is_closed = True
+        self._why_not = "closed"
 
     def _damp(self, control: MotorControl) -> None:
         """Damp the joints, unless there was no torque, or they rest in DAMPING already."""

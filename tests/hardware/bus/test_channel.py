@@ -93,9 +93,14 @@ def test_a_frame_is_as_old_as_its_stamp(heard: Heard, bus: ScriptedBus, scripted
     assert 0.0 <= ages[2] < 0.3
 
 
+def test_frames_of_other_processes_of_this_machine_count(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:
+    bus.incoming.put(_message(is_rx=False))  # as SocketCAN marks them
+    assert wait_until(lambda: bool(heard.frames))
+    assert heard.frames[0][0] == FRAME
+
+
 def test_what_does_not_fit_the_protocol_is_counted_only(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:
     bus.incoming.put(_message(data=bytes(12), is_fd=True))
-    bus.incoming.put(_message(is_rx=False))
     bus.incoming.put(_message())
     assert wait_until(lambda: bool(heard.frames))
     assert [frame for frame, _ in heard.frames] == [FRAME]

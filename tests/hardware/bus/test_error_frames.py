@@ -31,14 +31,19 @@ def _controller(state: int) -> bytes:
     ],
 )
 def test_what_an_error_frame_says(error_class: int, data: bytes, event: BusEvent, text: str) -> None:
-    report = read_error_frame(error_class, data)
+    report = read_error_frame("socketcan", error_class, data)
     assert report.event is event
     assert text in report.text
 
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
 def test_any_error_frame_is_read(error_class: int, data: bytes) -> None:
-    report = read_error_frame(error_class, data)
+    report = read_error_frame("socketcan", error_class, data)
     assert report.text
     if error_class & 0x40:
         assert report.event is BusEvent.DOWN
+
+
+def test_the_bits_of_other_drivers_mean_nothing_here() -> None:
+    report = read_error_frame("pcan", 0x42, bytes(8))  # would be bus-off on SocketCAN
+    assert (report.event, report.text) == (BusEvent.DAMAGED, "error frame")

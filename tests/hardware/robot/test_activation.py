@@ -502,6 +502,18 @@ def test_an_imu_that_is_missing_is_a_problem_like_others(make_robot: MakeRobot, 
     assert left.heard == []
 
 
+def test_an_imu_that_cannot_be_closed_keeps_nothing_else_open(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+    imu = _Imu()
+    robot = make_robot(imu=imu)
+    robot.activate()
+    imu.close = lambda: (_ for _ in ()).throw(OSError("gone"))  # type: ignore[method-assign]
+    with pytest.raises(OSError, match="gone"):
+        robot.close()
+    assert robot.is_closed
+    assert left.mode is MotorMode.RESET
+    make_robot().prepare()
+
+
 def test_the_imu_is_opened_read_and_closed(make_robot: MakeRobot) -> None:
     imu = _Imu()
     robot = make_robot(imu=imu)
