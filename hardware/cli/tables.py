@@ -13,9 +13,9 @@ _UNLIMITED = 200
 
 
 def make_console() -> Console:
-    """Standard output."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=_UNLIMITED)
+    """Standard output; `:b:` in a channel's name is no emoji."""
+    console = Console(highlight=False, emoji=False)
+    return console if console.is_terminal else Console(highlight=False, emoji=False, width=_UNLIMITED)
 
 
 def make_table(*headings: str, right: tuple[str, ...] = (), title: str | None = None) -> Table:

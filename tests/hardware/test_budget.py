@@ -70,6 +70,10 @@ def test_status_1_where_it_does_not_fit(run: Run) -> None:
     assert "does not fit" in printed
 
 
+def test_a_channels_name_is_printed_as_it_is(run: Run) -> None:
+    assert "virtual::bus:[b]" in run("--channels", "virtual::bus:[b]")[1]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
