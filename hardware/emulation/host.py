@@ -136,7 +136,8 @@ class EmulatorHost:
                 message = bus.recv(0.0)
                 if message is None:
                     break
-                if message.is_error_frame or message.is_fd or not message.is_rx:
+                # `is_rx` is not asked: on SocketCAN what other processes of this machine send comes without it.
+                if message.is_error_frame or message.is_fd:
                     continue
                 data = bytes(message.data)
                 if self._echoes is not None and self._is_echo(index, message.arbitration_id, data):

@@ -45,11 +45,11 @@ def emulate(config: EmulateConfig) -> int:
     _refuse_host_faults(faults)
     if config.duration is not None and not (math.isfinite(config.duration) and config.duration > 0.0):
         raise InputError(f"--duration: is {config.duration}, expected a finite number above 0")
-    console = Console()
+    console = Console(emoji=False, markup=False)
 
     def told(time: float, text: str) -> None:
         if not config.quiet:
-            console.print(f"{time:9.3f} s  {text}", highlight=False, markup=False)
+            console.print(f"{time:9.3f} s  {text}")
 
     ending = threading.Event()
     handlers = [(number, signal.signal(number, _ender(ending))) for number in (signal.SIGINT, signal.SIGTERM)]
@@ -124,6 +124,6 @@ def _settings(config: EmulateConfig, description: RobotDescription) -> Emulation
 def _report(console: Console, motors: VirtualMotors, addresses: Sequence[BusAddress]) -> None:
     for bus, address in enumerate(addresses):
         text = f"{address}: {motors.load(bus).frames} frames, {100.0 * motors.bus_load(bus):.1f} % load on average"
-        console.print(text, highlight=False)
+        console.print(text)
     if motors.send_errors:
-        console.print(f"{motors.send_errors} frames of motors were not taken by their channel", highlight=False)
+        console.print(f"{motors.send_errors} frames of motors were not taken by their channel")

@@ -172,18 +172,20 @@ class Drive:
             self.session.tick(intents if number == 0 else ())
 
     def reach(self, mode: Mode) -> None:
-        """Walk up to a mode as an operator would, into the middle of its motion."""
+        """Walk up to a mode as an operator would, to where its motors hold the arms up."""
         self.run(3 * PERIOD)
         if mode is Mode.ZERO_TORQUE:
             return
         self.run(4 * PERIOD, Intent.DAMP)
         if mode is Mode.DAMPING:
             return
-        self.run(0.4, Intent.LOAD_A)
-        if mode is not Mode.STANDBY:
-            for _ in range(100):
-                if not self._has_arrived():
-                    self.run(PERIOD)
+        self.run(PERIOD, Intent.LOAD_A)
+        for _ in range(100):
+            if not self._has_arrived():
+                self.run(PERIOD)
+        if mode is Mode.STANDBY:
+            self.run(0.2)
+        else:
             self.run(0.3, Intent.START_LOCOMOTION if mode is Mode.LOCOMOTION else Intent.START_REMOTE)
         if self.session.mode is not mode:
             raise NotReachedError(self.ticks[-1].output.control_mode.status_message)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +23,25 @@ _SLACK = 0.05
 """s for the last command to be on its way, and for this process to note what it is told."""
 
 
+@contextmanager
+def driven_elsewhere(channel: str, mode: Mode) -> Iterator[subprocess.Popen[bytes]]:
+    """A program that has driven the motors of a channel into a mode; begun again where the machine was too late."""
+    for _ in range(4):
+        with subprocess.Popen([sys.executable, str(_HOST), channel, mode.name], stdout=subprocess.PIPE) as host:
+            assert host.stdout is not None
+            if host.stdout.readline() == b"there\n":
+                yield host
+                return
+    pytest.fail("the machine is too busy: four programs did not get their robot into the mode", pytrace=False)
+
+
 @pytest.mark.parametrize("mode", tuple(Mode), ids=lambda mode: mode.name)
 def test_the_motors_stop_by_themselves_and_stay_so(mode: Mode, table: list[tuple[str, ...]]) -> None:
     channel = f"udp_multicast:239.74.164.{10 + mode}"
     with emulated(channel) as (motors, diary):
-        with subprocess.Popen([sys.executable, str(_HOST), channel, mode.name], stdout=subprocess.PIPE) as host:
-            assert host.stdout is not None
-            assert host.stdout.readline() == b"there\n"
+        with driven_elsewhere(channel, mode) as host:
             time.sleep(3 * PERIOD)
+            assert len(diary.times_of("enabled", 0.0)) % 14 == 0
             before = np.abs(motors.truth.joint_effort).max()
             host.kill()
             killed = time.monotonic()
@@ -36,12 +49,10 @@ def test_the_motors_stop_by_themselves_and_stay_so(mode: Mode, table: list[tuple
         time.sleep(CAN_TIMEOUT + 0.3)
         stopped = [when - killed for when in diary.times_of("stopped, in reset mode", killed)]
         assert len(stopped) == 14
-        assert CAN_TIMEOUT - 1.5 * PERIOD <= min(stopped) <= max(stopped) <= CAN_TIMEOUT + _SLACK
+        assert CAN_TIMEOUT - 3 * PERIOD <= min(stopped) <= max(stopped) <= CAN_TIMEOUT + _SLACK
         after = np.abs(motors.truth.joint_effort).max()
         assert after == 0.0
         time.sleep(0.3)
         assert diary.times_of("enabled", killed) == []
-    times = f"{1e3 * max(stopped):.0f}"
-    table.append(
-        ("host killed", mode.name, "none is left to raise one", times, times, f"{before:.1f} → {after:.1f}", "1")
-    )
+    when = f"{1e3 * max(stopped):.0f}"
+    table.append(("host killed", mode.name, "nobody is left", when, when, f"{before:.1f} → {after:.1f}", "1"))
