@@ -6,11 +6,10 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from queue import SimpleQueue
 from types import FrameType
 
-from rich.console import Console
-
-from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.config import EmulateConfig
@@ -33,7 +32,7 @@ def emulate(config: EmulateConfig) -> int:
 
     Raises:
         InputError: an option is not accepted.
-        RobotError: a channel cannot be opened, or the emulation fails.
+        RobotError: a channel cannot be opened, or the simulation is no longer sound.
     """
     if "help" in config.fault:
         print(describe_faults())
@@ -45,37 +44,48 @@ def emulate(config: EmulateConfig) -> int:
     _refuse_host_faults(faults)
     if config.duration is not None and not (math.isfinite(config.duration) and config.duration > 0.0):
         raise InputError(f"--duration: is {config.duration}, expected a finite number above 0")
-    console = Console(emoji=False, markup=False)
-
-    def told(time: float, text: str) -> None:
-        if not config.quiet:
-            console.print(f"{time:9.3f} s  {text}")
-
+    news: SimpleQueue[str] = SimpleQueue()  # printed here: the motors wait for no terminal
     ending = threading.Event()
     handlers = [(number, signal.signal(number, _ender(ending))) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
         with punctual_threads(behind=0) as punctuality:
             motors = VirtualMotors(
-                description, addresses, settings=_settings(config, description), faults=faults, told=told
+                description,
+                addresses,
+                settings=_settings(config, description),
+                faults=faults,
+                told=None if config.quiet else lambda time, text: news.put(f"{time:9.3f} s  {text}"),
             )
         with motors:
             channels = ", ".join(str(address) for address in addresses)
-            console.print(
-                f"{len(motors.joints)} motors of {description.name} on {channels}; {punctuality}", highlight=False
-            )
-            sweep, begin = HandSweep(description, motors.truth.joint_position), motors.time
-            while not ending.wait(_WAKE):
-                if motors.failure is not None:
-                    raise RobotError(f"{description.name}: the emulation has failed: {motors.failure}")
-                if config.sweep:
-                    motors.move_by_hand(sweep.at(motors.time - begin))
-                if config.duration is not None and motors.time >= config.duration:
-                    break
-            _report(console, motors, addresses)
+            print(f"{len(motors.joints)} motors of {description.name} on {channels}; {punctuality}", flush=True)
+            _wait(config, motors, HandSweep(description, motors.truth.joint_position), news, ending)
+            for bus, address in enumerate(addresses):
+                load = 100.0 * motors.bus_load(bus)
+                print(f"{address}: {motors.load(bus).frames} frames, {load:.1f} % load on average")
+            if motors.send_errors:
+                print(f"{motors.send_errors} frames of motors were not taken by their channel")
     finally:
         for number, handler in handlers:
             signal.signal(number, handler)
     return 0
+
+
+def _wait(
+    config: EmulateConfig, motors: VirtualMotors, sweep: HandSweep, news: SimpleQueue[str], ending: threading.Event
+) -> None:
+    """Until the program is to end, or the emulation has failed, which closing it raises."""
+    begin, limit = motors.time, math.inf if config.duration is None else config.duration
+    while motors.failure is None and motors.time < limit and not ending.wait(_WAKE):
+        if config.sweep:
+            motors.move_by_hand(sweep.at(motors.time - begin))
+        _print_all(news)
+    _print_all(news)
+
+
+def _print_all(news: SimpleQueue[str]) -> None:
+    while not news.empty():
+        print(news.get(), flush=True)
 
 
 def _ender(ending: threading.Event) -> Callable[[int, FrameType | None], None]:
@@ -119,11 +129,3 @@ def _settings(config: EmulateConfig, description: RobotDescription) -> Emulation
         scale=Scale(config.scale),
         seed=config.seed,
     )
-
-
-def _report(console: Console, motors: VirtualMotors, addresses: Sequence[BusAddress]) -> None:
-    for bus, address in enumerate(addresses):
-        text = f"{address}: {motors.load(bus).frames} frames, {100.0 * motors.bus_load(bus):.1f} % load on average"
-        console.print(text)
-    if motors.send_errors:
-        console.print(f"{motors.send_errors} frames of motors were not taken by their channel")
