@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -13,7 +14,7 @@ from mujoco import rollout
 from humanoid_sim.envs.batch.models import ModelPool
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["BatchPhysics"]
+__all__ = ["BatchPhysics", "usable_processors"]
 
 BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]
@@ -23,12 +24,20 @@ _CONTROL_AND_WRENCH = _CONTROL | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 _STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 
 
+def usable_processors() -> int:
+    """Processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # Linux
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 class BatchPhysics:
     """N states that are advanced together, `steps` physics steps at a time, each as one simulation alone would be.
 
     The solver starts each step from the acceleration of the one before. MuJoCo's rollout does not return it, but under
     the Euler integrator it is the change of velocity over the timestep. (Passive joint damping, which MuJoCo integrates
-    implicitly, makes that an approximation; the solver's result then agrees to its tolerance.)
+    implicitly, makes that an approximation: the solver still comes to the same result, and an IMU on a moving body
+    feels the acceleration after the damping.)
     """
 
     def __init__(self, pool: ModelPool, count: int, steps: int, threads: int, push_body: int) -> None:

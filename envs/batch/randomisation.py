@@ -15,7 +15,7 @@ from humanoid_sim.envs.batch.counter_random import Words, uniforms
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["Randomisation", "Range", "vary_model"]
+__all__ = ["Randomisation", "Range", "vary_models"]
 
 Range = tuple[float, float]
 """Least and greatest of a uniform distribution."""
@@ -131,24 +131,31 @@ def _checked_range(name: str, value: object) -> Range:
     return float(value[0]), float(value[1])
 
 
-def vary_model(
-    model: mujoco.MjModel, nominal: mujoco.MjModel, randomisation: Randomisation, key: Words, dof: npt.NDArray[np.intp]
+def vary_models(
+    models: Sequence[mujoco.MjModel],
+    nominal: mujoco.MjModel,
+    randomisation: Randomisation,
+    keys: Words,
+    dof: npt.NDArray[np.intp],
 ) -> None:
-    """Give a copy of a model the mass and friction of one environment, in place; nothing is compiled anew.
+    """Give copies of a model the masses and frictions of their environments, in place; nothing is compiled anew.
 
     Args:
-        model: a copy of `nominal`, perhaps one that was varied before.
+        models: k copies of `nominal`, perhaps ones that were varied before.
         nominal: the robot as it is described.
         randomisation: the ranges.
-        key: shape (2, 1), the environment's.
+        keys: shape (2, k), the environments'.
         dof: shape (n,), the joints' indices into `qvel`.
     """
-    mass = randomisation.draw("mass", key, nominal.nbody)[0]
-    model.body_mass[:] = nominal.body_mass * mass
-    model.body_inertia[:] = nominal.body_inertia * mass[:, None]
-    friction = float(randomisation.draw("friction", key, 1)[0, 0])
-    model.geom_friction[:] = nominal.geom_friction * friction
-    model.pair_friction[:] = nominal.pair_friction * friction
-    model.dof_frictionloss[:] = nominal.dof_frictionloss
-    model.dof_frictionloss[dof] *= randomisation.draw("joint_friction", key, len(dof))[0]
-    mujoco.mj_setConst(model, mujoco.MjData(model))  # what the solver derives from masses at the zero pose
+    masses = randomisation.draw("mass", keys, nominal.nbody)
+    frictions = randomisation.draw("friction", keys, 1)[:, 0]
+    losses = randomisation.draw("joint_friction", keys, len(dof))
+    data = mujoco.MjData(nominal)  # room to work in
+    for model, mass, friction, loss in zip(models, masses, frictions, losses, strict=True):
+        model.body_mass[:] = nominal.body_mass * mass
+        model.body_inertia[:] = nominal.body_inertia * mass[:, None]
+        model.geom_friction[:] = nominal.geom_friction * friction
+        model.pair_friction[:] = nominal.pair_friction * friction
+        model.dof_frictionloss[:] = nominal.dof_frictionloss
+        model.dof_frictionloss[dof] *= loss
+        mujoco.mj_setConst(model, data)  # what the solver derives from masses at the zero pose

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 
 import mujoco
@@ -13,9 +12,9 @@ from humanoid_sim.envs.batch.body_tree import BodyTree, body_ids
 from humanoid_sim.envs.batch.counter_random import seed_keys
 from humanoid_sim.envs.batch.models import ModelPool
 from humanoid_sim.envs.batch.motors import BatchMotors, MotorDifferences
-from humanoid_sim.envs.batch.physics import BatchPhysics
+from humanoid_sim.envs.batch.physics import BatchPhysics, usable_processors
 from humanoid_sim.envs.batch.placement import Placement
-from humanoid_sim.envs.batch.randomisation import Randomisation, vary_model
+from humanoid_sim.envs.batch.randomisation import Randomisation, vary_models
 from humanoid_sim.envs.batch.rows import read_only
 from humanoid_sim.envs.batch.sensors import BatchSensors
 from humanoid_sim.envs.tasks.frames import seen_from
@@ -97,7 +96,7 @@ class BatchSimulation:
         push = body_ids(model, [push_body])[0] if push_body else base
         self._placement = Placement(model, description, self._joints)
         self._pool = ModelPool(model, count)
-        self.threads = min(len(os.sched_getaffinity(0)) if threads is None else threads, count)
+        self.threads = min(usable_processors() if threads is None else threads, count)
         """Threads that step physics."""
         self._physics = BatchPhysics(self._pool, count, self.physics_steps, self.threads, push)
         self._effort = np.zeros((count, len(self._joints.dof)))
@@ -185,9 +184,8 @@ class BatchSimulation:
         self._keys[:, where] = seed_keys(np.broadcast_to(np.asarray(seeds, dtype=np.uint64), where.shape))
         if self.randomisation.varies_models:
             self._pool.separate()
-            for i in where.tolist():
-                key = self._keys[:, i : i + 1]
-                vary_model(self._pool[i], self._pool.nominal, self.randomisation, key, self._joints.dof)
+            models, keys = self._pool.select(where), self._keys[:, where]
+            vary_models(models, self._pool.nominal, self.randomisation, keys, self._joints.dof)
         self._motors.differences = self._differences()
         self.reset(where)
 
