@@ -106,16 +106,18 @@ def _show_margins(console: Console, margins: tuple[Margin, ...], verdicts: dict[
     table.add_column("disturbance")
     table.add_column("borne up to", justify="right")
     table.add_column("fails")
-    table.add_column("verdict")
+    if verdicts:
+        table.add_column("verdict")
     for margin in margins:
         borne = quantity(margin.limit, margin.unit)
         verdict = (verdicts or {}).get(margin.axis, "")
-        table.add_row(
-            margin.axis,
-            f"{borne} or more" if margin.reached_end else borne,
-            "" if margin.reached_end else f"at {quantity(margin.levels[-1], margin.unit)}: {escape(margin.failure)}",
-            f"[{_COLOURS[verdict]}]{verdict}[/]" if verdict else "",
+        reason = (
+            "" if margin.reached_end else f"at {quantity(margin.levels[-1], margin.unit)}: {escape(margin.failure)}"
         )
+        cells = [margin.axis, f"{borne} or more" if margin.reached_end else borne, reason]
+        if verdicts:
+            cells.append(f"[{_COLOURS[verdict]}]{verdict}[/]" if verdict else "")
+        table.add_row(*cells)
     console.print(table)
 
 

@@ -28,7 +28,7 @@ def test_the_same_numbers_give_the_same_interval() -> None:
 
 def test_an_interval_of_a_large_sample_is_that_of_the_normal_distribution() -> None:
     values = np.random.default_rng(1).normal(loc=5.0, scale=2.0, size=400)
-    interval = mean_interval([values], [], 0.95, 20_000)
+    interval = mean_interval([values], [], 0.95, 5000)
     half = 1.96 * values.std(ddof=1) / 20.0
     assert interval.mean == values.mean()
     assert interval.low == pytest.approx(values.mean() - half, abs=0.01)
@@ -38,7 +38,7 @@ def test_an_interval_of_a_large_sample_is_that_of_the_normal_distribution() -> N
 def test_samples_that_are_not_paired_add_their_variances() -> None:
     generator = np.random.default_rng(2)
     plus, minus = generator.normal(3.0, 2.0, 300), generator.normal(1.0, 1.5, 200)
-    interval = mean_interval([plus], [minus], 0.95, 20_000)
+    interval = mean_interval([plus], [minus], 0.95, 5000)
     half = 1.96 * math.sqrt(plus.var(ddof=1) / 300 + minus.var(ddof=1) / 200)
     assert interval.mean == pytest.approx(plus.mean() - minus.mean(), abs=1e-12)
     assert interval.high - interval.low == pytest.approx(2.0 * half, rel=0.03)
