@@ -99,8 +99,8 @@ def margins(limit_delay: float = 0.02) -> tuple[Margin, ...]:
 
     return (
         sweep("delay", "s", 0.0, (0.005, 0.01, 0.02, 0.04), limit_delay),
-        sweep("gains", "×", 1.0, (0.8, 0.6, 0.4), 0.6),
-        sweep("gains", "×", 1.0, (1.25, 1.5, 2.0), 2.0),
+        sweep("gains down", "×", 1.0, (0.8, 0.6, 0.4), 0.6),
+        sweep("gains up", "×", 1.0, (1.25, 1.5, 2.0), 2.0),
         sweep("noise", "rad", 0.0, (0.005, 0.01, 0.02), 0.01),
     )
 

@@ -94,6 +94,7 @@ def test_every_svg_is_well_formed(worse_html):
         assert root.get("viewBox")
 
 
+@pytest.mark.slow
 def test_the_same_results_give_the_same_bytes(worse_html):
     assert report_page(invented.worse(with_margins=True)) == worse_html
 

@@ -17,11 +17,11 @@ _COLUMNS = 3
 
 def margin_table(candidate: Candidate, results: Results) -> str:
     """Each margin beside the baseline's, and what failed beyond it."""
-    before = {_key(margin): margin for margin in results.baseline.margins} if results.baseline else {}
+    before = {margin.axis: margin for margin in results.baseline.margins} if results.baseline else {}
     verdicts = {comparison.axis: comparison.verdict for comparison in candidate.margins}
     rows = []
     for margin in candidate.run.margins:
-        other = before.get(_key(margin))
+        other = before.get(margin.axis)
         verdict = verdicts.get(margin.axis)
         rows.append(
             [
@@ -33,11 +33,6 @@ def margin_table(candidate: Candidate, results: Results) -> str:
             ]
         )
     return table(("disturbance", "baseline bears", "candidate bears", "verdict", "fails beyond it with"), rows)
-
-
-def _key(margin: Margin) -> tuple[str, bool]:
-    """A disturbance and its direction: gains, for one, are swept both ways."""
-    return margin.axis, bool(margin.levels) and margin.levels[-1] < margin.nominal
 
 
 def _limit(margin: Margin) -> str:
@@ -54,21 +49,21 @@ def margin_plot(results: Results, name: str) -> str:
     runs = [(c.run, candidate_colour(i)) for i, c in enumerate(results.candidates)]
     if results.baseline is not None:
         runs.insert(0, (results.baseline, COLOURS["baseline"]))
-    keys = list(dict.fromkeys(_key(margin) for run, _ in runs for margin in run.margins))
-    if not keys:
+    disturbances = list(dict.fromkeys(margin.axis for run, _ in runs for margin in run.margins))
+    if not disturbances:
         return ""
-    rows = -(-len(keys) // _COLUMNS)
+    rows = -(-len(disturbances) // _COLUMNS)
     with drawing(0.4 + 1.75 * rows, name, "share of failed episodes over each disturbance") as sheet:
         grid = list(sheet.figure.subplots(rows, _COLUMNS, squeeze=False, sharey=True).flat)
-        for axes, key in zip(grid, keys, strict=False):
+        for axes, disturbance in zip(grid, disturbances, strict=False):
             for run, colour in runs:
                 for margin in run.margins:
-                    if _key(margin) == key:
+                    if margin.axis == disturbance:
                         _draw(axes, margin, colour, run.name if axes is grid[0] else "")
             style_axes(axes)
         for axes in grid[::_COLUMNS]:
             axes.set_ylabel("failed [%]")
-        for axes in grid[len(keys) :]:
+        for axes in grid[len(disturbances) :]:
             axes.set_visible(False)
         sheet.figure.legend(loc="outside upper right", ncols=len(runs))
     return sheet.svg
