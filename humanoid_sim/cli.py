@@ -21,6 +21,7 @@ VERBS = {
     "record": "look into a recording, or recover one that was cut off",
     "prepare": "check a motion from elsewhere on the robot and convert it; fetch a checkpoint",
     "record_dataset": "make a LeRobot dataset of recordings",
+    "compare": "how far apart recordings of one policy are, frame by frame",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
     "bench": "measure this machine's figures",

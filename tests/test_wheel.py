@@ -74,7 +74,7 @@ def test_the_wheel_holds_nothing_else(wheel: Path) -> None:
         names = archive.namelist()
     roots = {name.split("/")[0] for name in names}
     assert {root.partition("-")[0] for root in roots} == {"humanoid_sim"}
-    assert not [name for name in names if "test" in name or "notebook" in name or name.endswith((".pyc", ".ipynb"))]
+    assert not [name for name in names if "tests/" in name or "notebook" in name or name.endswith((".pyc", ".ipynb"))]
 
 
 def test_the_wheel_says_what_it_is(wheel: Path) -> None:
