@@ -56,6 +56,8 @@ class SinkGroup:
         return any(sink.backlog > ticks for sink in self._sinks)
 
     def _drop(self, sink: Sink, error: Exception) -> None:
+        if all(other is not sink for other in self._sinks):  # it failed once more at the news of another's failure
+            return
         failure = f"{type(sink).__name__}: {type(error).__name__}: {error}"
         self._sinks = tuple(other for other in self._sinks if other is not sink)
         self.failures.append(failure)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
 import threading
@@ -24,6 +25,7 @@ from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import bring_up as bring_up_module
 from humanoid_sim.play import program, real
+from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.control_socket import running_sessions
 
@@ -133,6 +135,7 @@ def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
         for word in ("damp", "reactivate", "quit"):
             statuses.append(run_program(mode.main, [word]))  # noqa: PERF401 - one after the other
 
+    began = time.time()
     thread = threading.Thread(target=operator)
     thread.start()
     result = run("--robot", quick, "--hardware", "virtual:quiet", *PLACEHOLDER)
@@ -148,6 +151,11 @@ def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
         assert not command.stiffness.any()
         assert not command.effort.any()
     assert run_program(replay.main, ["r.mcap"]) == 0
+    header = open_recording(result.folder / "r.mcap").header
+    checks = json.loads(header.documents["settings"])["checks"]
+    assert len(checks) == 15
+    assert checks[0].startswith("ok: left_shoulder_pitch: motor 11 on virtual:quiet")
+    assert began <= 1e-9 * header.start_time_ns + float(result.ticks[0].input.state.time) <= time.time()
 
 
 @pytest.mark.parametrize(("answer", "enables"), [("", False), ("n", False), ("yes", True)])
