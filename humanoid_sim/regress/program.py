@@ -66,7 +66,7 @@ def regress(config: RegressConfig) -> int:
     """
     check_outputs(config)
     plan = _plan(config)
-    console = Console(quiet=config.quiet)
+    console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is no picture
     executor = _executor(config)
     try:
         results = _run(config, plan, executor, console)
@@ -75,7 +75,7 @@ def regress(config: RegressConfig) -> int:
     if config.record_failures is not None:
         _record(config.record_failures, config.record_limit, plan, results, console)
     _write(config, results)
-    plain = Console()
+    plain = Console(emoji=False)
     for candidate in results.candidates:
         show_verdict(plain, results, candidate)
     return 0 if results.passed else 1

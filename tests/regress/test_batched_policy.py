@@ -9,6 +9,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 from policies import SAMPLE
+from published import POLICIES, needs_policies
 
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.regress.batch_axis import with_batch_axis
@@ -48,6 +49,23 @@ def check(policy: OnnxPolicy, batched: BatchedPolicy, count: int = 9) -> None:
 
 def test_the_sample_policy_folds_two_arms_into_the_batch_and_is_freed_all_the_same() -> None:
     policy = OnnxPolicy(SAMPLE)
+    batched = BatchedPolicy(policy)
+    assert batched.batching == FREE
+    check(policy, batched)
+
+
+@needs_policies
+@pytest.mark.parametrize(
+    "path",
+    [
+        "unitree_g1_velocity_v0/exported/policy.onnx",
+        "holosoma_g1_loco/ppo_g1_29dof.onnx",
+        "beyondmimic_g1/Waltz.onnx",
+    ],
+)
+def test_published_policies_all_have_a_batch_of_one_and_are_freed(path: str) -> None:
+    policy = OnnxPolicy(POLICIES / path)
+    assert policy.model.inputs[0].shape[0] == 1
     batched = BatchedPolicy(policy)
     assert batched.batching == FREE
     check(policy, batched)
