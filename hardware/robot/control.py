@@ -65,13 +65,18 @@ class MotorControl:
         """The motors are disabled: nothing more is sent."""
         self._watch = None
 
-    def read(self, now: float) -> tuple[JointReadings, FloatArray]:
-        """The joints' state, and the age of each, shape (n,), s, at `now`, s, robot's clock."""
+    def read(self) -> JointReadings:
+        """The joints' latest state."""
         self._joints = self._tracker.update(self._link.table.readings())
-        return self._joints, np.maximum(now - self._joints.time, 0.0)
+        return self._joints
 
     def statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
-        """One status per channel, and one about this program's commands if one was bad; none before enabling."""
+        """One status per channel, and one about this program's commands if one was bad; none before enabling.
+
+        Args:
+            now: s, robot's clock.
+            age: shape (n,), s since each joint was heard.
+        """
         if self._watch is None:
             return ()
         statuses = self._watch.statuses(now, age, self._tracker)

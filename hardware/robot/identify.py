@@ -64,10 +64,14 @@ def identify(
 
 def _dead_channel(link: Link, channel: int) -> str:
     """What to look at when none of a channel's motors answers."""
-    heard = link.channels[channel].recent(BusEvent.DAMAGED, link.opened)
-    reported = f"; the interface reports: {heard}" if heard else ""
+    interface = link.channels[channel]
+    events = [interface.down, *(interface.recent(event, link.opened) for event in BusEvent)]
+    slots = link.table.slots
+    events += [slots[i].invalid.text for i in link.requests.wiring.on_channel(channel)]
+    heard = "; ".join(dict.fromkeys(event for event in events if event))
     rate = BITRATE // 1_000_000
-    return f"no motor answers: are they powered, is the bus terminated, is it set to {rate} Mbit/s?{reported}"
+    question = f"no motor answers: are they powered, is the bus terminated, is it set to {rate} Mbit/s?"
+    return f"{question} What was noticed: {heard}" if heard else question
 
 
 def _ask_again(requests: Requests, answers: Answers) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import time as system_time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+
+import numpy as np
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress
@@ -21,6 +22,7 @@ from humanoid_sim.hardware.robot.link import Link, Locks
 from humanoid_sim.hardware.robot.settings import make_settings
 from humanoid_sim.hardware.robot.statistics import RobotStatistics, gather_statistics
 from humanoid_sim.hardware.robot.stopping import enable_motors, stop_motors
+from humanoid_sim.hardware.robot.tracker import unheard
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import MITCommand, MITState
@@ -212,31 +214,20 @@ class RobstrideRobot:
         Never raises, and waits for nothing.
         """
         now, control = self.time, self._control
-        statuses: tuple[SafetyStatus, ...] = ()
+        joints = unheard(self._settings.wiring.count) if control is None else control.read()
+        age = np.maximum(now - joints.time, 0.0)
         imu = upright_at_rest(OK) if self._imu is None else self._imu.read(now)
-        if control is None:
-            unknown = MITState.unknown(self._settings.wiring.count, now)
-            state = replace(
-                unknown,
-                imu_quaternion=imu.quaternion,
-                imu_angular_velocity=imu.angular_velocity,
-                imu_linear_acceleration=imu.linear_acceleration,
-            )
-        else:
-            joints, age = control.read(now)
-            statuses = control.statuses(now, age)
-            state = MITState(
-                time=now,
-                joint_position=joints.position,
-                joint_velocity=joints.velocity,
-                joint_effort=joints.effort,
-                joint_age=age,
-                imu_quaternion=imu.quaternion,
-                imu_angular_velocity=imu.angular_velocity,
-                imu_linear_acceleration=imu.linear_acceleration,
-            )
-        if not statuses:
-            statuses = self._not_enabled()
+        state = MITState(
+            time=now,
+            joint_position=joints.position,
+            joint_velocity=joints.velocity,
+            joint_effort=joints.effort,
+            joint_age=age,
+            imu_quaternion=imu.quaternion,
+            imu_angular_velocity=imu.angular_velocity,
+            imu_linear_acceleration=imu.linear_acceleration,
+        )
+        statuses = control.statuses(now, age) if control is not None and control.is_enabled else self._not_enabled()
         return state, statuses if self._imu is None else (*statuses, imu.status)
 
     def _not_enabled(self) -> tuple[SafetyStatus, ...]:

@@ -12,7 +12,7 @@ from humanoid_sim.hardware.robot.turns import WRAP, has_jumped, unwrapped
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["JointReadings", "JointTracker"]
+__all__ = ["JointReadings", "JointTracker", "unheard"]
 
 _TURN = 2.0 * math.pi
 
@@ -31,6 +31,12 @@ class JointReadings:
         """rad/s; 0 where never heard."""
         self.effort = effort
         """N·m; 0 where never heard."""
+
+
+def unheard(joint_count: int) -> JointReadings:
+    """The state of joints of which nothing is known."""
+    zeros = np.zeros(joint_count)
+    return JointReadings(np.full(joint_count, -np.inf), np.full(joint_count, np.nan), zeros, zeros)
 
 
 class JointTracker:

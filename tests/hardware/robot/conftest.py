@@ -11,7 +11,7 @@ import pytest
 
 from humanoid_sim.hardware.bus import channel
 from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.robot import activation, closing, identify, requests
+from humanoid_sim.hardware.robot import activation, closing, identify, requests, stopping
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.robots.schema import (
     DampingSettings,
@@ -47,6 +47,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests in which a motor will not do what it is asked."""
     monkeypatch.setattr(requests, "_ANSWER_TIME", 0.03)
     monkeypatch.setattr(requests, "_ATTEMPTS", 3)
+    monkeypatch.setattr(stopping, "_ENABLE_TIME", 0.1)
 
 
 @pytest.fixture
