@@ -215,15 +215,15 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         if raw.shape != self.action_space.shape:
             raise InputError(f"actions: have shape {raw.shape}, expected {self.action_space.shape}")
         starting = self._is_over.copy()
-        accepted = self.setting.side.accepts(raw)
+        refused = ~self.setting.side.accepts(raw) & ~starting
         before = self._memory
-        sound, judgement, faults = self._advance(raw, accepted & ~starting)
-        faults |= {int(i): self.setting.side.refusal(raw[i]) for i in np.flatnonzero(~accepted & ~starting)}
+        sound, judgement, faults = self._advance(raw, ~refused & ~starting)
+        faults |= {int(i): self.setting.side.refusal(raw[i]) for i in np.flatnonzero(refused)}
         self.fault_count += len(faults)
 
         reward = np.where(sound, judgement.reward, 0.0)
         terminated = np.where(sound, judgement.terminated, ~starting)
-        truncated = sound & (judgement.truncated | (self._steps >= self._longest))
+        truncated = (sound & judgement.truncated) | (~starting & (self._steps + refused >= self._longest))
         info = VectorInfo(self.num_envs)
         info.add("frame", np.where(sound, self._memory.frame, before.frame), ~starting)
         info.add_terms("terms", judgement.terms, sound, ~starting)

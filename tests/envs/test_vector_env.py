@@ -161,8 +161,8 @@ def test_every_step_is_that_of_single_environments(both: tuple[PolicyVectorEnv, 
     ended = np.zeros(COUNT, dtype=np.int64)
     for step in range(14):
         action = 0.2 * native.action_space.sample()
-        if step in (3, 11):
-            action[1, 4] = np.nan if step == 3 else 1e6
+        if step in (4, 11):  # the fifth step is also the last that two of the cases allow
+            action[1, 4] = np.nan if step == 4 else 1e6
         ours, theirs = native.step(action), sync.step(action)
         assert ours[0].dtype == np.float32
         np.testing.assert_allclose(ours[0], theirs[0], rtol=1e-6, atol=1e-6)
@@ -337,7 +337,7 @@ def test_what_is_returned_belongs_to_the_caller() -> None:
     kept = observation.copy()
     action = np.full(native.action_space.shape, np.nan, dtype=np.float32)
     observation[:] = 7.0
-    np.testing.assert_array_equal(native.step(action)[0], np.clip(kept, native.observation_space.low, None))
+    np.testing.assert_array_equal(native.step(action)[0], kept)
     native.close()
 
 
