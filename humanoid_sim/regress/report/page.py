@@ -8,7 +8,7 @@ from humanoid_sim.regress.report.margins import margin_plot, margin_table
 from humanoid_sim.regress.report.markup import element, section, table, text
 from humanoid_sim.regress.report.stylesheet import stylesheet
 from humanoid_sim.regress.report.traces import trace_plots
-from humanoid_sim.regress.report.verdicts import headline, verdict_table
+from humanoid_sim.regress.report.verdicts import headline, legend, verdict_table
 from humanoid_sim.regress.results import MetricInfo, PolicyRun, Results
 
 __all__ = ["assemble"]
@@ -46,7 +46,7 @@ def _verdicts(results: Results) -> list[str]:
     return [
         section(candidate.run.name, verdict_table(results, candidate), name=f"verdict-{i}")
         for i, candidate in enumerate(results.candidates)
-    ]
+    ] + [element("p", text(legend(results)), class_="note")]
 
 
 def _distributions(results: Results) -> str:
@@ -105,7 +105,7 @@ def _episodes(results: Results) -> list[str]:
         overview = episode_map(results, candidate, f"map-{i}")
         figure = element("figure", overview) if overview else ""
         parts.append(section(f"Worst episodes{of}", figure, worst_table(results, candidate), name=f"worst-{i}"))
-        title = f"Traces that differ{of}" if results.baseline else f"Traces{of}"
+        title = f"Traces{of} that differ" if results.baseline else f"Traces{of}"
         parts.append(section(title, trace_plots(results, i), name=f"traces-{i}"))
     return parts
 

@@ -44,7 +44,7 @@ def trace_plots(results: Results, index: int) -> str:
 
 
 def _episodes(results: Results, candidate: Candidate) -> tuple[Pair, ...]:
-    """The failures that are new, then the episodes whose traces differ most from the baseline's."""
+    """Failures that are new, then the episodes whose traces differ most from the baseline's: one of each case first."""
     pairs = pair_up(candidate.run, results.baseline)
     if not any(pair.baseline for pair in pairs):
         return worst(pairs, results.metrics[0], _EPISODES)
@@ -54,7 +54,10 @@ def _episodes(results: Results, candidate: Candidate) -> tuple[Pair, ...]:
         (pair for pair in pairs if pair not in failed),
         key=lambda pair: -max((trace_difference(pair, name) / scales[name] for name in scales), default=0.0),
     )
-    return tuple([*failed[: _EPISODES // 2], *rest][:_EPISODES])
+    ranked = [*failed[: _EPISODES // 2], *rest]
+    of_each_case = list({pair.candidate.case: pair for pair in reversed(ranked)}.values())[::-1]
+    of_each_case.sort(key=ranked.index)
+    return tuple([*of_each_case, *(pair for pair in ranked if pair not in of_each_case)][:_EPISODES])
 
 
 def _trace_names(pairs: Sequence[Pair]) -> list[str]:

@@ -7,17 +7,10 @@ from humanoid_sim.regress.report.markup import badge, element, table, text
 from humanoid_sim.regress.results import Candidate, Comparison, MetricInfo, Results
 from humanoid_sim.regress.words import detectable_in_words, quantity
 
-__all__ = ["headline", "order_of_interest", "verdict_table"]
-
-_INTEREST = ("worse", "unclear", "better", "same", "unmeasured")
+__all__ = ["headline", "legend", "verdict_table"]
 
 _HEAD = ("metric", "baseline", "candidate", "change", "interval of the change", "tolerated", "detectable", "verdict")
 _VALUES = ("metric", "mean over the episodes")
-
-
-def order_of_interest(comparisons: tuple[Comparison, ...]) -> tuple[Comparison, ...]:
-    """Worse first, then what is not clear, then what is better; each in its usual order."""
-    return tuple(sorted(comparisons, key=lambda comparison: _INTEREST.index(comparison.verdict)))
 
 
 def headline(results: Results) -> str:
@@ -70,7 +63,7 @@ def verdict_table(results: Results, candidate: Candidate) -> str:
                 badge(comparison.verdict),
             ]
         )
-    return table(_HEAD, rows, numbers=(1, 2, 3, 5, 6)) + element("p", _legend(results, candidate), class_="note")
+    return table(_HEAD, rows, numbers=(1, 2, 3, 5, 6))
 
 
 def _value_table(results: Results, candidate: Candidate) -> str:
@@ -95,11 +88,15 @@ def _change(metric: MetricInfo, comparison: Comparison) -> str:
     return f"{change} {element('span', f'{100.0 * comparison.relative:+.1f} %', class_='faint')}"
 
 
-def _legend(results: Results, candidate: Candidate) -> str:
-    paired = all(comparison.paired for comparison in candidate.comparisons)
+def legend(results: Results) -> str:
+    """What the columns of the tables mean; '' where nothing was compared."""
+    comparisons = [comparison for candidate in results.candidates for comparison in candidate.comparisons]
+    if not comparisons:
+        return ""
+    paired = all(comparison.paired for comparison in comparisons)
     pairing = "paired by case and seed" if paired else "compared case by case, because the seeds differ"
     power = f" with a probability of {results.detectable[0].power:.0%}" if results.detectable else ""
-    return text(
+    return (
         "Bars: better to the left, worse to the right; the grey band is what is tolerated. All intervals hold "
         f"together with {results.confidence:.0%} confidence: {results.resamples} bootstrap resamples of the episodes, "
         f"{pairing}. Detectable: the worsening that this suite finds{power}, known from the baseline alone."
