@@ -16,6 +16,9 @@ from hypothesis import HealthCheck, settings
 # Test modules are imported by file (importlib mode), which leaves sys.path alone; strategies and rigs need a name.
 sys.path.append(str(Path(__file__).parent / "controllers"))
 
+# dm_control settles PyOpenGL's platform for the whole process when it is imported; the tests of drawing want OSMesa.
+os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
+
 # Shared machines miss any deadline now and then. The normal run is the same everywhere and every time; new examples are
 # drawn by the slow tests, and by `pytest --hypothesis-profile explore`. Both print what reproduces a failure.
 settings.register_profile("normal", deadline=None, derandomize=True, database=None, print_blob=True)
