@@ -12,6 +12,10 @@ from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, un
 __all__ = ["ParameterAccess", "Unreadable"]
 
 
+_WRITES = 4
+"""Times that a value is written before what is read back counts."""
+
+
 @dataclass(frozen=True, slots=True)
 class Unreadable:
     """A motor answered that it has no such parameter, or did not answer."""
@@ -31,11 +35,13 @@ class ParameterAccess:
         return self._exchange(parameters, {})
 
     def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float | Unreadable]:
-        """Write a value to each joint's motor and read it back; what differs is written once more."""
-        parameters = dict.fromkeys(values, parameter)
-        found = self._exchange(parameters, values)
-        differing = {i: parameter for i, value in found.items() if not isinstance(value, float) or value != values[i]}
-        return {**found, **self._exchange(differing, values)}
+        """Write a value to each joint's motor and read it back; what differs is written again: its frame was lost."""
+        found: dict[int, float | Unreadable] = {}
+        differing = dict.fromkeys(values, parameter)
+        for _ in range(_WRITES):
+            found |= self._exchange(differing, values)
+            differing = {i: parameter for i, value in found.items() if isinstance(value, float) and value != values[i]}
+        return found
 
     def _exchange(
         self, parameters: Mapping[int, Parameter], values: Mapping[int, float]

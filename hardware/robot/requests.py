@@ -16,9 +16,9 @@ from humanoid_sim.hardware.robstride.models import MODELS
 
 __all__ = ["Requests"]
 
-_ATTEMPTS = 3
-_ANSWER_TIME = 0.25
-"""s that a motor has to answer. It takes milliseconds; the rest is for a busy computer, and passes only in refusals."""
+_ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)
+"""s that a motor has to answer each time that it is asked. It takes a few milliseconds; the first retries are for a lost
+frame, the last for a busy computer."""
 _POLL = 0.001
 """s"""
 
@@ -61,17 +61,17 @@ class Requests:
             accept: turns an answer from a joint's motor into the result, or None if it is not the one wanted.
 
         Returns:
-            The results by joint; a motor that did not answer after three attempts is left out.
+            The results by joint; a motor that did not answer any attempt is left out.
         """
         found: dict[int, Answer] = {}
         by_address = {(self.wiring.channel[i], self.wiring.motor_id[i]): i for i in commands}
-        for _ in range(_ATTEMPTS):
+        for patience in _ANSWER_TIMES:
             missing = {joint: group for joint, group in commands.items() if joint not in found}
             if not missing:
                 break
             self._drain()
             self.send(missing)
-            deadline = time.monotonic() + _ANSWER_TIME
+            deadline = time.monotonic() + patience
             while len(found) < len(commands) and (left := deadline - time.monotonic()) > 0.0:
                 try:
                     channel, reply, _ = self._answers.get(timeout=left)
@@ -94,16 +94,16 @@ class Requests:
         an active report, answers nothing.
 
         Returns:
-            The status by joint; a motor that did not report it after three attempts is left out.
+            The status by joint; a motor that did not report it after any attempt is left out.
         """
         found: dict[int, Sample] = {}
-        for _ in range(_ATTEMPTS):
+        for patience in _ANSWER_TIMES:
             missing = {joint: group for joint, group in commands.items() if joint not in found}
             if not missing:
                 break
             before = {joint: self.table.slots[joint].sample for joint in missing}
             self.send(missing)
-            deadline = time.monotonic() + _ANSWER_TIME
+            deadline = time.monotonic() + patience
             while len(found) < len(commands) and time.monotonic() < deadline:
                 time.sleep(_POLL)
                 for joint, old in before.items():

@@ -28,6 +28,7 @@ sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "bus")]
 from scripted_motors import ScriptedMotor, ScriptedMotors
 
 _numbers = itertools.count()
+_PATIENT = (0.05, 0.1, 0.2, 0.4, 0.4)
 
 
 @pytest.fixture(autouse=True)
@@ -37,16 +38,14 @@ def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(activation, "_REPORT_WAIT", 0.04)
     monkeypatch.setattr(channel, "_POLL", 0.005)
     monkeypatch.setattr(identify, "_QUIET", 0.02)
-    monkeypatch.setattr(requests, "_ANSWER_TIME", 0.1)
-    monkeypatch.setattr(requests, "_ATTEMPTS", 10)
+    monkeypatch.setattr(requests, "_ANSWER_TIMES", _PATIENT)
     monkeypatch.setattr(closing, "_LONGEST", 0.05)
 
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests in which a motor will not do what it is asked."""
-    monkeypatch.setattr(requests, "_ANSWER_TIME", 0.03)
-    monkeypatch.setattr(requests, "_ATTEMPTS", 3)
+    monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03, 0.03, 0.03))
     monkeypatch.setattr(stopping, "_ENABLE_TIME", 0.1)
 
 
@@ -128,7 +127,7 @@ def make_robot(
         return robot
 
     yield make
-    monkeypatch.setattr(requests, "_ATTEMPTS", 10)
+    monkeypatch.setattr(requests, "_ANSWER_TIMES", _PATIENT)
     for motor in (left, right):
         motor.is_silent, motor.stops, motor.hears = False, True, lambda _: True
     for robot in made:

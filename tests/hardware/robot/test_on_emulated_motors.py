@@ -107,6 +107,7 @@ def test_an_assembled_robot_is_read_where_it_is_and_moved_where_it_should_be(cha
         assert wait_until(lambda: np.abs(motors.truth.joint_effort).max() == 0.0), "nobody drives the joints any more"
 
 
+@pytest.mark.slow
 def test_nothing_recovers_by_itself_and_reactivating_does() -> None:
     channels = _channels(1)
     settings = EmulationSettings(physics_timestep=0.001)
@@ -128,6 +129,7 @@ def test_nothing_recovers_by_itself_and_reactivating_does() -> None:
         assert bad == []
 
 
+@pytest.mark.slow
 def test_the_motors_stop_when_the_host_falls_silent() -> None:
     channels = _channels(1)
     settings = EmulationSettings(physics_timestep=0.001)
