@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Self
 
 import can
 
+from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.plant import PlantTruth
@@ -23,6 +24,10 @@ _TRUTH_PERIOD = 0.002
 """s between two snapshots of the truth: 500 Hz, the rate of a common IMU."""
 _MOST_AT_ONCE = 256
 """Frames taken from one channel before time goes on: a flood must not stop the motors."""
+_MOST_ECHOES = 1024
+"""Frames of motors that are remembered until they are heard again; some get lost on the way, and are forgotten."""
+_OLDEST = 2.0
+"""s between a frame's stamp and its reading that are believed."""
 _JOIN = 5.0
 """s that closing waits for the thread."""
 
@@ -56,9 +61,8 @@ class EmulatorHost:
         self._begin = clock()
         self._lock = threading.Lock()
         self._closing = threading.Event()
-        self._echoes: tuple[Counter[tuple[int, bytes]], ...] | None = (
-            tuple(Counter() for _ in self._buses) if echoes else None
-        )
+        self._has_echoes = echoes
+        self._echoes: tuple[deque[tuple[int, bytes]], ...] = tuple(deque(maxlen=_MOST_ECHOES) for _ in self._buses)
         self._truth = emulator.motors.plant.truth(self._begin)
         self.send_errors = 0
         """Frames that a channel did not take."""
@@ -133,23 +137,23 @@ class EmulatorHost:
         wall = time.time()
         for index, bus in enumerate(self._buses):
             for _ in range(_MOST_AT_ONCE):
-                message = bus.recv(0.0)
+                message = _received(bus)
                 if message is None:
                     break
                 # `is_rx` is not asked: on SocketCAN what other processes of this machine send comes without it.
                 if message.is_error_frame or message.is_fd:
                     continue
                 data = bytes(message.data)
-                if self._echoes is not None and self._is_echo(index, message.arbitration_id, data):
+                if self._has_echoes and self._is_echo(index, message.arbitration_id, data):
                     continue
-                # other programs put whatever counts as an integer into a message, NumPy's too
+                # Other programs put whatever counts as an integer into a message, NumPy's too.
                 number = int(message.arbitration_id)
                 frame = Frame(number, data, message.is_extended_id, message.is_remote_frame)
                 self._emulator.submit(index, frame, self._arrival(message.timestamp, wall, until))
         for arrival in self._emulator.advance(until):
             frame = arrival.frame
-            if self._echoes is not None:
-                self._echoes[arrival.bus][frame.arbitration_id, frame.data] += 1
+            if self._has_echoes:
+                self._echoes[arrival.bus].append((frame.arbitration_id, frame.data))
             message = can.Message(
                 timestamp=wall - until + arrival.time,
                 arbitration_id=frame.arbitration_id,
@@ -165,14 +169,18 @@ class EmulatorHost:
 
     def _arrival(self, stamp: float, wall: float, now: float) -> float:
         """The emulator's time of a stamp: between the last look, which the emulator sees to itself, and now."""
-        return min(now - (wall - stamp), now) if wall - stamp < _JOIN else now
+        return min(now - (wall - stamp), now) if wall - stamp < _OLDEST else now
 
     def _is_echo(self, bus: int, arbitration_id: int, data: bytes) -> bool:
-        echoes = self._echoes[bus] if self._echoes is not None else Counter()
-        if not echoes[arbitration_id, data]:
-            del echoes[arbitration_id, data]
+        try:
+            self._echoes[bus].remove((arbitration_id, data))
+        except ValueError:
             return False
-        echoes[arbitration_id, data] -= 1
-        if not echoes[arbitration_id, data]:
-            del echoes[arbitration_id, data]
         return True
+
+
+def _received(bus: can.BusABC) -> can.Message | None:
+    try:
+        return bus.recv(0.0)
+    except can.CanError as error:
+        raise RobotError(f"{bus.channel_info}: receiving fails: {error}") from None

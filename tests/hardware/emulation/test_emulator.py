@@ -151,6 +151,15 @@ def test_the_torque_limit_is_the_written_one() -> None:
     assert abs(bench.torque()[wrist]) == pytest.approx(4.0, rel=1e-6)
 
 
+def test_the_phase_current_limits_the_torque_whatever_is_written() -> None:
+    bench = Bench()
+    bench.enable()
+    bench.tell(WriteParameter(11, 0x700B, np.float32(100.0).tobytes()))
+    bench.submit(OperationControl(11, 12.0, 0.0, 0.0, 500.0, 0.0))
+    bench.advance(0.002)
+    assert bench.emulator.motors.plant.torque[0] == pytest.approx(MODELS_BY_ID[11].peak_torque)
+
+
 def test_work_makes_windings_warm() -> None:
     bench = Bench()
     bench.enable()

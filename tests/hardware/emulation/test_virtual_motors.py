@@ -38,6 +38,13 @@ def _answers(bus: can.BusABC, count: int, patience: float = 2.0) -> list[can.Mes
     return found
 
 
+def _wait_for_failure(motors: VirtualMotors) -> None:
+    deadline = time.monotonic() + 2.0
+    while motors.failure is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert motors.failure is not None
+
+
 @pytest.fixture
 def motors() -> Iterator[VirtualMotors]:
     with VirtualMotors(LITE, ["virtual:emulated"]) as motors:
@@ -164,13 +171,20 @@ def test_what_breaks_the_emulation_is_said_and_raised_at_the_end() -> None:
         emulator.advance = None  # type: ignore[assignment,method-assign]
 
     motors.call(break_it)
-    deadline = time.monotonic() + 2.0
-    while motors.failure is None and time.monotonic() < deadline:
-        time.sleep(0.01)
+    _wait_for_failure(motors)
     assert isinstance(motors.failure, TypeError)
     with pytest.raises(TypeError):
         motors.close()
     motors.close()
+
+
+def test_a_channel_that_fails_ends_the_emulation_with_one_line() -> None:
+    motors = VirtualMotors(LITE, ["virtual:unplugged"])
+    can_bus = motors._buses[0]
+    motors.call(lambda _: can_bus.shutdown())
+    _wait_for_failure(motors)
+    with pytest.raises(RobotError, match="Virtual bus channel unplugged: receiving fails: "):
+        motors.close()
 
 
 def test_wrong_channels_are_refused_and_leave_nothing_open() -> None:
