@@ -17,7 +17,7 @@ from humanoid_sim.hardware.robot.parameter_access import ParameterAccess
 from humanoid_sim.hardware.robot.requests import Requests
 from humanoid_sim.hardware.robot.settings import AdapterSettings
 from humanoid_sim.hardware.robot.stopping import stop_and_clear
-from humanoid_sim.hardware.robot.turns import find_turns, turn_problems
+from humanoid_sim.hardware.robot.turns import WRAP, find_turns, turn_problems
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of
 from humanoid_sim.hardware.robstride.messages import SetActiveReport
@@ -28,14 +28,12 @@ __all__ = ["Prepared", "prepare_motors", "set_reports"]
 
 _LISTENING = 0.05
 """s of silence in which another host would be heard, before anything is sent."""
-_REPORT_WAIT = 0.05
-"""s in which the first active reports must come."""
+_REPORT_WAIT = 0.3
+"""s at most in which the first active reports must come."""
 _SCAN_TIME = 1
 """`EPScan_time` of the shortest report interval."""
 _FULL_BUS = 0.6
 """Share of a bus up to which active reports are worth their frames."""
-_COUNT_ERROR = 0.1
-"""rad by which a motor's own position and its status may differ while it is stopped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +47,7 @@ class Prepared:
     uids: Mapping[int, bytes]
     """By joint."""
     reporting: tuple[int, ...]
-    """Joints whose motors send their state by themselves."""
+    """Joints whose motors were told to send their state by themselves."""
 
 
 def prepare_motors(
@@ -112,7 +110,7 @@ def _find_positions(
         own = counted[i]
         if not isinstance(own, float):
             checks.warn(name, "mechPos cannot be read: whether it turned beyond ±4π since power-on is not known")
-        elif not abs(own - position[i]) <= _COUNT_ERROR:
+        elif not abs(own - position[i]) < 0.5 * WRAP:  # they differ by whole periods, and by the motion in between
             checks.problem(
                 name,
                 f"counts {own:.2f} rad by itself and reports {position[i]:.2f}: it turned beyond ±4π since power-on; "
@@ -147,16 +145,18 @@ def _start_reports(
         else:
             wanted += [i for i in motors if i in able]
     access.write(PARAMETERS["EPScan_time"], dict.fromkeys(wanted, float(_SCAN_TIME)))
-    before = [slot.reports + slot.statuses for slot in link.table.slots]
+    slots = link.table.slots
+    before = [slot.reports + slot.statuses for slot in slots]
+
+    def silent() -> list[int]:
+        """Joints whose motors sent no more than one status: that may have answered the request."""
+        return [i for i in wanted if slots[i].reports + slots[i].statuses <= before[i] + 1]
+
     set_reports(link.requests, wanted, is_on=True)
-    link.listen(_REPORT_WAIT)
-    silent = []
-    for i in wanted:
-        slot = link.table.slots[i]
-        if slot.reports + slot.statuses <= before[i] + 1:  # one status may have answered the request
-            silent.append(i)
-            checks.warn(wiring.names[i], "sends no active reports: its state is a control period old")
-    return tuple(i for i in wanted if i not in silent)
+    link.wait(lambda: not silent(), _REPORT_WAIT)
+    for i in silent():
+        checks.warn(wiring.names[i], "sends no active reports: its state is a control period old")
+    return tuple(wanted)
 
 
 def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:

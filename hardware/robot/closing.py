@@ -49,9 +49,7 @@ def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None]) -> N
 
 def disable(settings: AdapterSettings, link: Link, reporting: Iterable[int]) -> tuple[int, ...]:
     """Stop all motors and their active reports; the joints whose motors did not confirm it, asked twice over."""
-    deadline = time.monotonic() + _LAST_ANSWERS
-    while link.unanswered and time.monotonic() < deadline:
-        time.sleep(_PERIOD)
+    link.wait(lambda: link.unanswered <= 0, _LAST_ANSWERS)
     link.table.counts_answers = False
     set_reports(link.requests, reporting, is_on=False)
     joints: Sequence[int] = range(settings.wiring.count)

@@ -17,6 +17,9 @@ from humanoid_sim.hardware.robot.table import MotorTable
 
 __all__ = ["Link", "Locks"]
 
+_POLL = 0.001
+"""s"""
+
 
 class Locks:
     """All channels of a robot for this session alone, from its first activation until it is closed."""
@@ -98,6 +101,15 @@ class Link:
     def listen(self, duration: float) -> None:
         """Wait for what others say, s."""
         time.sleep(duration)
+
+    def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Wait for what the receivers hear, `timeout` s at most; whether it came."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(_POLL)
+        return True
 
     def begin(self) -> None:
         """The motors are enabled: questions are over, and from here on only what happens next counts."""

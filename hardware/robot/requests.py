@@ -17,8 +17,8 @@ from humanoid_sim.hardware.robstride.models import MODELS
 __all__ = ["Requests"]
 
 _ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)
-"""s that a motor has to answer each time that it is asked. It takes milliseconds; the first retries are for a lost frame,
-the last for a busy computer."""
+"""s that a motor has to answer each time that it is asked. It takes milliseconds; the first retries are for a lost
+frame, the last for a busy computer."""
 _POLL = 0.001
 """s"""
 

@@ -34,10 +34,14 @@ def mode_text(sample: Sample | None) -> str:
 
 
 def stop_motors(requests: Requests, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
-    """Stop these joints' motors; those that did not confirm it."""
+    """Stop these joints' motors, and clear their faults if so asked; those that did not confirm it."""
     motor_id = requests.wiring.motor_id
     commands = {i: [Stop(motor_id[i], clear_faults, host_id=requests.host_id)] for i in joints}
-    confirmed = requests.until_status(commands, lambda sample: sample.mode == MotorMode.RESET)
+
+    def is_done(sample: Sample) -> bool:
+        return sample.mode == MotorMode.RESET and not (clear_faults and sample.faults)
+
+    confirmed = requests.until_status(commands, is_done)
     return tuple(i for i in commands if i not in confirmed)
 
 
@@ -52,7 +56,7 @@ def stop_and_clear(requests: Requests, access: ParameterAccess, checks: CheckLis
     faulty = [i for i, slot in enumerate(slots) if words.get(i) or (slot.sample is not None and slot.sample.faults)]
     for i in faulty:
         checks.warn(wiring.names[i], f"had faults, cleared: {_faults_text(slots[i].sample, words.get(i, 0))}")
-    silent += stop_motors(requests, [i for i in faulty if i not in silent], clear_faults=True)
+    stop_motors(requests, [i for i in faulty if i not in silent], clear_faults=True)
     words = {**words, **_fault_words(wiring, access, faulty)}
     for i, slot in enumerate(slots):
         if i in silent:

@@ -35,7 +35,6 @@ _PATIENT = (0.05, 0.1, 0.2, 0.4, 0.4)
 def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """What takes a real bus milliseconds takes a virtual one less."""
     monkeypatch.setattr(activation, "_LISTENING", 0.005)
-    monkeypatch.setattr(activation, "_REPORT_WAIT", 0.04)
     monkeypatch.setattr(channel, "_POLL", 0.005)
     monkeypatch.setattr(identify, "_QUIET", 0.02)
     monkeypatch.setattr(requests, "_ANSWER_TIMES", _PATIENT)
@@ -47,6 +46,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests in which a motor will not do what it is asked."""
     monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03, 0.03, 0.03))
     monkeypatch.setattr(stopping, "_ENABLE_TIME", 0.1)
+    monkeypatch.setattr(activation, "_REPORT_WAIT", 0.05)
 
 
 @pytest.fixture

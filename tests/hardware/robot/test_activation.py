@@ -153,6 +153,7 @@ def test_reports_are_left_off_where_answers_come_as_often(make_robot: MakeRobot,
     assert any("no active reports: commands are answered as often" in str(check) for check in robot.checks)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_motor_that_does_not_report_is_mentioned(robot: RobstrideRobot, left: ScriptedMotor) -> None:
     left.hears = lambda command: not isinstance(command, SetActiveReport)
     robot.activate()
@@ -323,6 +324,16 @@ def test_the_fault_of_a_motor_is_cleared_and_told(robot: RobstrideRobot, left: S
     assert robot.read()[1][0].is_ok
 
 
+def test_reports_of_an_earlier_session_do_not_hide_that_a_fault_was_cleared(
+    robot: RobstrideRobot, left: ScriptedMotor
+) -> None:
+    left.reports = True
+    left.faults = StatusFault.STALL_OVERLOAD
+    for _ in range(3):
+        robot.prepare()
+    assert not left.faults
+
+
 @pytest.mark.usefixtures("impatient")
 def test_a_fault_that_does_not_clear_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
     left.faults, left.clears_faults = StatusFault.UNDERVOLTAGE, False
@@ -422,6 +433,11 @@ def test_a_motor_that_turned_beyond_its_report_is_refused(robot: RobstrideRobot,
     left.counted = left.position + 8.0 * math.pi
     (problem,) = _refusal(robot)
     assert problem.startswith("left: counts 25.38 rad by itself and reports 0.25")
+
+
+def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.counted = left.position + 1.2  # between the status and the parameter's answer
+    robot.activate()
 
 
 # --- again, and together
