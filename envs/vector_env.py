@@ -26,7 +26,7 @@ from humanoid_sim.envs.spaces import action_space, observation_space
 from humanoid_sim.envs.tasks.sample import BaseSample, StepSample
 from humanoid_sim.envs.tasks.task import Judgement
 from humanoid_sim.envs.vector_info import VectorInfo
-from humanoid_sim.envs.vector_options import autoreset, check_counts, reset_command, reset_mask, reset_seeds
+from humanoid_sim.envs.vector_options import autoreset, count_option, reset_command, reset_mask, reset_seeds
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import Motion
@@ -101,7 +101,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         """
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
-        check_counts(num_envs, max_episode_steps)
+        num_envs = count_option("num_envs", num_envs)
         self.setting = setting = make_setting(
             contract,
             robot,
@@ -137,7 +137,8 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         """Episodes that a fault has ended so far."""
         self._pictures = Pictures(setting.description, width, height, camera)
         self._low, self._high = bounds.low, bounds.high
-        self._longest = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
+        unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
+        self._longest = count_option("max_episode_steps", unlimited)
         self._numbers = StartNumbers(num_envs, setting.task.draws)
         self._memory: PolicyMemory | None = None
         self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)

@@ -12,22 +12,27 @@ from gymnasium.vector import AutoresetMode
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["autoreset", "check_counts", "reset_command", "reset_mask", "reset_seeds"]
+__all__ = ["autoreset", "count_option", "reset_command", "reset_mask", "reset_seeds"]
 
 
 def reset_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
     """One seed per environment: `seed`, `seed + 1`, … of a number; None leaves an environment's stream as it is.
 
     Raises:
-        InputError: there are more or fewer than environments.
+        InputError: they are not whole numbers, or not as many as environments.
     """
     if seed is None:
         return [None] * count
-    if isinstance(seed, int | np.integer):
-        return [int(seed) + i for i in range(count)]
-    if len(seed) != count:
-        raise InputError(f"reset: seed has {len(seed)} values, expected one number or {count}, one per environment")
-    return [None if one is None else int(one) for one in seed]
+    seeds = [seed + i for i in range(count)] if isinstance(seed, int | np.integer) else seed
+    if not isinstance(seeds, Sequence | np.ndarray) or len(seeds) != count or not all(map(_is_seed, seeds)):
+        raise InputError(
+            f"reset: seed is {seed!r}, expected a whole number >= 0, or {count} of them, one per environment"
+        )
+    return [None if one is None else int(one) for one in seeds]
+
+
+def _is_seed(value: Any) -> bool:
+    return value is None or (isinstance(value, int | np.integer) and bool(value >= 0))
 
 
 def autoreset(mode: AutoresetMode | str) -> AutoresetMode:
@@ -43,16 +48,15 @@ def autoreset(mode: AutoresetMode | str) -> AutoresetMode:
         raise InputError(f"autoreset_mode: is {mode!r}, expected {accepted}") from None
 
 
-def check_counts(num_envs: int, max_episode_steps: int | None) -> None:
-    """Refuse numbers of environments and steps that are none.
+def count_option(name: str, value: Any) -> int:
+    """A number of environments or steps.
 
     Raises:
-        InputError: naming the option.
+        InputError: it is none.
     """
-    if isinstance(num_envs, bool) or num_envs < 1:
-        raise InputError(f"num_envs: is {num_envs!r}, expected a whole number >= 1")
-    if max_episode_steps is not None and max_episode_steps < 1:
-        raise InputError(f"max_episode_steps: is {max_episode_steps!r}, expected a whole number >= 1 or None")
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise InputError(f"{name}: is {value!r}, expected a whole number >= 1")
+    return int(value)
 
 
 def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from threading import Lock
 
 import mujoco
 import numpy as np
@@ -126,7 +125,7 @@ class BatchPhysics:
         if wrench is not None:
             control = self._with_wrench(control, wrench)
         path = self._path[:count]
-        with _quiet_mujoco():
+        with _SILENCE:
             self._rollout.rollout(
                 self._pool.select(chosen),
                 self._data,
@@ -169,12 +168,29 @@ class BatchPhysics:
             self._rollout = None
 
 
-@contextmanager
-def _quiet_mujoco() -> Iterator[None]:
-    """Keep MuJoCo from announcing a broken simulation on stderr and in a file MUJOCO_LOG.TXT: here it is a fault."""
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(before)
+class _Silence:
+    """Keeps MuJoCo from announcing a broken simulation on stderr and in a file MUJOCO_LOG.TXT: here it is a fault.
+
+    MuJoCo has one handler of warnings for the whole process, and several batches may be stepped at the same time.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._users = 0
+        self._handler: object = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._users == 0:
+                self._handler = mujoco.get_mju_user_warning()
+                mujoco.set_mju_user_warning(lambda _: None)
+            self._users += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._users -= 1
+            if self._users == 0:
+                mujoco.set_mju_user_warning(self._handler)
+
+
+_SILENCE = _Silence()

@@ -21,6 +21,8 @@ Range = tuple[float, float]
 """Least and greatest of a uniform distribution."""
 
 _SAME: Range = (1.0, 1.0)
+_LONGEST_DELAY = 1.0
+"""s: all commands of that time are kept for every environment."""
 _STREAMS = {"mass": 1, "friction": 2, "joint_friction": 3, "stiffness": 4, "damping": 5, "command_delay": 6}
 """Stream of random numbers that each quantity is drawn from: what one is set to does not move the others."""
 
@@ -70,6 +72,10 @@ class Randomisation:
                 object.__setattr__(self, field.name, _checked_range(field.name, value))
             elif not _is_number(value) or not 0.0 <= value < math.inf:
                 raise InputError(f"randomisation: {field.name} is {value!r}, expected a finite number >= 0")
+        if self.command_delay[1] > _LONGEST_DELAY:
+            raise InputError(
+                f"randomisation: command_delay is {self.command_delay}, expected at most {_LONGEST_DELAY:g} s"
+            )
 
     @classmethod
     def of(cls, values: Randomisation | Mapping[str, Any] | None) -> Randomisation:
@@ -80,6 +86,8 @@ class Randomisation:
         """
         if isinstance(values, Randomisation):
             return values
+        if values is not None and not isinstance(values, Mapping):
+            raise InputError(f"randomisation: is {values!r}, expected its fields by name, or None")
         known = [field.name for field in fields(cls)]
         for name in values or {}:
             if name not in known:

@@ -356,9 +356,11 @@ def test_specs_are_picklable() -> None:
     ("options", "message"),
     [
         ({"render_mode": "human"}, "render_mode: is 'human', expected rgb_array or None for a vector environment"),
-        ({"max_episode_steps": 0}, "max_episode_steps: is 0, expected a whole number >= 1 or None"),
+        ({"max_episode_steps": 0}, "max_episode_steps: is 0, expected a whole number >= 1"),
         ({"autoreset_mode": "Later"}, "autoreset_mode: is 'Later', expected NextStep, SameStep or Disabled"),
         ({"randomisation": {"colour": (0, 1)}}, "randomisation: unknown field 'colour'; known: mass, friction"),
+        ({"randomisation": "mass"}, "randomisation: is 'mass', expected its fields by name, or None"),
+        ({"randomisation": {"command_delay": (0.0, 60.0)}}, "command_delay is .*, expected at most 1 s"),
         ({"threads": 0}, "threads: is 0"),
         ({"count": 0}, "num_envs: is 0, expected a whole number >= 1"),
         ({"physics_timestep": 0.005}, "unstable above 2"),
@@ -373,7 +375,10 @@ def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
 def test_bad_resets_and_actions_are_named() -> None:
     native = make(LITE)
     for arguments, message in (
-        ({"seed": [1, 2]}, "reset: seed has 2 values, expected one number or 3"),
+        ({"seed": [1, 2]}, r"reset: seed is \[1, 2\], expected a whole number >= 0, or 3 of them"),
+        ({"seed": -1}, "reset: seed is -1, expected a whole number >= 0"),
+        ({"seed": [1, 2.5, 3]}, "reset: seed is"),
+        ({"seed": "abc"}, "reset: seed is 'abc'"),
         ({"options": {"speed": 1}}, "reset: unknown option 'speed'; known: command, reset_mask"),
         ({"options": {"command": (1.0, 2.0)}}, "reset: command is"),
         ({"options": {"command": "fast"}}, "reset: command is 'fast'"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import mujoco
@@ -185,6 +186,23 @@ def test_a_broken_simulation_stands_still_and_disturbs_nobody(
     alone.close()
     assert capfd.readouterr() == ("", "")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_batches_in_several_threads_leave_the_handler_of_warnings_as_it_was() -> None:
+    robot = load_robot("lite")
+    before = mujoco.get_mju_user_warning()
+    simulations = [BatchSimulation(robot, 2, threads=1) for _ in range(3)]
+
+    def run(simulation: BatchSimulation) -> None:
+        for step in range(30):
+            simulation.step(commands(robot, 2, 0.2, seed=step))
+
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(run, simulations))
+    assert mujoco.get_mju_user_warning() is before
+    np.testing.assert_array_equal(simulations[0].qpos, simulations[2].qpos)
+    for simulation in simulations:
+        simulation.close()
 
 
 def test_every_robot_may_be_broken_at_once() -> None:
