@@ -249,7 +249,7 @@ sys.exit(run_program(main, [*options, "--robot", {quick!r}]))"""
 
 @contextmanager
 def unread(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
-    """A process that plays into a pipe that nobody reads and that has room for the introduction, but not for the run."""
+    """A process that plays into a pipe that nobody reads, with room for the introduction but not for the run."""
     read, write = os.pipe()
     size = fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
     command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
