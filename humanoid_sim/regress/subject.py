@@ -51,6 +51,9 @@ def suite_robot(suite: Suite, folder: Path, robot: str | None) -> RobotDescripti
     description = load_robot(robot_name(suite, folder, robot))
     if suite.task == "velocity" and not description.is_floating:
         raise InputError(f"robot '{description.name}': has a fixed base, a velocity suite expects a floating one")
+    sweeps = () if suite.margins is None else suite.margins.sweeps
+    if not description.is_floating and (suite.pushes is not None or any(sweep.axis == "push" for sweep in sweeps)):
+        raise InputError(f"robot '{description.name}': has a fixed base, which the suite's pushes would not move")
     if suite.base_height is not None:
         base = msgspec.structs.replace(description.base, height=suite.base_height)
         description = msgspec.structs.replace(description, base=base)

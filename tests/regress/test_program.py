@@ -153,6 +153,10 @@ def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, caps
     )
     line = complaint(capsys, str(SAMPLE), "--suite", "velocity", "--robot", "lite")
     assert line == "robot 'lite': has a fixed base, a velocity suite expects a floating one"
+    pushed = yaml_suite(tmp_path, ONE + "pushes: {speed: 0.5}\n")
+    line = complaint(capsys, str(SAMPLE), "--suite", str(pushed))
+    assert line == "robot 'lite': has a fixed base, which the suite's pushes would not move"
+    yaml_suite(tmp_path, ONE)
     line = complaint(capsys, str(SAMPLE), "--suite", suite, "--robot", "lite_neck")
     assert line.startswith(f"{SAMPLE}: ")
     assert "the policy lacks neck_yaw, neck_roll, neck_pitch" in line
