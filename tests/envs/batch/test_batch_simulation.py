@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY
 from humanoid_sim.envs.batch import BatchSimulation, Randomisation
 from humanoid_sim.errors import InputError, RobotError
@@ -79,6 +81,25 @@ def test_each_robot_moves_as_it_would_alone(name: str, anchor: str, spread: floa
     np.testing.assert_allclose(batch.state().time, 12 * PERIOD)
     assert batch.steps.tolist() == [12] * count
     assert not batch.fault.any()
+    batch.close()
+
+
+def test_passive_damping_is_no_obstacle(tmp_path: Path) -> None:
+    """MuJoCo integrates it implicitly, so that the solver's start is known approximately only."""
+    for folder in ("mjcf", "robots"):
+        shutil.copytree(asset_path(folder), tmp_path / folder)
+    style = tmp_path / "mjcf" / "lite_style.xml"
+    damped = style.read_text().replace('frictionloss="0.1"/>', 'frictionloss="0.1" damping="0.5"/>')
+    style.write_text(damped)
+    robot = load_robot(tmp_path / "robots" / "lite_biped.yaml")
+    batch = BatchSimulation(robot, 1, control_period=PERIOD, threads=1)
+    assert batch.model(0).dof_damping.max() == 0.5
+    single = MujocoRobot(robot, control_period=PERIOD, actuation="affine", support=False)
+    for step in range(15):
+        command = commands(robot, 1, 0.3, seed=step)
+        batch.step(command)
+        single.write(row(command, 0))
+        np.testing.assert_allclose(batch.qpos[0], single.qpos, rtol=0, atol=1e-9)
     batch.close()
 
 
