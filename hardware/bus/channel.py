@@ -1,7 +1,7 @@
 """One open CAN channel: a thread that receives, a thread that sends, and what went wrong on it.
 
 Nothing here raises once the channel is open: whatever the driver throws becomes a counter and an event, which the robot
-turns into safety flags. The thread that sends commands never touches the driver, and so never waits for the kernel.
+turns into safety flags. Whoever hands over commands never touches the driver, and so never waits for the kernel.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ def identify(
     uids: dict[int, bytes] = {}
     for channel, source in enumerate(link.sources):
         joints = wiring.on_channel(channel)
-        if len(joints) > 1 and not any((channel, wiring.motor_id[i]) in answers for i in joints):
+        if len(joints) > 1 and not any(answered == channel for answered, _ in answers):
             checks.problem(source, _dead_channel(link, channel))
             continue
         for i in joints:
@@ -63,7 +63,7 @@ def identify(
 
 
 def _dead_channel(link: Link, channel: int) -> str:
-    """What to look at when none of a channel's motors answers."""
+    """What to look at when nobody answers on a channel."""
     interface = link.channels[channel]
     events = [interface.down, *(interface.recent(event, link.opened) for event in BusEvent)]
     slots = link.table.slots

@@ -36,13 +36,13 @@ def bounded_position(
         Shape (n,), rad. Where damping and feed-forward are beyond the limit by themselves, at most the spring's part is
         taken out; it never changes sign.
     """
-    spring = command.stiffness * (command.position - position)
-    rest = command.damping * (command.velocity - velocity) + command.effort
-    room = command.stiffness * np.abs(velocity) * lead
-    lowest = np.minimum(-effort_limit - rest - room, 0.0)
-    highest = np.maximum(effort_limit - rest + room, 0.0)
-    bounded = np.clip(spring, lowest, highest)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # no stiffness, no position, absurd commands
+        spring = command.stiffness * (command.position - position)
+        rest = command.damping * (command.velocity - velocity) + command.effort
+        room = command.stiffness * np.abs(velocity) * lead
+        lowest = np.minimum(-effort_limit - rest - room, 0.0)
+        highest = np.maximum(effort_limit - rest + room, 0.0)
+        bounded = np.clip(spring, lowest, highest)
         moved = position + bounded / command.stiffness
     return np.where((bounded != spring) & np.isfinite(moved), moved, command.position)
 

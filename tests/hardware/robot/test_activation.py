@@ -203,6 +203,20 @@ def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: 
 
 
 @pytest.mark.usefixtures("impatient")
+def test_a_channel_of_other_motors_is_not_dead(
+    description: RobotDescription, channels: tuple[BusAddress, BusAddress]
+) -> None:
+    with ScriptedMotors([(channels[0], [ScriptedMotor(99)])]):
+        robot = RobstrideRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
+        problems = _refusal(robot)
+        robot.close()
+    assert problems == [
+        f"left: motor 11 does not answer on {channels[0]}",
+        f"right: motor 21 does not answer on {channels[0]}",
+    ]
+
+
+@pytest.mark.usefixtures("impatient")
 def test_swapped_channels_are_recognised(
     channels: tuple[BusAddress, BusAddress], description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:

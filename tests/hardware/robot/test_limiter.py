@@ -14,6 +14,7 @@ from humanoid_sim.hardware.robstride.commands import decode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl
 from humanoid_sim.hardware.robstride.models import MODELS, POSITION_RANGE
 from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription
 
 
@@ -139,3 +140,22 @@ def test_a_bounded_position_is_counted(description: RobotDescription) -> None:
     decoded = decode_command(first[0][1], 11, MODELS["rs-02"])
     assert isinstance(decoded, OperationControl)
     assert decoded.position == pytest.approx(0.5 + 17.0 / 50.0, abs=4e-4)
+
+
+LITE = make_wiring(load_robot("lite"), 2, dict.fromkeys(load_robot("lite").joint_names, 0.0))
+_any = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(st.lists(_any, min_size=70, max_size=70))
+def test_every_finite_command_can_be_sent(values: list[float]) -> None:
+    """Whatever a controller asks for becomes frames of the motors, cut off where it must be."""
+    command = MITCommand(*np.array(values).reshape(5, 14))
+    tracker = JointTracker(LITE, np.zeros(14))
+    joints = tracker.update(Readings(*(np.zeros(14) for _ in range(5))))
+    batches = CommandEncoder(LITE, 2, 0.04).encode(command, joints, tracker)
+    assert [joint for batch in batches for joint, _ in batch] == list(range(14))
+    for batch in batches:
+        for joint, frame in batch:
+            decoded = decode_command(frame, LITE.motor_id[joint], LITE.model[joint])
+            assert isinstance(decoded, OperationControl)
+            assert abs(decoded.effort) <= LITE.effort_limit[joint] * 1.001
