@@ -97,7 +97,7 @@ def turn(joint: Joint, qpos: FloatArray) -> FloatArray:
     if joint.kind == BALL:
         return normalize(qpos[joint.qpos : joint.qpos + 4])
     half = 0.5 * (qpos[joint.qpos] - joint.zero)
-    turn = np.empty((4, half.shape[0]))
-    turn[0] = np.cos(half)
-    turn[1:] = joint.axis * np.sin(half)
-    return turn
+    rotation = np.empty((4, half.shape[0]))
+    rotation[0] = np.cos(half)
+    rotation[1:] = joint.axis * np.sin(half)
+    return rotation
