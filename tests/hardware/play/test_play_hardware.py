@@ -101,6 +101,7 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(
     assert list(result.folder.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_problem_that_comes_after_the_list_is_one_line(
     run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -212,6 +213,7 @@ def test_a_channel_that_another_session_drives_is_refused(run: Play, quick: str)
     assert result.err == "error: lite: not enabled, 1 problem\n"
 
 
+@pytest.mark.slow
 def test_emulated_motors_are_assembled_as_the_calibration_says(run: Play, quick: str, folder: Path) -> None:
     draw = np.random.default_rng(5)
     lines = [
