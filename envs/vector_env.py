@@ -196,7 +196,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             self._memory = memory
         else:
             self._memory = memory_with(self._memory, chosen, memory)
-        self._observation[chosen] = observation
+        self._observation[chosen] = np.clip(observation, self._low, self._high)
 
     def step(self, actions: Float32Array) -> Step:
         """One policy step of every environment.
