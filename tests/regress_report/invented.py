@@ -68,6 +68,8 @@ def episode(case: str, seed: int, behaviour: Behaviour) -> Episode:
         metrics[name] = float(np.sqrt((values * values).mean()))
         if name in TRACED:
             traces[name] = tuple(values.tolist())
+    if lost or faulty:
+        metrics = dict.fromkeys(metrics)
     metrics |= {"losses": float(lost), "faults": float(faulty), "survival": lasted / DURATION}
     failure = "tracked bodies are 0.31 m from the motion" if lost else "action of left_elbow_pitch is nan" * faulty
     return Episode(

@@ -123,8 +123,8 @@ def test_the_verdict_table_holds_every_metric(worse_html):
     for row, comparison in zip(rows, results.candidates[0].comparisons, strict=True):
         assert comparison.metric.replace("_", " ") in row
         assert f">{comparison.verdict}</span>" in row
-    assert "+18.9 %" in rows[0]
     assert "17.1 mm" in rows[0]
+    assert "+13.6 %" in rows[0]
 
 
 def test_the_worst_episodes_are_named(worse_html):
@@ -137,7 +137,7 @@ def test_the_worst_episodes_are_named(worse_html):
 
 
 def test_what_did_not_move_is_a_click_away(worse_page):
-    assert "Not moved: action rate" in worse_page.text
+    assert "Not moved: effort" in worse_page.text
     assert worse_page.elements.count("details") == 1
 
 

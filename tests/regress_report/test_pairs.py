@@ -9,7 +9,7 @@ import pytest
 from invented import Behaviour
 
 from humanoid_sim.regress.report.intervals import interval_bar
-from humanoid_sim.regress.report.pairs import Pair, metric_values, pair_up, trace_difference, worst
+from humanoid_sim.regress.report.pairs import Pair, mean_over_cases, metric_values, pair_up, trace_difference, worst
 from humanoid_sim.regress.results import Comparison, MetricInfo
 
 ERROR = MetricInfo(name="error", unit="m", better="lower", summary="")
@@ -68,6 +68,13 @@ def test_without_a_baseline_the_worst_value_comes_first():
 def test_values_leave_out_what_was_not_measured():
     assert metric_values([episode(0.1), episode(None), episode(0.3)], "error").tolist() == [0.1, 0.3]
     assert metric_values([], "error").shape == (0,)
+
+
+def test_cases_weigh_equally():
+    wave = [episode(0.1), episode(0.3), episode(None)]
+    drum = msgspec.structs.replace(episode(0.6), case="drum")
+    assert mean_over_cases([*wave, drum], "error") == pytest.approx(0.4)
+    assert mean_over_cases([episode(None)], "error") is None
 
 
 def test_traces_are_compared_over_the_time_that_both_have():

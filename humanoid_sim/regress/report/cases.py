@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.report.drawing import axis_label, style_axes
-from humanoid_sim.regress.report.groups import axis_limits, draw_crosses, draw_dots, groups
+from humanoid_sim.regress.report.groups import axis_limits, draw_dots, groups
 from humanoid_sim.regress.report.pairs import by_case, pair_up
 from humanoid_sim.regress.report.palette import COLOURS, candidate_colour
-from humanoid_sim.regress.results import Episode, MetricInfo, Results
+from humanoid_sim.regress.results import MetricInfo, Results
 from humanoid_sim.regress.words import displayed_unit
 
 __all__ = ["draw_cases", "draw_changes"]
@@ -27,24 +27,17 @@ class _Row:
     """One policy's values of one case, in the unit that is shown."""
 
     dots: FloatArray
-    """Shape (K,), of the episodes that did not fail."""
-    crosses: FloatArray
-    """Shape (L,), of those that did."""
+    """Shape (K,), one per episode that has the metric."""
     mean: float
-    """Of all of them: what counts."""
 
 
-def _row(values: Sequence[tuple[float | None, Episode]], metric: MetricInfo) -> _Row | None:
-    """A row of values with the episodes that they belong to; of a share the mean alone says all."""
+def _row(values: Sequence[float | None], metric: MetricInfo) -> _Row | None:
+    """A row of values; of a share the mean alone says all."""
     factor, _ = displayed_unit(metric.unit)
-    known = [(factor * value, bool(episode.failure)) for value, episode in values if value is not None]
-    if not known:
+    known = np.array([factor * value for value in values if value is not None], dtype=np.float64)
+    if not known.size:
         return None
-    mean = float(np.mean([value for value, _ in known]))
-    if metric.unit == "share":
-        return _Row(np.empty(0), np.empty(0), mean)
-    dots, crosses = (np.array([value for value, failed in known if failed is side]) for side in (False, True))
-    return _Row(dots, crosses, mean)
+    return _Row(np.empty(0) if metric.unit == "share" else known, float(known.mean()))
 
 
 _Rows = Mapping[str, _Row | None]
@@ -55,9 +48,9 @@ def draw_changes(axes: Axes, results: Results, metric: MetricInfo) -> None:
     """Candidate less baseline, seed by seed; the shaded side is worse than is tolerated."""
     policies = []
     for candidate in results.candidates:
-        found: dict[str, list[tuple[float | None, Episode]]] = {}
+        found: dict[str, list[float | None]] = {}
         for pair in pair_up(candidate.run, results.baseline):
-            found.setdefault(pair.candidate.case, []).append((pair.change(metric), pair.candidate))
+            found.setdefault(pair.candidate.case, []).append(pair.change(metric))
         policies.append({case: _row(values, metric) for case, values in found.items()})
     low, high = _limits(policies, 0.0)
     edge = _tolerated(results, metric)
@@ -77,7 +70,7 @@ def draw_cases(axes: Axes, results: Results, metric: MetricInfo) -> None:
     shown = groups(results)
     policies = [
         {
-            case: _row([(episode.metrics.get(metric.name), episode) for episode in episodes], metric)
+            case: _row([episode.metrics.get(metric.name) for episode in episodes], metric)
             for case, episodes in by_case(group.run.episodes).items()
         }
         for group in shown
@@ -112,7 +105,7 @@ def _draw(
     colours: Sequence[str],
     limits: tuple[float, float],
 ) -> None:
-    """A row per case, in it one per policy: dots, crosses where an episode failed, and a tick at the mean."""
+    """A row per case, in it one per policy: a dot per episode, and a tick at the mean."""
     height = _ROW / max(len(policies), 1)
     for i, (rows, colour) in enumerate(zip(policies, colours, strict=True)):
         for place, case in enumerate(cases):
@@ -121,7 +114,6 @@ def _draw(
                 continue
             y = -place + 0.5 * _ROW - height * (i + 0.5)
             draw_dots(axes, row.dots, y - 0.25 * height, 0.5 * height, colour)
-            draw_crosses(axes, row.crosses, y - 0.25 * height, 0.5 * height, colour, limits)
             axes.plot([row.mean, row.mean], [y - 0.4 * height, y + 0.4 * height], color=colour, linewidth=2.2)
     axes.set_xlim(*limits)
     axes.set_yticks([-place for place in range(len(cases))], list(cases))

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.report.cases import draw_cases, draw_changes
 from humanoid_sim.regress.report.drawing import axis_label, drawing, style_axes
-from humanoid_sim.regress.report.groups import Group, axis_limits, draw_crosses, draw_dots, groups
-from humanoid_sim.regress.report.pairs import metric_values
+from humanoid_sim.regress.report.groups import Group, axis_limits, draw_dots, groups
+from humanoid_sim.regress.report.pairs import mean_over_cases, metric_values
 from humanoid_sim.regress.results import MetricInfo, Results
 from humanoid_sim.regress.words import displayed_unit
 
@@ -54,31 +54,25 @@ def distribution_plot(results: Results, metric: MetricInfo, name: str) -> str:
 
 
 def _draw_rows(axes: Axes, rows: Sequence[Group], metric: MetricInfo) -> None:
-    """Every episode a dot under the density of those that did not fail; a cross where it failed."""
+    """Every episode a dot under the density of them all."""
     factor, _ = displayed_unit(metric.unit)
-    sound = [factor * metric_values([e for e in group.run.episodes if not e.failure], metric.name) for group in rows]
-    failed = [factor * metric_values(group.run.failures, metric.name) for group in rows]
-    means = [
-        np.concatenate([a, b]).mean(keepdims=True) if a.size + b.size else a for a, b in zip(sound, failed, strict=True)
-    ]
-    limits = axis_limits(np.concatenate([*sound, *means]))
+    values = [factor * metric_values(group.run.episodes, metric.name) for group in rows]
     for i, group in enumerate(rows):
-        bottom = -i - _GAP - _DOTS
-        _draw_cloud(axes, sound[i], -i, group.colour)
-        draw_dots(axes, sound[i], bottom, _DOTS, group.colour)
-        draw_crosses(axes, failed[i], bottom, _DOTS, group.colour, limits)
-        for mean in means[i]:
-            axes.plot([mean, mean], [bottom, -i + _CLOUD], color=group.colour, linewidth=1.0, dashes=(3, 2))
-            _write(axes, f"{mean:.4g}", mean, -i + _CLOUD, (3, -1), "top", group.colour)
-    axes.set_xlim(*limits)
+        mean = mean_over_cases(group.run.episodes, metric.name)
+        if mean is None:
+            continue
+        mean, bottom = factor * mean, -i - _GAP - _DOTS
+        _draw_cloud(axes, values[i], -i, group.colour)
+        draw_dots(axes, values[i], bottom, _DOTS, group.colour)
+        axes.plot([mean, mean], [bottom, -i + _CLOUD], color=group.colour, linewidth=1.0, dashes=(3, 2))
+        _write(axes, f"{mean:.4g}", mean, -i + _CLOUD, (3, -1), "top", group.colour)
+    axes.set_xlim(*axis_limits(np.concatenate(values)))
     axes.set_title("episodes")
     _name_rows(axes, rows, metric)
 
 
 def _draw_cloud(axes: Axes, values: FloatArray, y: float, colour: str) -> None:
     """A kernel density over the row; only a line where all values are one."""
-    if not values.size:
-        return
     axes.plot([values.min(), values.max()], [y, y], color=colour, linewidth=0.8)
     deviation = float(values.std())
     if deviation <= 1e-9 * abs(float(values.mean())):

@@ -61,7 +61,6 @@ def episode_map(results: Results, candidate: Candidate, name: str) -> str:
         return ""
     factor, unit = displayed_unit(metric.unit)
     cells = np.full((len(cases), len(seeds)), np.nan)
-    failed = np.zeros_like(cells, dtype=bool)
     crosses, rings = [], []
     for pair in pairs:
         row, column = cases.index(pair.candidate.case), seeds.index(pair.candidate.seed)
@@ -70,11 +69,9 @@ def episode_map(results: Results, candidate: Candidate, name: str) -> str:
             cells[row, column] = factor * worsening
         if pair.candidate.failure:
             crosses.append((column, row))
-            failed[row, column] = True
         if pair.baseline is not None and pair.baseline.failure:
             rings.append((column, row))
-    # What failed is marked; were it to set the scale, the episodes that did not would all look alike.
-    known = np.abs(cells[np.isfinite(cells) & ~failed])
+    known = np.abs(cells[np.isfinite(cells)])
     reach = float(known.max()) if known.size and known.max() > 0.0 else 1.0
     colours = LinearSegmentedColormap.from_list(
         "change", [COLOURS["better"], COLOURS["grid"], COLOURS["worse"]], _SHADES

@@ -11,7 +11,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.report.palette import COLOURS, candidate_colour
 from humanoid_sim.regress.results import PolicyRun, Results
 
-__all__ = ["Group", "axis_limits", "draw_crosses", "draw_dots", "groups", "spread"]
+__all__ = ["Group", "axis_limits", "draw_dots", "groups", "spread"]
 
 _GOLDEN = 0.618033988749895
 """Multiples of it, less their whole part, spread evenly over an interval however many there are."""
@@ -58,15 +58,3 @@ def axis_limits(values: FloatArray) -> tuple[float, float]:
 def draw_dots(axes: Axes, values: FloatArray, bottom: float, height: float, colour: str) -> None:
     """One per value, side by side in a row of that height."""
     axes.scatter(values, bottom + height * spread(values.size), s=9, c=colour, alpha=0.55, linewidths=0)
-
-
-def draw_crosses(
-    axes: Axes, values: FloatArray, bottom: float, height: float, colour: str, limits: tuple[float, float]
-) -> None:
-    """One per failed episode; at the edge where it lies beyond the limits.
-
-    An episode that was lost may have any error: an axis wide enough for it would squeeze all others together.
-    """
-    x = np.clip(values, limits[0], limits[1])
-    (crosses,) = axes.plot(x, bottom + height * spread(values.size), "x", markersize=5, color=colour, clip_on=False)
-    crosses.set_in_layout(False)

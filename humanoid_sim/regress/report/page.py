@@ -71,8 +71,8 @@ def _distributions(results: Results) -> str:
 
 
 _DOTS = (
-    "A dot is an episode, a dashed line the mean. A cross is an episode that failed; it stands at the edge where its "
-    "value lies beyond. By case, the upright mark is the mean, and the shaded side is worse than is tolerated."
+    "A dot is an episode, a dashed line the mean. By case, the upright mark is the mean, and the shaded side is worse "
+    "than is tolerated. An episode that failed has no errors to compare: it counts among the losses, falls and faults."
 )
 
 

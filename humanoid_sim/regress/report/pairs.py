@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.results import Episode, MetricInfo, PolicyRun
 
-__all__ = ["Pair", "by_case", "metric_values", "pair_up", "trace", "trace_difference", "worst"]
+__all__ = ["Pair", "by_case", "mean_over_cases", "metric_values", "pair_up", "trace", "trace_difference", "worst"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +75,13 @@ def metric_values(episodes: Sequence[Episode], metric: str) -> FloatArray:
     """Shape (K,), of the episodes that have it."""
     values = [episode.metrics.get(metric) for episode in episodes]
     return np.array([value for value in values if value is not None], dtype=np.float64)
+
+
+def mean_over_cases(episodes: Sequence[Episode], metric: str) -> float | None:
+    """The mean of the cases' means, as verdicts take it: cases weigh equally however many episodes of each failed."""
+    values = [metric_values(members, metric) for members in by_case(episodes).values()]
+    means = [float(members.mean()) for members in values if members.size]
+    return float(np.mean(means)) if means else None
 
 
 def trace_difference(pair: Pair, name: str) -> float:

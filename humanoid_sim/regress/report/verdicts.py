@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from humanoid_sim.regress.report.intervals import interval_bar
 from humanoid_sim.regress.report.markup import badge, element, table, text
+from humanoid_sim.regress.report.pairs import mean_over_cases
 from humanoid_sim.regress.results import Candidate, Comparison, MetricInfo, Results
 from humanoid_sim.regress.words import detectable_in_words, quantity
 
@@ -69,9 +70,7 @@ def verdict_table(results: Results, candidate: Candidate) -> str:
 def _value_table(results: Results, candidate: Candidate) -> str:
     rows = []
     for metric in results.metrics:
-        values = [e.metrics.get(metric.name) for e in candidate.run.episodes]
-        known = [value for value in values if value is not None]
-        mean = sum(known) / len(known) if known else None
+        mean = mean_over_cases(candidate.run.episodes, metric.name)
         rows.append([_name(metric), text(quantity(mean, metric.unit))])
     return table(_VALUES, rows, numbers=(1,))
 
