@@ -36,7 +36,7 @@ def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """What takes a real bus milliseconds takes a virtual one less."""
     monkeypatch.setattr(activation, "_LISTENING", 0.005)
     monkeypatch.setattr(channel, "_POLL", 0.005)
-    monkeypatch.setattr(identify, "_QUIET", 0.02)
+    monkeypatch.setattr(identify, "_QUIET", 0.01)
     monkeypatch.setattr(requests, "_ANSWER_TIMES", _PATIENT)
     monkeypatch.setattr(closing, "_LONGEST", 0.05)
 
@@ -47,6 +47,12 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03, 0.03, 0.03))
     monkeypatch.setattr(stopping, "_ENABLE_TIME", 0.1)
     monkeypatch.setattr(activation, "_REPORT_WAIT", 0.05)
+
+
+@pytest.fixture
+def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests in which somebody answers whom nobody asks again."""
+    monkeypatch.setattr(identify, "_QUIET", 0.1)
 
 
 @pytest.fixture

@@ -140,7 +140,7 @@ class ScriptedMotors:
         reported = time.monotonic()
         while not self._closing.is_set():
             message = bus.recv(0.002)
-            if time.monotonic() - reported >= 0.01:
+            if time.monotonic() - reported >= 0.003:
                 reported = time.monotonic()
                 for motor in motors:
                     if motor.reports and not motor.is_silent:

@@ -202,6 +202,7 @@ def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: 
     )
 
 
+@pytest.mark.usefixtures("attentive")
 @pytest.mark.usefixtures("impatient")
 def test_a_channel_of_other_motors_is_not_dead(
     description: RobotDescription, channels: tuple[BusAddress, BusAddress]
@@ -216,6 +217,7 @@ def test_a_channel_of_other_motors_is_not_dead(
     ]
 
 
+@pytest.mark.usefixtures("attentive")
 @pytest.mark.usefixtures("impatient")
 def test_swapped_channels_are_recognised(
     channels: tuple[BusAddress, BusAddress], description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
@@ -230,6 +232,7 @@ def test_swapped_channels_are_recognised(
     ]
 
 
+@pytest.mark.usefixtures("attentive")
 @pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("where", [0, 1])
 def test_a_second_motor_with_an_expected_id_is_refused(
@@ -245,6 +248,7 @@ def test_a_second_motor_with_an_expected_id_is_refused(
     assert not _wrote(left) or {type(c) for c in left.heard} <= {GetDeviceId, ReadVersion, Stop}
 
 
+@pytest.mark.usefixtures("attentive")
 def test_a_motor_that_is_no_joint_is_left_alone(robot: RobstrideRobot, channels: tuple[BusAddress, BusAddress]) -> None:
     stranger = ScriptedMotor(0x7F, uid=b"new one!")
     with ScriptedMotors([(channels[0], [stranger])]):
