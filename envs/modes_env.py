@@ -20,7 +20,7 @@ from humanoid_sim.envs.modes_spaces import INTENTS, modes_action_space, modes_ob
 from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
-from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.remote import RemoteInbox
@@ -89,7 +89,11 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         """
         check_render_mode(render_mode)
         description = robot if isinstance(robot, RobotDescription) else load_robot(robot)
-        period = 1.0 / (control_frequency or description.simulation.control_frequency)
+        frequency = description.simulation.control_frequency if control_frequency is None else control_frequency
+        for name, value in (("control_frequency", frequency), ("episode_seconds", episode_seconds)):
+            if not 0.0 < value < np.inf:
+                raise InputError(f"{name}: is {value}, expected a finite number > 0")
+        period = 1.0 / frequency
         loaded = None if policy is None else read_policy(policy, motion, description.joint_names)
         anchor = "" if loaded is None else loaded.contract.anchor_body
         self.robot = EpisodeRobot(description, control_period=period, actuation=actuation, anchor_body=anchor)
@@ -201,10 +205,25 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
             raise InputError(f"action: intent is {number!r}, expected a whole number from 0 to {len(INTENTS) - 1}")
         if self.is_remote and action["send"]:
             try:
-                self._inbox.put(self.robot.joints, MITCommand(*action.get("command", ())))
-            except (FieldError, TypeError) as error:
+                self._inbox.put(self.robot.joints, self._remote_command(action.get("command")))
+            except FieldError as error:
                 return INTENTS[int(number)], (str(error),)
         return INTENTS[int(number)], ()
+
+    def _remote_command(self, fields: Any) -> MITCommand:
+        """The command whose fields are the rows of an array.
+
+        Raises:
+            FieldError: there are not as many numbers as the space has.
+        """
+        expected = len(COMMAND_FIELDS), len(self.robot.joints)
+        try:
+            rows = np.asarray(fields, dtype=np.float64)
+        except (TypeError, ValueError):
+            rows = np.empty(0)
+        if rows.shape != expected:
+            raise FieldError(f"remote command has shape {rows.shape}, expected {expected}")
+        return MITCommand(*rows)
 
     def _show(self, tick: TickInput, output: TickOutput) -> None:
         if self.render_mode != "human":

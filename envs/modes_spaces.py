@@ -19,8 +19,8 @@ INTENTS: tuple[Intent | None, ...] = (None, *Intent)
 """By the action's number: 0 asks for nothing."""
 
 _FLAGS = tuple(SafetyFlag)
-_BEYOND_STOP = 0.5
-"""rad by which a joint may be pressed into its stop."""
+_BEYOND_STOP = 5.0
+"""rad past a stop, which is soft: full effort that swings the Lite's joints to and fro drives one 2.6 rad past its."""
 _ANY_POSITION = 100.0
 """rad, of a joint without limits."""
 _SPEED = 1000.0

@@ -153,9 +153,8 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         state, _ = self._read()
         side = self.setting.side
         observation, self._memory = side.observe(side.activate(state) if memory is None else memory, state)
-        self._observation = np.clip(
-            observation, self._low, self._high
-        )  # of a state of the caller's, it may be anything
+        # of a state of the caller's choice it may be anything
+        self._observation = np.clip(observation, self._low, self._high)
         self._show(state, MITCommand.zeros(len(self.robot.joints)))
         return self._observation.copy(), {"frame": int(self._memory.frame)}
 

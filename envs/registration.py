@@ -6,7 +6,6 @@ import sys
 from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
-from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -46,28 +45,34 @@ def register_environments() -> None:
 
 def register_with_gymnasium() -> None:
     """Register now if Gymnasium is imported, else as soon as it is: importing it here would slow every program down."""
-    if "gymnasium" in sys.modules:
+    if sys.modules.get("gymnasium") is not None:
         register_environments()
     else:
         sys.meta_path.insert(0, _AfterGymnasium())
 
 
 class _AfterGymnasium(MetaPathFinder):
-    """Sees Gymnasium's import go by, once, and registers when it is complete."""
+    """Sees Gymnasium's import go by, and registers when it is complete.
+
+    It stays where it is until then: `importlib.util.find_spec("gymnasium")`, by which others see whether there is one,
+    comes by here too, and imports nothing.
+    """
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         if fullname != "gymnasium":
             return None
-        sys.meta_path.remove(self)
-        spec = find_spec(fullname)
+        others = (finder.find_spec(fullname, path, target) for finder in sys.meta_path if finder is not self)
+        spec = next((found for found in others if found is not None), None)
         if spec is not None and spec.loader is not None:
             execute = spec.loader.exec_module
 
             def execute_and_register(module: ModuleType) -> None:
                 execute(module)
                 register_environments()
+                if self in sys.meta_path:
+                    sys.meta_path.remove(self)
 
             spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
         return spec

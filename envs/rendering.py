@@ -45,7 +45,13 @@ class Pictures:
             width: pixels.
             height: pixels.
             camera: of the model; None looks at the robot from the front.
+
+        Raises:
+            InputError: a picture has no such size.
         """
+        for name, pixels in (("width", width), ("height", height)):
+            if not isinstance(pixels, int | np.integer) or pixels < 1:
+                raise InputError(f"{name}: is {pixels!r}, expected a whole number of pixels >= 1")
         self._description = description
         self._view = width, height, camera
         self._renderer: Renderer | None = None

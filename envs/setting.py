@@ -16,9 +16,9 @@ from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, Policy
 from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.envs.inputs import Named, read_policy
 from humanoid_sim.envs.policy_side import PolicySide
-from humanoid_sim.envs.tasks.choice import make_task
+from humanoid_sim.envs.tasks.choice import TASK_OPTIONS, make_task
 from humanoid_sim.envs.tasks.task import Start, Task
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.contract_gains import with_contract
@@ -27,6 +27,9 @@ from humanoid_sim.simulation.floating_base import FloatingBase
 from humanoid_sim.simulation.plant import make_plant
 
 __all__ = ["Setting", "make_setting"]
+
+_MOST = float(np.finfo(np.float32).max)
+"""Of an action limit: an action of float32 that is infinite must be beyond it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,8 +102,11 @@ def make_setting(
     Raises:
         InputError: one line that says what cannot be read, or what does not fit.
     """
-    if not action_limit > 0.0:
-        raise InputError(f"action_limit: is {action_limit}, expected a number > 0")
+    if not 0.0 < action_limit <= _MOST:
+        raise InputError(f"action_limit: is {action_limit}, expected a number > 0 and at most {_MOST:g}")
+    for name in task_options:
+        if name not in TASK_OPTIONS:
+            raise InputError(known_names("task option", name, TASK_OPTIONS))
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
     loaded = read_policy(contract, motion, described.joint_names)
     read = loaded.contract

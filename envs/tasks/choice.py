@@ -16,12 +16,14 @@ from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["TASKS", "make_task"]
+__all__ = ["TASKS", "TASK_OPTIONS", "make_task"]
 
 TASKS: Mapping[str, type[Task]] = MappingProxyType(
     {"tracking": TrackingTask, "motion": MotionTask, "velocity": VelocityTask, "balance": BalanceTask}
 )
 """By name."""
+TASK_OPTIONS = ("weights", "episode_seconds", "joint_noise", "velocity_noise")
+"""What a user may set of any task; the rest comes from the robot."""
 
 _NEEDS = {"tracking": "motion_body_pos_b", "motion": "reference_joint_pos"}
 """What a task reads from the reference."""

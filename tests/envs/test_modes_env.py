@@ -162,7 +162,26 @@ def test_a_bad_remote_command_is_refused_and_the_robot_is_not_moved_by_it() -> N
     assert operator.observation["mode"] == Mode.DAMPING  # the intent beside it is heard
     for shape in ((4, 14), (5, 13), (5,), (0,)):
         operator.ask(command=np.zeros(shape))
-        assert len(operator.info["refusals"]) == 1
+        assert operator.info["refusals"] == (f"remote command has shape {shape}, expected (5, 14)",)
+    operator.ask(command="faster")
+    assert operator.info["refusals"] == ("remote command has shape (0,), expected (5, 14)",)
+
+
+def test_joints_that_swing_into_their_stops_stay_within_the_space() -> None:
+    """Full effort along each joint's velocity, undamped: what no other command drives further; `ask` checks it."""
+    env = ModesEnv(hasty(), remote=True)
+    operator = Operator(env)
+    operator.ask(Intent.DAMP, 100)
+    operator.ask(Intent.LOAD_A, 100)
+    limp = np.zeros((5, 14))
+    assert operator.ask(Intent.START_REMOTE, command=limp) is Mode.REMOTE
+    description, furthest = env.robot.description, 0.0
+    for _ in range(300):
+        effort = np.copysign(description.effort_limit, operator.observation["joint_velocity"])
+        assert operator.ask(command=np.stack([*limp[:2], effort, *limp[3:]])) is Mode.REMOTE
+        q = operator.observation["joint_position"]
+        furthest = max(furthest, float(np.maximum(description.lower - q, q - description.upper).max()))
+    assert furthest > 1.0  # or the bound is not tried
 
 
 def test_free_standing_legs_are_held_until_a_policy_takes_over() -> None:
@@ -223,3 +242,7 @@ def test_what_cannot_be_taken_is_one_line(shared: ModesEnv) -> None:
         ModesEnv("atlas")
     with pytest.raises(InputError, match="render_mode: is 'ansi'"):
         ModesEnv("lite", render_mode="ansi")
+    for name in ("control_frequency", "episode_seconds"):
+        for value in (0.0, -1.0, np.nan, np.inf):
+            with pytest.raises(InputError, match=f"^{name}: is {value}, expected a finite number > 0$"):
+                ModesEnv("lite", **{name: value})  # type: ignore[arg-type]

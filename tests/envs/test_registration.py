@@ -29,6 +29,28 @@ def test_importing_the_package_does_not_import_gymnasium() -> None:
     assert done.stdout == "False False\n"
 
 
+def test_looking_for_gymnasium_is_not_importing_it() -> None:
+    """As other packages do to see whether there is one."""
+    script = (
+        "import importlib.util, sys, humanoid_sim\n"
+        "assert importlib.util.find_spec('gymnasium').name == 'gymnasium' and 'gymnasium' not in sys.modules\n"
+        "hooks = len(sys.meta_path)\n"
+        "import gymnasium\n"
+        "print(sum(name.startswith('humanoid_sim/') for name in gymnasium.registry), len(sys.meta_path) - hooks)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == f"{len(ENVIRONMENTS)} -1\n"
+
+
+def test_the_package_does_without_gymnasium() -> None:
+    script = (
+        "import sys\nsys.modules['gymnasium'] = None\nimport humanoid_sim\n"
+        "try:\n    import gymnasium\nexcept ModuleNotFoundError as error:\n    print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert "gymnasium" in done.stdout
+
+
 def test_registering_twice_changes_nothing() -> None:
     before = {name: gymnasium.registry[name] for name in ENVIRONMENTS}
     register_environments()
