@@ -192,10 +192,8 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         everyone = len(chosen) == self.num_envs
         rows = state if everyone else state_rows(state, chosen)
         observation, memory = side.observe(side.activate(rows), rows)
-        if everyone or self._memory is None:
-            self._memory = memory
-        else:
-            self._memory = memory_with(self._memory, chosen, memory)
+        before = None if everyone else self._memory
+        self._memory = memory if before is None else memory_with(before, chosen, memory)
         self._observation[chosen] = np.clip(observation, self._low, self._high)
 
     def step(self, actions: Float32Array) -> Step:
