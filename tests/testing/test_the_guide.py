@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -47,3 +49,12 @@ def test_every_public_name_is_told_or_obvious():
 def test_the_table_of_misbehaviours_is_complete():
     for name in testing.misbehaviours(1):
         assert name in GUIDE
+
+
+def test_without_hypothesis_one_line_says_what_to_install():
+    code = "import sys; sys.modules['hypothesis'] = None; import humanoid_sim.testing"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.rstrip().endswith(
+        "humanoid_sim.testing needs the package 'hypothesis', which is not installed: pip install 'humanoid_sim[testing]'"
+    )
