@@ -55,6 +55,5 @@ def test_without_hypothesis_one_line_says_what_to_install():
     code = "import sys; sys.modules['hypothesis'] = None; import humanoid_sim.testing"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert done.stderr.rstrip().endswith(
-        "humanoid_sim.testing needs the package 'hypothesis', which is not installed: pip install 'humanoid_sim[testing]'"
-    )
+    assert "humanoid_sim.testing needs the package 'hypothesis', which is not installed" in done.stderr
+    assert done.stderr.rstrip().endswith("pip install 'humanoid_sim[testing]'")
