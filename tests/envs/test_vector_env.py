@@ -362,7 +362,7 @@ def test_specs_are_picklable() -> None:
         ({"randomisation": "mass"}, "randomisation: is 'mass', expected its fields by name, or None"),
         ({"randomisation": {"command_delay": (0.0, 60.0)}}, "command_delay is .*, expected at most 1 s"),
         ({"threads": 0}, "threads: is 0"),
-        ({"command_delay": 0.01}, "unknown option 'command_delay'"),
+        ({"command_delay": 0.01}, "unknown task option 'command_delay'"),
         ({"width": 0}, "width: is 0"),
         ({"count": 0}, "num_envs: is 0, expected a whole number >= 1"),
         ({"physics_timestep": 0.005}, "unstable above 2"),
