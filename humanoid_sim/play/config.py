@@ -37,7 +37,8 @@ class PlayConfig:
     """CAN channels of a real robot, such as can0, can0,can1 or udp_multicast:239.74.163.2; virtual:NAME emulates the
     motors in this process. Default: simulation."""
     calibration: str | None = None
-    """The real robot's calibration. Default: calibration.yaml in this folder; emulated motors need none."""
+    """The real robot's calibration. Default: calibration.yaml in this folder; none where the motors' own zeros are the
+    joints', as those of emulated motors are."""
     dry_run: bool = False
     """On hardware: do everything but enable the motors, print what was checked, and end."""
     yes: bool = False

@@ -90,6 +90,10 @@ def _homing_offsets(
     """The homing offset of every joint, rad, motor frame, and what an operator should know about them."""
     if config.calibration is None and emulated:
         return dict.fromkeys(description.joint_names, 0.0), ("emulated motors, assembled without offsets",)
+    if config.calibration == "none":
+        return dict.fromkeys(description.joint_names, 0.0), (
+            "no calibration: the motors' zeros are taken for the joints'",
+        )
     path = Path(CALIBRATION if config.calibration is None else config.calibration)
     if config.calibration is None and not path.exists():
         raise InputError(

@@ -201,6 +201,8 @@ def test_where_nobody_can_be_asked_a_yes_must_be_given(run: Play, quick: str, fo
     assert result.err.startswith("error: --yes: is needed where nobody can be asked")
     result = run("--robot", quick, "--hardware", "can7", "--yes", *PLACEHOLDER)
     assert result.status == 2  # there is no such interface
+    plain = run("--robot", quick, "--hardware", "can7", "--yes", "--calibration", "none", *PLACEHOLDER)
+    assert "no calibration: the motors' zeros are taken for the joints'" in plain.out
     assert "calibration calibration.yaml" in result.out
     assert "can7" in next(line for line in result.out.splitlines() if line.startswith("problem"))
 
