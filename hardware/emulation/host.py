@@ -28,6 +28,8 @@ _MOST_ECHOES = 1024
 """Frames of motors that are remembered until they are heard again; some get lost on the way, and are forgotten."""
 _OLDEST = 2.0
 """s between a frame's stamp and its reading that are believed."""
+_MOST_BEHIND = 0.05
+"""s that the motors may be behind the clock before the time that is missing is left out."""
 _JOIN = 5.0
 """s that closing waits for the thread."""
 
@@ -37,6 +39,9 @@ class EmulatorHost:
 
     A frame is emulated at the time of its stamp, so that a thread that is late changes nothing but when the answers can
     be read; their stamps again say when they came over the bus, where the interface keeps them.
+
+    On a computer that cannot run them in real time the motors' world stands still for a while now and then, rather than
+    answer later and later: no bus queues for seconds. `slipped` says for how long.
     """
 
     def __init__(
@@ -64,6 +69,8 @@ class EmulatorHost:
         self._has_echoes = echoes
         self._echoes: tuple[deque[tuple[int, bytes]], ...] = tuple(deque(maxlen=_MOST_ECHOES) for _ in self._buses)
         self._truth = emulator.motors.plant.truth(self._begin)
+        self.slipped = 0.0
+        """s for which the motors' world stood still because this computer was too slow."""
         self.send_errors = 0
         """Frames that a channel did not take."""
         self.failure: Exception | None = None
@@ -133,6 +140,11 @@ class EmulatorHost:
     def _look(self, now: float) -> None:
         """Take what has come, let time pass, send what is due."""
         until = now - self._begin
+        behind = until - self._emulator.time
+        if behind > _MOST_BEHIND:
+            self._begin += behind
+            self.slipped += behind
+            until = self._emulator.time
         # What python-can stamps is the system's wall clock, or whatever a driver counts: see `_arrival`.
         wall = time.time()
         for index, bus in enumerate(self._buses):

@@ -63,6 +63,8 @@ def emulate(config: EmulateConfig) -> int:
             for bus, address in enumerate(addresses):
                 load = 100.0 * motors.bus_load(bus)
                 print(f"{address}: {motors.load(bus).frames} frames, {load:.1f} % load on average")
+            if motors.slipped:
+                print(f"the motors stood still for {motors.slipped:.2f} s because this computer was too slow for them")
             if motors.send_errors:
                 print(f"{motors.send_errors} frames of motors were not taken by their channel")
     finally:

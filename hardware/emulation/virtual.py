@@ -92,6 +92,11 @@ class VirtualMotors:
         return self._host.failure
 
     @property
+    def slipped(self) -> float:
+        """Seconds for which the motors' world stood still because this computer was too slow, see `EmulatorHost`."""
+        return self._host.slipped
+
+    @property
     def send_errors(self) -> int:
         """Frames of motors that a channel did not take."""
         return self._host.send_errors

@@ -188,7 +188,8 @@ class Drive:
         else:
             self.run(0.3, Intent.START_LOCOMOTION if mode is Mode.LOCOMOTION else Intent.START_REMOTE)
         if self.session.mode is not mode:
-            raise NotReachedError(self.ticks[-1].output.control_mode.status_message)
+            bad = next((status for tick in self.ticks for status in tick.safety if not status.is_ok), None)
+            raise NotReachedError(bad.message if bad else self.ticks[-1].output.control_mode.status_message)
 
     def _has_arrived(self) -> bool:
         standby = self.ticks[-1].output.standby

@@ -113,7 +113,7 @@ def _run(case: Case, mode: Mode, slowness: float) -> Course:
         drive, motors = running.drive, running.motors
         drive.reach(mode)
         count = len(drive.ticks)
-        before = drive.ticks[-10:]
+        before, stood_still = drive.ticks[-10:], motors.slipped
         if case.fault is None:
             began = drive.clock()
             time.sleep(0.3 * slowness)
@@ -122,7 +122,10 @@ def _run(case: Case, mode: Mode, slowness: float) -> Course:
             motors.inject(replace(case.fault, start=motors.time + 0.007, duration=DURATION))
         drive.run(DURATION + AFTERWARDS)
         after = drive.ticks[count:]
-        return Course(began, before, after, running, _disturbance(before, after[case.fault is None :]))
+        disturbance = _disturbance(before, after[case.fault is None :])
+        if motors.slipped > stood_still:
+            disturbance = disturbance or f"the motors stood still for {motors.slipped - stood_still:.3f} s"
+        return Course(began, before, after, running, disturbance)
 
 
 def _disturbance(before: list[Tick], after: list[Tick]) -> str:

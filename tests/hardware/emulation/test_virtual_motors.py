@@ -178,6 +178,20 @@ def test_what_breaks_the_emulation_is_said_and_raised_at_the_end() -> None:
     motors.close()
 
 
+def test_motors_that_cannot_keep_up_stand_still_for_a_while_instead_of_answering_ever_later(
+    motors: VirtualMotors, bus: can.BusABC
+) -> None:
+    motors.call(lambda _: time.sleep(0.3))
+    _send(bus, Enable(14))
+    sent = time.time()
+    (answer,) = _answers(bus, 1)
+    assert motors.slipped == pytest.approx(0.3, abs=0.1)
+    assert answer.timestamp - sent < 0.1
+    began = motors.time
+    time.sleep(0.1)
+    assert 0.05 < motors.time - began < 0.3, "and time goes on"
+
+
 def test_a_channel_that_fails_ends_the_emulation_with_one_line() -> None:
     motors = VirtualMotors(LITE, ["virtual:unplugged"])
     can_bus = motors._buses[0]
