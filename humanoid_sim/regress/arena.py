@@ -72,6 +72,8 @@ def make_arena(suite: Suite, subject: Subject, case: Case, motion: Motion | None
     checkpoint = subject.checkpoint
     if suite.task == "tracking" and motion is None:
         motion = checkpoint.motion
+        if motion is None:
+            raise InputError(f"{checkpoint.source}: carries no motion, and case '{case.name}' of the suite names none")
     try:
         # The widths of model and terms; what the setting makes of the contract has no model.
         load_policy(

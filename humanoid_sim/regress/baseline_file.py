@@ -24,6 +24,15 @@ def write_json(path: Path, value: msgspec.Struct) -> None:
         file.write(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
 
 
+def _is_result(data: bytes) -> bool:
+    """Whether a file is what `--json` writes: taken for a baseline more often than anything else."""
+    try:
+        document = msgspec.json.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return False
+    return isinstance(document, dict) and "candidates" in document
+
+
 def read_baseline(path: Path) -> PolicyRun:
     """A stored run.
 
@@ -37,6 +46,8 @@ def read_baseline(path: Path) -> PolicyRun:
     try:
         run = msgspec.json.decode(data, type=PolicyRun)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        if _is_result(data):
+            raise InputError(f"{path}: is a result of --json, expected a baseline of --write-baseline") from None
         raise InputError(f"{path}: is no baseline of `regress --write-baseline`: {error}") from None
     if not run.episodes:
         raise InputError(f"{path}: holds no episodes, expected a baseline of `regress --write-baseline`")

@@ -78,7 +78,8 @@ def _share_error(cases: Sequence[FloatArray], count: int) -> float:
 def _compare(
     suite: Suite, metric: MetricInfo, baseline: PolicyRun, run: PolicyRun, paired: bool, confidence: float
 ) -> Comparison:
-    before, after = _values(metric.name, baseline.episodes), _values(metric.name, run.episodes)
+    everything = _values(metric.name, baseline.episodes), _values(metric.name, run.episodes)
+    before, after = everything
     if paired:
         before, after = _common(before, after), _common(after, before)
     else:
@@ -86,7 +87,7 @@ def _compare(
         before, after = ({case: values[case] for case in values if case in cases} for values in (before, after))
     old, new = _arrays(before), _arrays(after)
     if not new or not old:
-        return _unmeasured(metric, old, new, paired)
+        return _unmeasured(metric, _arrays(everything[0]), _arrays(everything[1]), paired)
     plus, minus = ([b - a for a, b in zip(old, new, strict=True)], []) if paired else (new, old)
     interval = mean_interval(plus, minus, confidence, suite.resamples)
     tolerance = suite.tolerance(metric.name, mean_of_cases(old))

@@ -45,6 +45,10 @@ def _policy(results: Results, candidate: Candidate) -> ElementTree.Element:
     for metric in results.metrics:
         case = ElementTree.SubElement(suite, "testcase", name=metric.name, classname=place)
         comparison = by_metric.get(metric.name)
+        if comparison is not None and comparison.is_lost:
+            message = f"{metric.name} is lost: no episode got to its end"
+            ElementTree.SubElement(case, "failure", message=message, type="regression")
+            continue
         if comparison is None or comparison.verdict == "unmeasured":
             reason = "no baseline" if comparison is None else "no episodes to compare"
             ElementTree.SubElement(case, "skipped", message=reason)

@@ -12,7 +12,7 @@ import numpy as np
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.results import MetricInfo
 
-__all__ = ["METRICS", "Metric", "Summary", "TaskName", "summarise"]
+__all__ = ["ALWAYS", "METRICS", "Metric", "Summary", "TaskName", "summarise"]
 
 TaskName = Literal["tracking", "velocity"]
 Summary = Literal["rms", "mean", "episode"]
@@ -74,6 +74,12 @@ METRICS: Mapping[TaskName, Mapping[str, Metric]] = MappingProxyType(
     }
 )
 """By task and name, in the order in which they are shown."""
+
+
+ALWAYS: Mapping[TaskName, tuple[str, ...]] = MappingProxyType(
+    {"tracking": ("losses", "faults"), "velocity": ("falls", "faults")}
+)
+"""What is judged whether a suite names it or not: errors are those of the episodes that did not fail."""
 
 
 def summarise(summary: Summary, values: FloatArray) -> float | None:

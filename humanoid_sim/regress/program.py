@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from humanoid_sim.regress.junit import write_junit
 from humanoid_sim.regress.options import check_outputs, chosen_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.report import report_page
-from humanoid_sim.regress.results import Candidate, PolicyRun, Results
+from humanoid_sim.regress.results import PolicyRun, Results
 from humanoid_sim.regress.runner import (
     Contest,
     judge,
@@ -72,12 +72,12 @@ def regress(config: RegressConfig) -> int:
         results = _run(config, plan, executor, console)
     finally:
         executor.close()
-    if config.record_failures is not None:
-        _record(config.record_failures, config.record_limit, plan, results, console)
-    _write(config, results)
     plain = Console(emoji=False)
     for candidate in results.candidates:
         show_verdict(plain, results, candidate)
+    _write(config, results)
+    if config.record_failures is not None:
+        _record(config.record_failures, config.record_limit, plan, results, console)
     return 0 if results.passed else 1
 
 
@@ -180,14 +180,29 @@ def _record(folder: Path, limit: int, plan: _Plan, results: Results, console: Co
 
 
 def _write(config: RegressConfig, results: Results) -> None:
-    first: Candidate = results.candidates[0]
-    if config.write_baseline is not None:
-        write_json(config.write_baseline, first.run)
-    if config.json is not None:
-        write_json(config.json, results)
-    if config.junit is not None:
-        write_junit(config.junit, results)
-    if config.report is not None:
-        page = report_page(results)
-        with whole_file(config.report) as file:
-            file.write(page.encode())
+    """All files that were asked for: what keeps one from being written keeps none of the others.
+
+    Raises:
+        InputError: the first that could not be written.
+    """
+    writers: list[tuple[Path | None, Callable[[Path], None]]] = [
+        (config.write_baseline, lambda path: write_json(path, results.candidates[0].run)),
+        (config.json, lambda path: write_json(path, results)),
+        (config.junit, lambda path: write_junit(path, results)),
+        (config.report, lambda path: _write_report(path, results)),
+    ]
+    problems = []
+    for path, write in writers:
+        if path is not None:
+            try:
+                write(path)
+            except InputError as error:
+                problems.append(error)
+    if problems:
+        raise problems[0]
+
+
+def _write_report(path: Path, results: Results) -> None:
+    page = report_page(results)
+    with whole_file(path) as file:
+        file.write(page.encode())

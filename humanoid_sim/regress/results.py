@@ -170,6 +170,11 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """By case and seed; where the baseline was run with other seeds, the two are compared case by case instead."""
 
     @property
+    def is_lost(self) -> bool:
+        """The baseline has it, and no episode of the candidate has."""
+        return self.verdict == "unmeasured" and self.baseline is not None and self.candidate is None
+
+    @property
     def relative(self) -> float | None:
         """Change as a share of the baseline; None where that is 0 or unknown."""
         if self.change is None or not self.baseline:
@@ -192,15 +197,15 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     run: PolicyRun
     passed: bool
-    """No metric and no margin is worse."""
+    """No metric and no margin is worse, and no metric is lost."""
     comparisons: tuple[Comparison, ...] = ()
     """Empty without a baseline."""
     margins: tuple[MarginComparison, ...] = ()
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """Names of the metrics and, with the prefix `margin `, of the margins that are worse."""
-        metrics = [comparison.metric for comparison in self.comparisons if comparison.verdict == "worse"]
+        """Names of the metrics that are worse or lost and, with the prefix `margin `, of the margins that are worse."""
+        metrics = [c.metric for c in self.comparisons if c.verdict == "worse" or c.is_lost]
         return (*metrics, *(f"margin {margin.axis}" for margin in self.margins if margin.verdict == "worse"))
 
 

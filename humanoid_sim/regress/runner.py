@@ -124,7 +124,7 @@ def judge(contest: Contest, baseline: PolicyRun | None, run: PolicyRun) -> Candi
         return Candidate(run=run, passed=True)
     comparisons = compare_runs(contest.suite, contest.suite.metrics, baseline, run)
     margins = compare_margins(contest.suite, baseline.margins, run.margins)
-    is_worse = any(comparison.verdict == "worse" for comparison in comparisons)
+    is_worse = any(comparison.verdict == "worse" or comparison.is_lost for comparison in comparisons)
     passed = not is_worse and all(margin.verdict != "worse" for margin in margins)
     return Candidate(run=run, passed=passed, comparisons=comparisons, margins=margins)
 

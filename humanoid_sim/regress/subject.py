@@ -51,13 +51,22 @@ def suite_robot(suite: Suite, folder: Path, robot: str | None) -> RobotDescripti
     description = load_robot(robot_name(suite, folder, robot))
     if suite.task == "velocity" and not description.is_floating:
         raise InputError(f"robot '{description.name}': has a fixed base, a velocity suite expects a floating one")
-    sweeps = () if suite.margins is None else suite.margins.sweeps
-    if not description.is_floating and (suite.pushes is not None or any(sweep.axis == "push" for sweep in sweeps)):
-        raise InputError(f"robot '{description.name}': has a fixed base, which the suite's pushes would not move")
+    if not description.is_floating:
+        _refuse_idle_disturbances(suite, description)
     if suite.base_height is not None:
         base = msgspec.structs.replace(description.base, height=suite.base_height)
         description = msgspec.structs.replace(description, base=base)
     return description
+
+
+def _refuse_idle_disturbances(suite: Suite, description: RobotDescription) -> None:
+    """What a robot on a fixed base would not feel, and would be praised for bearing."""
+    where = f"robot '{description.name}': has a fixed base"
+    if suite.pushes is not None:
+        raise InputError(f"{where}, which the suite's pushes would not move")
+    for sweep in () if suite.margins is None else suite.margins.sweeps:
+        if sweep.axis in ("push", "friction"):
+            raise InputError(f"{where}, which does not feel the suite's sweep of {sweep.axis}")
 
 
 def load_subject(path: Path, contract_file: Path | None, description: RobotDescription, suite: Suite) -> Subject:

@@ -14,7 +14,7 @@ import msgspec
 from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
 from humanoid_sim.envs.batch.randomisation import Randomisation
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.regress.metrics import METRICS, TaskName
+from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName
 from humanoid_sim.regress.results import MetricInfo
 
 __all__ = ["AXES", "Axis", "Case", "Margins", "Pushes", "Start", "Suite", "Sweep", "Tolerance"]
@@ -115,7 +115,7 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Of each case."""
     first_seed: int = 0
     tolerances: Mapping[str, Tolerance]
-    """By metric, in the order of the report: these are judged, and no others."""
+    """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
     confidence: float = 0.95
     """That none of a candidate's intervals misses its change."""
     resamples: int = 10_000
@@ -142,11 +142,12 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     @property
     def metrics(self) -> tuple[MetricInfo, ...]:
         """The metrics that are judged, in their order."""
-        return tuple(METRICS[self.task][name].info for name in self.tolerances)
+        always = (name for name in ALWAYS[self.task] if name not in self.tolerances)
+        return tuple(METRICS[self.task][name].info for name in (*self.tolerances, *always))
 
     def tolerance(self, metric: str, baseline: float) -> float:
         """The worsening that is let pass beside a baseline, in the metric's unit."""
-        tolerance = self.tolerances[metric]
+        tolerance = self.tolerances.get(metric, Tolerance())
         return max(tolerance.absolute, tolerance.relative * abs(baseline))
 
     def draw(self) -> Randomisation:

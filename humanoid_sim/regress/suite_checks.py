@@ -6,11 +6,15 @@ import math
 from collections.abc import Iterator
 from itertools import pairwise
 
+from humanoid_sim.envs.batch.randomisation import Randomisation
 from humanoid_sim.errors import known_names
 from humanoid_sim.regress.metrics import METRICS
-from humanoid_sim.regress.suite import AXES, Suite
+from humanoid_sim.regress.suite import AXES, Suite, Sweep
 
-__all__ = ["suite_problems"]
+__all__ = ["draw_problems", "suite_problems"]
+
+_LONGEST_DELAY = 1.0
+"""s, of commands: as much as a batch of robots keeps."""
 
 
 def suite_problems(suite: Suite) -> Iterator[str]:
@@ -41,6 +45,14 @@ def suite_problems(suite: Suite) -> Iterator[str]:
             yield f"{place}: is {positive:g}, expected a finite number > 0"
     yield from _tolerance_problems(suite)
     yield from _margin_problems(suite)
+
+
+def draw_problems(drawn: Randomisation) -> Iterator[str]:
+    """What no robot could be."""
+    if drawn.mass[0] <= 0.0:
+        yield f"randomisation: mass is {drawn.mass}, expected more than 0: there is no body without mass"
+    if drawn.command_jitter > _LONGEST_DELAY:
+        yield f"randomisation: command_jitter is {drawn.command_jitter:g}, expected at most {_LONGEST_DELAY:g} s"
 
 
 def _case_problems(suite: Suite) -> Iterator[str]:
@@ -91,19 +103,28 @@ def _margin_problems(suite: Suite) -> Iterator[str]:
         yield f"margins.seeds: is {margins.seeds}, expected at least 1"
     if not 0.0 <= margins.allowed_failures < 1.0:
         yield f"margins.allowed_failures: is {margins.allowed_failures:g}, expected 0 or more, and less than 1"
-    for name in margins.limits:
+    for name, limit in margins.limits.items():
         if name not in METRICS[suite.task]:
             yield f"margins.limits: {known_names(f'{suite.task} metric', name, METRICS[suite.task])}"
+        if not 0.0 <= limit < math.inf:
+            yield f"margins.limits.{name}: is {limit:g}, expected a finite number >= 0"
     for i, sweep in enumerate(margins.sweeps):
-        _, nominal = AXES[sweep.axis]
-        away = [nominal, *sweep.levels]
-        rises = all(a < b for a, b in pairwise(away))
-        falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
-        if not sweep.levels or not (rises or falls) or not all(map(math.isfinite, sweep.levels)):
-            yield (
-                f"margins.sweeps[{i}].levels: is {list(sweep.levels)}, expected finite numbers that lead away "
-                f"from {nominal:g}"
-            )
+        problem = _level_problem(sweep)
+        if problem:
+            yield f"margins.sweeps[{i}].levels: is {list(sweep.levels)}, expected {problem}"
     sweeps = [sweep.name for sweep in margins.sweeps if sweep.levels]
     if len(set(sweeps)) < len(sweeps):
         yield "margins.sweeps: one is given twice"
+
+
+def _level_problem(sweep: Sweep) -> str:
+    """What is expected of the levels instead, '' if nothing is."""
+    _, nominal = AXES[sweep.axis]
+    away = [nominal, *sweep.levels]
+    rises = all(a < b for a, b in pairwise(away))
+    falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
+    if not sweep.levels or not (rises or falls) or not all(map(math.isfinite, sweep.levels)):
+        return f"finite numbers that lead away from {nominal:g}"
+    if sweep.axis in ("delay", "jitter") and max(sweep.levels) > _LONGEST_DELAY:
+        return f"at most {_LONGEST_DELAY:g} s"
+    return "masses > 0" if sweep.axis == "mass" and min(sweep.levels) <= 0.0 else ""

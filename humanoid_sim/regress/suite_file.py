@@ -11,12 +11,17 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.input_files import is_file
 from humanoid_sim.policy.readers.yaml_file import read_yaml
-from humanoid_sim.regress.suite import Suite
-from humanoid_sim.regress.suite_checks import suite_problems
+from humanoid_sim.regress.metrics import METRICS
+from humanoid_sim.regress.suite import AXES, Suite
+from humanoid_sim.regress.suite_checks import draw_problems, suite_problems
 
 __all__ = ["load_suite", "shipped_suites"]
 
 _PLACE = re.compile(r"^(?P<problem>.*?)(?: - at `\$\.?(?P<place>.*?)`)?$", re.DOTALL)
+
+
+_CHOICES = {"task": tuple(METRICS), "axis": tuple(AXES)}
+"""What is accepted where a suite may choose."""
 
 
 def shipped_suites() -> tuple[str, ...]:
@@ -41,9 +46,11 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     for problem in suite_problems(suite):
         raise InputError(f"{path}: {problem}")
     try:
-        suite.draw()
+        drawn = suite.draw()
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    for problem in draw_problems(drawn):
+        raise InputError(f"{path}: {problem}")
     return suite, path.resolve().parent
 
 
@@ -63,4 +70,7 @@ def _place_and_problem(message: str) -> str:
     problem = found["problem"].replace("`", "'")
     problem = problem.replace("Object missing required", "misses the").replace("Object contains", "has the")
     problem = problem[0].lower() + problem[1:]
-    return f"{found['place']}: {problem}" if found["place"] else problem
+    place = found["place"] or ""
+    accepted = _CHOICES.get(place.rpartition(".")[2]) if problem.startswith("invalid enum value") else None
+    problem += f", expected one of {', '.join(accepted)}" if accepted else ""
+    return f"{place}: {problem}" if place else problem

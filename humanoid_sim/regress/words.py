@@ -45,6 +45,8 @@ def change_in_words(metric: MetricInfo, comparison: Comparison) -> str:
 
 def detectable_in_words(metric: MetricInfo, detectable: Detectable) -> str:
     """Such as `+0.9 mm (8.7 %)`: the worsening that the suite finds."""
+    if metric.unit == "share" and detectable.change > 1.0:
+        return "too few episodes"  # not even if all of them failed
     sign = 1.0 if metric.better == "lower" else -1.0
     relative = f" ({100.0 * detectable.change / abs(detectable.baseline):.1f} %)" if detectable.baseline else ""
     return f"{quantity(sign * detectable.change, metric.unit, signed=True)}{relative}"

@@ -41,6 +41,13 @@ def test_a_baseline_without_episodes(tmp_path: Path) -> None:
         read_baseline(tmp_path / "base.json")
 
 
+def test_a_result_taken_for_a_baseline(tmp_path: Path) -> None:
+    path = tmp_path / "out.json"
+    path.write_text('{"suite": {}, "candidates": []}')
+    with pytest.raises(InputError, match="is a result of --json, expected a baseline of --write-baseline"):
+        read_baseline(path)
+
+
 def test_no_such_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no such file, expected a baseline \(.json\) or a checkpoint \(.onnx\)"):
         read_baseline(tmp_path / "base.json")

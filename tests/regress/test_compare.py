@@ -7,7 +7,7 @@ import pytest
 from regress_runs import episode, run, tiny_suite, values
 
 from humanoid_sim.regress.compare import POWER, compare_runs, detectable_changes
-from humanoid_sim.regress.results import Comparison, PolicyRun
+from humanoid_sim.regress.results import Candidate, Comparison, PolicyRun
 from humanoid_sim.regress.suite import Suite, Tolerance
 
 CASES = ("a", "b")
@@ -21,8 +21,8 @@ def measured(mean: float, *, seed: int = 0, seeds: range = range(10), spread: fl
 
 
 def compare(suite: Suite, baseline: PolicyRun, candidate: PolicyRun) -> Comparison:
-    (comparison,) = compare_runs(suite, suite.metrics, baseline, candidate)
-    return comparison
+    """The first metric's."""
+    return compare_runs(suite, suite.metrics, baseline, candidate)[0]
 
 
 def test_a_policy_is_the_same_as_itself() -> None:
@@ -96,9 +96,22 @@ def test_nothing_to_compare_is_unmeasured_and_the_failures_tell() -> None:
     suite = tiny_suite(joint_error=Tolerance(relative=0.05), faults=Tolerance(absolute=0.01))
     good = run(episode("a", seed, {"joint_error": 1.0, "faults": 0.0}) for seed in range(6))
     bad = run(episode("a", seed, {"joint_error": None, "faults": 1.0}, "action is nan") for seed in range(6))
-    errors, faults = compare_runs(suite, suite.metrics, good, bad)
+    errors, faults, losses = compare_runs(suite, suite.metrics, good, bad)
     assert (errors.verdict, errors.change, errors.episodes) == ("unmeasured", None, 0)
+    assert (errors.baseline, errors.candidate, errors.is_lost) == (1.0, None, True)
     assert (faults.verdict, faults.change) == ("worse", 1.0)
+    assert (losses.verdict, losses.is_lost) == ("unmeasured", False)
+    assert Candidate(run=bad, passed=False, comparisons=(errors, faults, losses)).worse == ("joint_error", "faults")
+
+
+def test_failures_are_judged_whether_a_suite_names_them_or_not() -> None:
+    suite = tiny_suite()
+    assert [metric.name for metric in suite.metrics] == ["joint_error", "losses", "faults"]
+    assert suite.tolerance("faults", 0.0) == 0.0
+    good = run(episode("a", seed, {"joint_error": 1.0, "faults": 0.0, "losses": 0.0}) for seed in range(6))
+    bad = run(episode("a", seed, {"joint_error": None, "faults": 1.0, "losses": 0.0}, "nan") for seed in range(6))
+    verdicts = {c.metric: c.verdict for c in compare_runs(suite, suite.metrics, good, bad)}
+    assert verdicts == {"joint_error": "unmeasured", "losses": "same", "faults": "worse"}
 
 
 def width(comparison: Comparison) -> float:
@@ -132,7 +145,7 @@ def test_the_change_that_is_announced_is_found_as_often_as_announced() -> None:
     found = 0
     for seed in range(100):
         baseline = measured(1.0, seed=seed, spread=0.3)
-        (announced,) = detectable_changes(suite, suite.metrics, baseline)
+        announced = detectable_changes(suite, suite.metrics, baseline)[0]
         assert announced.power == POWER
         worse = 1.0 + announced.change / announced.baseline
         candidate = measured(worse, seed=1000 + seed, seeds=range(10, 20), spread=0.3)

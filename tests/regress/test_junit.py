@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
+from msgspec.structs import replace
 from regress_runs import episode, run, tiny_suite
 
 from humanoid_sim.regress.compare import compare_runs
@@ -44,9 +45,9 @@ def results(factor: float, *, margin: str = "same", baseline: bool = True) -> Re
 
 def test_a_regression_is_a_failure_that_names_the_metric() -> None:
     root = ElementTree.fromstring(junit_xml(results(1.2)))
-    assert root.attrib == {"name": "regress tiny", "tests": "4", "failures": "1", "skipped": "1"}
+    assert root.attrib == {"name": "regress tiny", "tests": "5", "failures": "1", "skipped": "2"}
     cases = {case.get("name"): case for case in root.iter("testcase")}
-    assert list(cases) == ["joint_error", "effort", "faults", "margin delay"]
+    assert list(cases) == ["joint_error", "effort", "faults", "losses", "margin delay"]
     failure = cases["joint_error"].find("failure")
     assert failure is not None
     assert failure.get("message") == (
@@ -64,6 +65,15 @@ def test_a_margin_that_is_worse_fails_too() -> None:
     assert failure.get("message") == "margin delay is worse: 0.01, was 0.03"
 
 
+def test_a_metric_that_no_episode_has_any_more_fails() -> None:
+    whole = results(1.0)
+    candidate = whole.candidates[0]
+    lost = replace(candidate.comparisons[0], verdict="unmeasured", candidate=None, change=None)
+    whole = replace(whole, candidates=(replace(candidate, comparisons=(lost, *candidate.comparisons[1:])),))
+    (failure,) = ElementTree.fromstring(junit_xml(whole)).iter("failure")
+    assert failure.get("message") == "joint_error is lost: no episode got to its end"
+
+
 def test_names_and_reasons_are_escaped() -> None:
     text = junit_xml(results(1.0)).decode()
     assert "strayed: ? &lt;left_hand&gt; &amp; more" in text
@@ -72,7 +82,7 @@ def test_names_and_reasons_are_escaped() -> None:
 
 def test_without_a_baseline_every_metric_is_skipped() -> None:
     root = ElementTree.fromstring(junit_xml(results(1.0, baseline=False)))
-    assert (root.get("failures"), root.get("skipped")) == ("0", "3")
+    assert (root.get("failures"), root.get("skipped")) == ("0", "4")
 
 
 def test_the_file(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(
     printed = capsys.readouterr().out
     assert "3 of 3 episodes failed:" in printed
     assert "wave, seed 0, after 0.00 s: action of left_shoulder_pitch is nan, expected a magnitude <= 100" in printed
-    assert printed.splitlines()[-1] == "FAIL nan: worse: faults"
+    assert "FAIL nan: worse: body_position_error, joint_error, faults" in printed.splitlines()
     assert sorted(path.name for path in folder.iterdir()) == ["nan-wave-0.mcap", "nan-wave-1.mcap"]
 
 
@@ -131,6 +131,7 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
         ((policy, *short, "--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
         ((policy, *short, "--json", str(there)), f"--json: '{there}' exists; choose another name, or add --overwrite"),
         ((policy, *short, "--junit", "no/where.xml"), "--junit: 'no' is no folder, expected one that exists"),
+        ((policy, *short, "--json", "/proc/out.json"), "--json: '/proc/out.json' cannot be written: "),
         ((policy, *short, "--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave"),
         ((policy, *short, "--seeds", "1"), "--seeds: is 1, expected at least 2"),
         ((policy, *short, "--threads", "0"), "--threads: is 0, expected a whole number >= 1"),

@@ -45,7 +45,20 @@ def replaced(before: str, after: str) -> str:
     [
         ("- 1\n", "is no suite, expected a mapping"),
         ("name: x\n", "misses the field 'task'"),
-        (replaced("task: tracking", "task: piano"), "task: invalid enum value 'piano'"),
+        (
+            replaced("task: tracking", "task: piano"),
+            "task: invalid enum value 'piano', expected one of tracking, veloc",
+        ),
+        (replaced("mass: [0.9, 1.1]", "mass: [0, 1]"), "randomisation: mass is (0.0, 1.0), expected more than 0"),
+        (
+            replaced("command_delay: [0.0, 0.004]", "command_delay: [0, 1e9]"),
+            "randomisation: command_delay is (0.0, 1000000000.0)",
+        ),
+        (replaced("[0.01, 0.02, 0.1]", "[1e9]"), "margins.sweeps[0].levels: is [1000000000.0], expected at most 1 s"),
+        (
+            replaced("limits: {body_position_error: 0.02}", "limits: {joint_error: .nan}"),
+            "margins.limits.joint_error: is nan",
+        ),
         (replaced("seeds: 3\n", "seeds: three\n"), "seeds: expected 'int', got 'str'"),
         (replaced("seeds: 3\n", "seeds: 1\n"), "seeds: is 1, expected at least 2"),
         (replaced("seeds: 3\n", "seeds: 3\nseedz: 4\n"), "has the unknown field 'seedz'"),
@@ -69,11 +82,18 @@ def replaced(before: str, after: str) -> str:
             replaced("[0.5, 0.01]", "[0.5, 1.5]"),
             "margins.sweeps[1].levels: is [0.5, 1.5], expected finite numbers that",
         ),
-        (replaced("axis: delay", "axis: wind"), "margins.sweeps[0].axis: invalid enum value 'wind'"),
+        (
+            replaced("axis: delay", "axis: wind"),
+            "margins.sweeps[0].axis: invalid enum value 'wind', expected one of del",
+        ),
         (replaced("cases: [wave]", "cases: [reach]"), "margins.cases: unknown case 'reach'; known: wave, drum"),
         (
             replaced("limits: {body_position_error: 0.02}", "limits: {tilt: 1}"),
             "margins.limits: unknown tracking metric",
+        ),
+        (
+            replaced("command_delay: [0.0, 0.004]", "command_jitter: 2"),
+            "randomisation: command_jitter is 2, expected at",
         ),
         ("seeds: [1\n", "is no YAML that can be read"),
         ("seeds: 1\nseeds: 2\n", "'seeds' is given twice"),
