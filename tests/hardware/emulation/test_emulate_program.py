@@ -6,13 +6,14 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 
 CHANNEL = "udp_multicast:239.74.163.62"
 
@@ -84,6 +85,19 @@ def test_what_is_refused_is_one_line(
     assert (status, out) == (2, "")
     assert err.startswith(problem)
     assert err.count("\n") == 1
+
+
+def test_a_hand_sweeps_the_joints(
+    emulate: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    led: list[Mapping[str, float] | None] = []
+    monkeypatch.setattr(VirtualMotors, "move_by_hand", lambda _, positions: led.append(positions))
+    status, _, err = emulate("--channel", CHANNEL, "--sweep", "--duration", "0.3")
+    assert (status, err) == (0, "")
+    assert len(led) >= 3
+    assert led[0] is not None
+    assert led[-1] is not None
+    assert abs(led[-1]["left_shoulder_roll"]) < abs(led[0]["left_shoulder_roll"]), "on its way to 0"
 
 
 def test_a_calibration_assembles_the_motors(emulate: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
