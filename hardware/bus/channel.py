@@ -39,8 +39,8 @@ _TOLERATED = 10
 """Failures in a row without an error number after which the bus counts as down."""
 _JOIN = 1.0
 """s that closing waits for a thread; a driver stuck in the kernel must not keep a robot from being closed."""
-_LONGEST_DELAY = 2.0
-"""s between a frame's time stamp and its reading that are believed."""
+_LONGEST_DELAY = 10.0
+"""s, beyond any receive timeout: what is older, after a suspended process, counts as so old."""
 
 _DOWN = frozenset(
     {errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.ENETUNREACH, errno.EIO, errno.ESHUTDOWN, errno.EPIPE}
@@ -155,6 +155,10 @@ class Channel:
             self._note(BusEvent.TX_FULL, "commands do not leave in time")
         self.counters.superseded, self.counters.overruns = self._outbox.superseded, self._outbox.overruns
 
+    def forget_queue(self) -> None:
+        """Drop frames that wait to be sent; one that the driver has at this moment may still leave."""
+        self._outbox.clear()
+
     def forget_events(self) -> None:
         """Drop past events, but not that the channel is down; what happened before the motors were enabled is past."""
         self._events.latest.clear()
@@ -246,8 +250,10 @@ class Channel:
         now = self._clock()
         if not self._has_real_time:
             return now
+        if stamp <= 0.0:
+            return now
         delay = time.time() - stamp
-        return now - delay if 0.0 <= delay <= _LONGEST_DELAY else now
+        return now - min(max(delay, 0.0), _LONGEST_DELAY)
 
     def _receive_failed(self, error: Exception) -> None:
         self.counters.receive_errors += 1

@@ -80,7 +80,10 @@ class ChannelLock:
 
 def _lock_path(address: BusAddress) -> Path:
     folder = _SHARED if _SHARED.is_dir() else Path(tempfile.gettempdir())
-    name = re.sub(r"[^A-Za-z0-9._-]", "_", f"{address.interface}-{address.channel}")
+    channel = address.channel
+    if channel.startswith("/"):  # the same adapter by another name, such as /dev/serial/by-id/…; `@` begins a bit rate
+        channel = os.path.realpath(channel.partition("@")[0])
+    name = re.sub(r"[^A-Za-z0-9._-]", "_", f"{address.interface}-{channel}")
     return folder / f"humanoid_sim-can-{name}.lock"
 
 

@@ -31,18 +31,26 @@ def is_limp(command: MITCommand) -> bool:
     return not (command.stiffness.any() or command.damping.any() or command.effort.any())
 
 
-def is_damped(command: MITCommand, state: MITState) -> bool:
-    """Whether the joints rest under a command that only damps them."""
-    return not (command.stiffness.any() or command.effort.any()) and bool((np.abs(state.joint_velocity) < _SLOW).all())
+def is_damped(command: MITCommand, state: MITState, stale: float) -> bool:
+    """Whether the joints are known to rest under a command that only damps them.
+
+    A joint that has been silent for more than `stale` s may have been at rest then, and fall now.
+    """
+    passive = not (command.stiffness.any() or command.effort.any())
+    slow = bool((np.abs(state.joint_velocity) < _SLOW).all())
+    return passive and slow and bool((state.joint_age <= stale).all())
 
 
-def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None]) -> None:
-    """Damp until the joints have come to rest, for 2 s at most."""
+def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None], stale: float) -> None:
+    """Damp until the joints are known to rest, for 2 s at most, and for all of that where one is silent."""
     rest = RestDetector(_PERIOD)
     deadline = time.monotonic() + _LONGEST
     while time.monotonic() < deadline:
         damp()
-        if rest.update(read()):
+        state = read()
+        if (state.joint_age > stale).any():
+            rest = RestDetector(_PERIOD)
+        elif rest.update(state):
             return
         time.sleep(_PERIOD)
 
@@ -51,6 +59,7 @@ def disable(settings: AdapterSettings, link: Link, reporting: Iterable[int]) -> 
     """Stop all motors and their active reports; the joints whose motors did not confirm it, asked twice over."""
     link.wait(lambda: link.unanswered <= 0, _LAST_ANSWERS)
     link.table.counts_answers = False
+    link.forget_queues()
     set_reports(link.requests, reporting, is_on=False)
     joints: Sequence[int] = range(settings.wiring.count)
     for _ in range(2):
@@ -58,10 +67,11 @@ def disable(settings: AdapterSettings, link: Link, reporting: Iterable[int]) -> 
     return tuple(joints)
 
 
-def unconfirmed(settings: AdapterSettings, link: Link, joints: Iterable[int]) -> str:
+def unconfirmed(settings: AdapterSettings, link: Link | None, joints: Iterable[int]) -> str:
     """What to tell whoever stands next to motors that may still be enabled."""
-    names = ", ".join(f"{settings.wiring.names[i]} ({mode_text(link.table.slots[i].sample)})" for i in joints)
+    samples = {} if link is None else {i: link.table.slots[i].sample for i in joints}
+    names = ", ".join(f"{settings.wiring.names[i]} ({mode_text(samples.get(i))})" for i in joints)
     return (
-        f"{settings.name}: not confirmed to be disabled: {names}. Without commands their CAN timeout stops them after "
+        f"not confirmed to be disabled: {names}. Without commands their CAN timeout stops them after "
         f"{1000.0 * settings.can_timeout:g} ms; switch the power off before touching the robot"
     )

@@ -111,6 +111,11 @@ class Link:
             time.sleep(_POLL)
         return True
 
+    def forget_queues(self) -> None:
+        """Drop what waits to be sent: after a jam, what comes next must not stand behind what is no longer wanted."""
+        for channel in self.channels:
+            channel.forget_queue()
+
     def begin(self) -> None:
         """The motors are enabled: questions are over, and from here on only what happens next counts."""
         self.table.inbox = None

@@ -41,13 +41,16 @@ class Requests:
         self._answers.put((channel, reply, when))
 
     def send(self, commands: Mapping[int, Sequence[Command]]) -> None:
-        """Send commands to motors by joint, those of one motor in order; motors take turns."""
+        """Send commands to motors by joint, those of one motor in order; motors take turns.
+
+        Where an earlier round is still waiting to leave, this one takes its place.
+        """
         longest = max((len(group) for group in commands.values()), default=0)
         for step in range(longest):
             for joint, group in commands.items():
                 if step < len(group):
                     frame = encode_command(group[step], self.wiring.model[joint])
-                    self._channels[self.wiring.channel[joint]].send([(None, frame)])
+                    self._channels[self.wiring.channel[joint]].send([((type(group[step]), joint, step), frame)])
 
     def ask(
         self,

@@ -88,6 +88,7 @@ class RobstrideRobot:
         self._link: Link | None = None
         self._control: MotorControl | None = None
         self._why_not = "not activated"
+        self._may_run: frozenset[int] = frozenset()
         self._uids: Mapping[int, bytes] = {}
         self._checks = CheckList()
         self._is_closing = self._is_closed = False
@@ -152,6 +153,7 @@ class RobstrideRobot:
         link, prepared, control = self._prepare()
         if self._dry_run:
             raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
+        self._may_run = frozenset(range(self._settings.wiring.count))
         try:
             enable_motors(link.requests, prepared.position.tolist(), self._checks)
             if self._checks.problems:
@@ -164,6 +166,8 @@ class RobstrideRobot:
     def _prepare(self) -> tuple[Link, Prepared, MotorControl]:
         if self._is_closing:
             raise RobotError(f"{self._settings.name}: the robot is closed")
+        if self._control is not None and self._control.is_enabled:
+            self._damp(self._control)  # or arms that still sink would fall while their motors are verified
         self._control, self._why_not = None, "not enabled"
         self._checks = CheckList()
         for joint, text in gain_warnings(self._description, self._settings.wiring):
@@ -174,7 +178,7 @@ class RobstrideRobot:
         except BaseException as error:
             self._give_up(error)
             raise
-        self._uids = prepared.uids
+        self._may_run, self._uids = frozenset(), prepared.uids
         self._control = control = MotorControl(self._settings, link, prepared)
         return link, prepared, control
 
@@ -200,11 +204,23 @@ class RobstrideRobot:
         raise RobotError(checks.refusal(self._settings.name))
 
     def _give_up(self, error: BaseException) -> None:
-        """After a refusal: stop the motors, unless another master drives them, whose arms would fall."""
-        first = str(error).partition("\n")[0] or type(error).__name__
-        self._why_not = first.removeprefix(f"{self._settings.name}: ")
-        if self._link is not None and not self._link.intruders:
-            stop_motors(self._link.requests, range(self._settings.wiring.count))
+        """After a refusal: stop the motors, unless another master drives them, whose arms would fall.
+
+        Raises:
+            RobotError: in place of one of these, where motors of an earlier activation do not confirm it.
+        """
+        link, checks = self._link, self._checks
+        if link is not None and (self._may_run or not link.intruders):
+            link.forget_queues()
+            self._may_run &= frozenset(stop_motors(link.requests, range(self._settings.wiring.count)))
+        for joint in sorted(self._may_run):
+            checks.problem(self._settings.wiring.names[joint], "does not confirm that it is disabled")
+        refusal = RobotError(checks.refusal(self._settings.name)) if self._may_run else error
+        self._why_not = (str(refusal).partition("\n")[0] or type(error).__name__).removeprefix(
+            f"{self._settings.name}: "
+        )
+        if isinstance(error, RobotError) and refusal is not error:
+            raise refusal from error
 
     # --- the control loop
 
@@ -264,7 +280,6 @@ class RobstrideRobot:
             return
         self._is_closing = True
         link, control = self._link, self._control
-        left: tuple[int, ...] = ()
         with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
             stack.callback(self._ended)
             stack.callback(self._locks.release)
@@ -272,14 +287,18 @@ class RobstrideRobot:
                 stack.callback(self._imu.close)
             if link is not None:
                 stack.callback(link.close)
-            if link is not None and control is not None:
+            if link is not None and (control is not None or self._may_run):
                 try:
-                    self._damp(control)
+                    if control is not None:
+                        self._damp(control)
                 finally:
-                    left = disable(self._settings, link, control.reporting)
-                    control.disable()
-        if left and link is not None:
-            raise RobotError(unconfirmed(self._settings, link, left))
+                    left = disable(self._settings, link, () if control is None else control.reporting)
+                    self._may_run &= frozenset(left)
+                    if control is not None:
+                        control.disable()
+        if self._may_run:
+            text = unconfirmed(self._settings, link, sorted(self._may_run))
+            raise RobotError(f"{self._settings.name}: {text}")
 
     def _ended(self) -> None:
         self._is_closed = True
@@ -287,7 +306,7 @@ class RobstrideRobot:
 
     def _damp(self, control: MotorControl) -> None:
         """Damp the joints, unless there was no torque, or they rest in DAMPING already."""
-        last = control.last_command
-        if last is None or is_limp(last) or is_damped(last, self.read()[0]):
+        last, stale = control.last_command, self._settings.rx_timeout
+        if last is None or is_limp(last) or is_damped(last, self.read()[0], stale):
             return
-        damp_until_rest(lambda: self.read()[0], lambda: control.damp(self.time))
+        damp_until_rest(lambda: self.read()[0], lambda: control.damp(self.time), stale)

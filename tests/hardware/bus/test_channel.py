@@ -79,18 +79,21 @@ def test_kinds_of_frames_are_kept_apart(channel: Channel, heard: Heard, peer: ca
 def test_a_frame_is_as_old_as_its_stamp(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:
     late = _message()
     late.timestamp -= 0.3  # it lay in the kernel while this process did not run
-    strange = _message()
-    strange.timestamp = 12.5  # a driver that counts from its own start
+    suspended = _message()
+    suspended.timestamp -= 3600.0  # the process was stopped for an hour
+    unstamped = _message()
+    unstamped.timestamp = 0.0
     future = _message()
     future.timestamp += 5.0
-    for message in (late, strange, future):
+    for message in (late, suspended, unstamped, future):
         bus.incoming.put(message)
-    assert wait_until(lambda: len(heard.frames) == 3)
+    assert wait_until(lambda: len(heard.frames) == 4)
     now = time.monotonic()
     ages = [now - when for _, when in heard.frames]
     assert 0.3 <= ages[0] < 2.0
-    assert 0.0 <= ages[1] < 0.3
+    assert ages[1] > 5.0
     assert 0.0 <= ages[2] < 0.3
+    assert 0.0 <= ages[3] < 0.3
 
 
 def test_frames_of_other_processes_of_this_machine_count(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:

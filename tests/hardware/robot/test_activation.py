@@ -487,10 +487,12 @@ def test_a_refused_reactivation_leaves_a_robot_that_can_be_read(
 ) -> None:
     robot.activate()
     left.is_silent = True
-    assert len(_refusal(robot)) == 1
+    problems = _refusal(robot)
+    assert problems[0].startswith("left: motor 11 does not answer on")
+    assert problems[1:] == ["left: does not confirm that it is disabled"]
     state, statuses = robot.read()
     assert [status.level for status in statuses] == [SafetyLevel.FAULT] * 2
-    assert all("not enabled, 1 problem" in status.message for status in statuses)
+    assert all("not enabled, 2 problems" in status.message for status in statuses)
     assert state.joint_count == 2
     assert right.mode is MotorMode.RESET
 
