@@ -109,3 +109,13 @@ def test_device_paths_make_one_file(tmp_path) -> None:
     with ChannelLock(BusAddress("slcan", "/dev/ttyACM0")):
         (path,) = tmp_path.iterdir()
         assert path.name == "humanoid_sim-can-slcan-_dev_ttyACM0.lock"
+
+
+def test_two_names_of_one_adapter_are_one_lock(tmp_path) -> None:
+    (tmp_path / "ttyACM0").write_text("")
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
+    with (
+        ChannelLock(BusAddress("slcan", str(tmp_path / "ttyACM0"))),
+        pytest.raises(RobotError, match="is in use by another session"),
+    ):
+        ChannelLock(BusAddress("slcan", f"{tmp_path / 'by-id'}@115200"))

@@ -135,7 +135,7 @@ def make_robot(
     yield make
     monkeypatch.setattr(requests, "_ANSWER_TIMES", _PATIENT)
     for motor in (left, right):
-        motor.is_silent, motor.stops, motor.hears = False, True, lambda _: True
+        motor.is_silent, motor.answers, motor.stops, motor.hears = False, True, True, lambda _: True
     for robot in made:
         robot.close()
 

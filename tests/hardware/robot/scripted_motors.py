@@ -55,6 +55,9 @@ class ScriptedMotor:
     faults: StatusFault = NO_FAULT
     clears_faults: bool = True
     is_silent: bool = False
+    """It neither hears nor answers."""
+    answers: bool = True
+    """It obeys, but nobody hears it."""
     enables: bool = True
     stops: bool = True
     has_version: bool = True
@@ -143,7 +146,7 @@ class ScriptedMotors:
             if time.monotonic() - reported >= 0.003:
                 reported = time.monotonic()
                 for motor in motors:
-                    if motor.reports and not motor.is_silent:
+                    if motor.reports and motor.answers and not motor.is_silent:
                         self.send(bus, motor.status(is_report=True), motor.model)
             if message is None:
                 continue
@@ -152,7 +155,7 @@ class ScriptedMotors:
                 command = decode_command(frame, motor.motor_id, MODELS[motor.model])
                 if hasattr(command, "motor_id") and type(command).__name__ not in {"Ignored", "Malformed"}:
                     reply = motor.answer(command)  # type: ignore[arg-type]
-                    if reply is not None:
+                    if reply is not None and motor.answers:
                         self.send(bus, reply, motor.model)
 
     @staticmethod

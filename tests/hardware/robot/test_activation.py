@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import errno
 import math
 import threading
+import time
 from collections.abc import Callable
 
 import can
@@ -15,6 +17,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.imu.interface import ImuReading, upright_at_rest
+from humanoid_sim.hardware.robot import closing
 from humanoid_sim.hardware.robot.checks import Verdict
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.hardware.robstride.commands import encode_command
@@ -33,6 +36,7 @@ from humanoid_sim.hardware.robstride.messages import (
 from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, unpack_value
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.schema import RemoteSettings, RobotDescription
 
 MakeRobot = Callable[..., RobstrideRobot]
@@ -629,3 +633,67 @@ def test_settings_that_cannot_be_are_refused(options: dict[str, float], says: st
 def test_a_channel_named_twice_is_refused(description: RobotDescription) -> None:
     with pytest.raises(InputError, match="a channel is named twice"):
         RobstrideRobot(description, ["virtual:a", "virtual:a"], calibration={"left": 0.0, "right": 0.0})
+
+
+# --- what waits, and what falls
+
+
+def test_a_robot_that_moves_is_damped_before_it_is_activated_again(
+    robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(closing, "_LONGEST", 0.4)
+    robot.activate()
+    left.velocity = 0.9
+    robot.write(_damp())
+    assert wait_until(lambda: abs(robot.read()[0].joint_velocity[0]) > 0.5)
+    left.heard.clear()
+    left.position += 0.01
+    robot.activate()
+    kinds = [type(command) for command in left.heard if isinstance(command, OperationControl | Stop)]
+    assert kinds.index(Stop) > 10, "damped first: free arms would fall while their motors are verified"
+    assert all(command.damping > 2.9 for command in left.commands[: kinds.index(Stop)])
+
+
+def test_a_robot_at_rest_is_activated_again_at_once(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    robot.activate()
+    robot.write(_damp())
+    assert wait_until(lambda: bool(left.commands) and left.commands[-1].damping > 2.9)
+    left.heard.clear()
+    robot.activate()
+    assert not [command for command in left.commands if command.damping > 0.0]
+
+
+def _damp() -> MITCommand:
+    zeros = np.zeros(2)
+    return MITCommand(zeros, zeros, zeros, zeros, np.full(2, 3.0))
+
+
+@pytest.mark.usefixtures("impatient")
+def test_no_enable_waits_in_a_jam_until_the_robot_was_refused(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+    jammed = []
+
+    def open_jammed(address: BusAddress) -> can.BusABC:
+        bus = open_bus(address)
+        send = bus.send
+
+        def sending(message: can.Message, timeout: float | None = None) -> None:
+            if message.arbitration_id >> 24 == 3 and address.channel.startswith("left") and not jammed:
+                jammed.append(message)
+            if jammed and jammed[-1] is not None and address.channel.startswith("left"):
+                raise can.CanOperationError("no buffer", error_code=errno.ENOBUFS)
+            send(message, timeout)
+
+        bus.send = sending  # type: ignore[method-assign]
+        return bus
+
+    robot = make_robot(open_bus=open_jammed)
+    with pytest.raises(RobotError, match="left: was not enabled"):
+        robot.activate()
+    left.heard.clear()
+    jammed.append(None)  # the jam clears
+    assert wait_until(lambda: any(isinstance(command, Stop) for command in left.heard))
+    time.sleep(0.05)
+    kinds = [type(command) for command in left.heard]
+    assert kinds.count(Enable) <= 1, "the one that the driver had in its hands"
+    assert left.mode is MotorMode.RESET
+    assert kinds[-1] is not Enable

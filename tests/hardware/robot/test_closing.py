@@ -10,7 +10,7 @@ from scripted_motors import ScriptedMotor
 from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.robot import closing
+from humanoid_sim.hardware.robot import closing, requests
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.hardware.robstride.faults import MotorMode
 from humanoid_sim.hardware.robstride.messages import Command, OperationControl, Stop
@@ -153,3 +153,53 @@ def test_an_impatient_interrupt_still_disables(
     assert left.mode is MotorMode.RESET
     assert robot.is_closed
     robot.close()
+
+
+def _moving_while_answers_are_lost(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    """Left sinks in DAMPING; the last that was heard of it is that it did not move."""
+    robot.activate()
+    robot.write(_hold(0.0, 3.0))
+    assert wait_until(lambda: bool(left.commands))
+    left.answers = False
+    assert wait_until(lambda: robot.read()[0].joint_age[0] > 0.25)
+    left.heard.clear()
+
+
+def test_a_silent_joint_is_not_taken_to_rest(
+    robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(closing, "_LONGEST", 0.7)
+    _moving_while_answers_are_lost(robot, left)
+    monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03,))
+    with pytest.raises(RobotError, match="not confirmed to be disabled: left"):
+        robot.close()
+    damping = [command for command in left.commands if command.damping > 2.9]
+    assert len(damping) > 25, "for as long as damping lasts, although the last velocity heard was 0"
+    assert left.mode is MotorMode.RESET
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_motor_lost_in_a_reactivation_is_answered_for_at_the_end(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    robot.activate()
+    robot.write(_hold())
+    left.is_silent = True  # unplugged from the bus: it goes on with its last command
+    with pytest.raises(RobotError, match="left: does not confirm that it is disabled"):
+        robot.activate()
+    with pytest.raises(RobotError, match="not confirmed to be disabled: left"):
+        robot.close()
+    assert left.mode is MotorMode.RUN
+
+
+def test_a_motor_found_again_after_a_refused_reactivation_is_disabled(
+    robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.activate()
+    left.is_silent = True
+    with monkeypatch.context() as patch:
+        patch.setattr(requests, "_ANSWER_TIMES", (0.03,))
+        with pytest.raises(RobotError, match="left: motor 11 does not answer"):
+            robot.activate()
+    left.is_silent = False
+    assert left.mode is MotorMode.RUN
+    robot.close()
+    assert left.mode is MotorMode.RESET
