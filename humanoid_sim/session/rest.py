@@ -19,6 +19,8 @@ _REST_VELOCITY = 0.02
 """rad/s below which a joint counts as slow."""
 _REST_TIME = 0.5
 """s that every joint must be slow."""
+_OLD = 0.2
+"""s since a joint was heard, after which its last velocity says nothing about whether it moves now."""
 
 
 class RestDetector:
@@ -33,9 +35,13 @@ class RestDetector:
         self._slow = 0
 
     def update(self, state: MITState) -> bool:
-        """Take a state into account; whether the joints are at rest. A velocity that is not finite tells nothing."""
+        """Take a state into account; whether the joints are at rest.
+
+        A velocity that is not finite tells nothing; where a joint has not been heard for a while, nobody knows.
+        """
         known = np.abs(state.joint_velocity[np.isfinite(state.joint_velocity)])
-        is_slow = known.size > 0 and bool((known < _REST_VELOCITY).all())
+        is_heard = bool((state.joint_age <= _OLD).all())
+        is_slow = is_heard and known.size > 0 and bool((known < _REST_VELOCITY).all())
         self._slow = self._slow + 1 if is_slow else 0
         return self._slow > self._needed
 

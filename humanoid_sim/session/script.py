@@ -143,7 +143,10 @@ class Script:
 
 
 class OverriddenScript:
-    """A script, and operators whose first intent takes the script's place for good."""
+    """A script, and operators whose first intent takes the script's place for good.
+
+    So does a fresh start, for which an operator asked: it is seen by the outputs of ticks beginning again.
+    """
 
     def __init__(self, script: Script, operators: Sequence[IntentSource]) -> None:
         """Prepare.
@@ -155,6 +158,7 @@ class OverriddenScript:
         self._script = script
         self._operators = tuple(operators)
         self._taken_over = False
+        self._has_begun = False
 
     @property
     def finished(self) -> bool:
@@ -164,7 +168,9 @@ class OverriddenScript:
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """The operators' intents, else the script's."""
         intents = [intent for source in self._operators for intent in source.poll(time, output)]
-        if intents and not self._taken_over:
+        starts_afresh = self._has_begun and output is None
+        self._has_begun = self._has_begun or output is not None
+        if (intents or starts_afresh) and not self._taken_over:
             self._taken_over = True
             self._script.cancel()
         return intents if self._taken_over else self._script.poll(time, output)

@@ -192,6 +192,9 @@ class Session:
             self._memory, self._output = self._supervisor.initial(), None
             self._pace.restart()
         self._sinks.event(told)
+        # What was asked for while the robot was busy was meant for the state before; DAMP is meant always.
+        if self._output is None and Intent.DAMP in self._collect():
+            self.tick((Intent.DAMP,))
 
     def _rest(self) -> None:
         """DAMPING until the joints are at rest, then QUIT; from ZERO_TORQUE QUIT at once.

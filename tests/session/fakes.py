@@ -31,6 +31,7 @@ class FakeRobot:
     on_write: Callable[[int], None] = lambda _: None
     velocity: float = 0.0
     """rad/s, of the first joint."""
+    on_activate: Callable[[], object] = lambda: None
     activation_error: Exception | None = None
     extern: Mapping[str, Any] = field(default_factory=dict)
 
@@ -46,6 +47,7 @@ class FakeRobot:
 
     def activate(self) -> None:
         self.log.append("activate")
+        self.on_activate()
         if self.activation_error:
             raise self.activation_error
 

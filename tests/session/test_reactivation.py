@@ -8,6 +8,8 @@ from fakes import FakeRobot, FakeSink, FakeSource, session
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
+from humanoid_sim.session.script import OverriddenScript, Script, parse_script
+from humanoid_sim.session.sources import IntentQueue
 
 DONE = "reactivated: the robot is verified and enabled afresh"
 
@@ -31,6 +33,32 @@ def test_the_stack_begins_again_without_torque() -> None:
     assert set(modes[6:]) == {Mode.ZERO_TORQUE}
     assert sink.records[6].output.control_mode.status_message == "started"
     assert [record.index for record in sink.records] == list(range(len(sink.records)))
+
+
+def test_what_was_planned_before_does_not_move_the_robot_after() -> None:
+    reactivation, robot = Reactivation(), FakeRobot()
+    script = Script(parse_script("damp; hold 0.2; damp; load_a; wait; start_locomotion; hold 1"))
+    sink, options = asked_at(5, reactivation, intents=[OverriddenScript(script, [FakeSource()])])
+    result = session(robot, **options).run()
+    assert result.reason == "duration of 0.4 s reached"
+    assert script.remaining == 0
+    assert {record.output.control_mode.mode for record in sink.records[6:]} == {Mode.ZERO_TORQUE}
+
+
+def test_of_what_was_asked_for_during_the_activation_only_damp_counts() -> None:
+    for asked, mode in (((Intent.LOAD_A, Intent.DAMP), Mode.DAMPING), ((Intent.QUIT, Intent.LOAD_A), Mode.ZERO_TORQUE)):
+        reactivation, robot, queue = Reactivation(), FakeRobot(), IntentQueue()
+        sink, options = asked_at(5, reactivation, intents=[queue])
+
+        def ask(robot: FakeRobot = robot, queue: IntentQueue = queue, asked: tuple[Intent, ...] = asked) -> None:
+            if robot.log.count("activate") == 2:
+                for intent in asked:
+                    queue.put(intent)
+
+        robot.on_activate = ask
+        result = session(robot, **options).run()
+        assert result.reason == "duration of 0.4 s reached"
+        assert {record.output.control_mode.mode for record in sink.records[6:-1]} == {mode}
 
 
 def test_in_motion_it_is_refused() -> None:

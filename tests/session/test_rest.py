@@ -37,6 +37,14 @@ def test_velocities_that_nobody_knows_are_no_rest() -> None:
     assert not any(rest.update(unknown) for _ in range(10))
 
 
+@pytest.mark.parametrize("age", [0.21, 3.0, np.inf, np.nan])
+def test_a_joint_that_fell_silent_while_it_was_slow_is_no_rest(age: float) -> None:
+    rest = RestDetector(1.0)
+    silent = rig.state(joint_age=np.array([0.0, age, 0.0]))
+    assert not any(rest.update(silent) for _ in range(10))
+    assert [rest.update(moving(0.0)) for _ in range(2)] == [False, True]
+
+
 def damp(robot: FakeRobot, longest: float = 1.0, **options: object) -> MITState:
     start = rig.state(position=rig.KNOWN)
     settings = {"period": rig.PERIOD, "longest": longest, "pause": None, **options}
