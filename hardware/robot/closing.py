@@ -16,8 +16,8 @@ from humanoid_sim.session.rest import RestDetector
 
 __all__ = ["damp_until_rest", "disable", "is_damped", "is_limp", "unconfirmed"]
 
-_LONGEST = 2.0
-"""s that damping may take."""
+_LONGEST = 3.0
+"""s that damping may take, as at the end of a session."""
 _PERIOD = 0.01
 """s between its commands."""
 _LAST_ANSWERS = 0.1
@@ -42,7 +42,7 @@ def is_damped(command: MITCommand, state: MITState, stale: float) -> bool:
 
 
 def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None], stale: float) -> None:
-    """Damp until the joints are known to rest, for 2 s at most, and for all of that where one is silent."""
+    """Damp until the joints are known to rest, for 3 s at most, and for all of that where one is silent."""
     rest = RestDetector(_PERIOD)
     deadline = time.monotonic() + _LONGEST
     while time.monotonic() < deadline:

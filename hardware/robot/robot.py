@@ -216,9 +216,8 @@ class RobstrideRobot:
         for joint in sorted(self._may_run):
             checks.problem(self._settings.wiring.names[joint], "does not confirm that it is disabled")
         refusal = RobotError(checks.refusal(self._settings.name)) if self._may_run else error
-        self._why_not = (str(refusal).partition("\n")[0] or type(error).__name__).removeprefix(
-            f"{self._settings.name}: "
-        )
+        first = str(refusal).partition("\n")[0] or type(error).__name__
+        self._why_not = first.removeprefix(f"{self._settings.name}: ")
         if isinstance(error, RobotError) and refusal is not error:
             raise refusal from error
 
