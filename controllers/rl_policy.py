@@ -181,7 +181,7 @@ class RLPolicyController:
     def _action_problem(self, action: Float32Array) -> str:
         if action.shape != (self.contract.action_count,):
             return f"action has shape {action.shape}, expected ({self.contract.action_count},)"
-        wrong = ~(np.abs(action) <= self.action_limit)
+        wrong = ~(np.abs(action) <= np.float64(self.action_limit))  # in float32 a large limit would be infinite
         if not wrong.any():
             return ""
         i = int(np.argmax(wrong))

@@ -220,7 +220,10 @@ def test_what_the_policy_answered_is_part_of_the_fault():
     assert np.isnan(fault.policy_step.action[1])
 
 
-@pytest.mark.parametrize(("limit", "action", "ok"), [(2.0, 2.0, True), (2.0, -2.0, True), (2.0, 2.001, False)])
+@pytest.mark.parametrize(
+    ("limit", "action", "ok"),
+    [(2.0, 2.0, True), (2.0, -2.0, True), (2.0, 2.001, False), (1e300, 1e39, False), (1e300, -INF, False)],
+)
 def test_the_action_limit_is_a_parameter(limit, action, ok):
     (result,) = run(controller(lambda *_: [0.0, action], action_limit=limit), 1)
     assert isinstance(result, Fault) == (not ok)
