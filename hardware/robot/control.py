@@ -56,6 +56,12 @@ class MotorControl:
         """Whether the motors were enabled, and not disabled since by this program."""
         return self._watch is not None
 
+    @property
+    def jumped(self) -> frozenset[str]:
+        """Joints whose position jumped."""
+        names = self._settings.wiring.names
+        return frozenset(names[i] for i in np.flatnonzero(self._tracker.jumped))
+
     def enable(self, now: float) -> None:
         """The motors are enabled as of `now`, s, robot's clock."""
         self._link.begin()

@@ -10,12 +10,13 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.channel import Channel, OpenBus
 from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.bus.opening import bus_hints
+from humanoid_sim.hardware.imu.interface import Imu
 from humanoid_sim.hardware.robot.checks import CheckList
 from humanoid_sim.hardware.robot.requests import Requests
 from humanoid_sim.hardware.robot.settings import AdapterSettings
 from humanoid_sim.hardware.robot.table import MotorTable
 
-__all__ = ["Link", "Locks"]
+__all__ = ["Link", "Locks", "open_link", "reopen"]
 
 _POLL = 0.001
 """s"""
@@ -127,3 +128,26 @@ class Link:
         self.table.inbox = None
         for channel in self.channels:
             channel.close()
+
+
+def reopen(imu: Imu, checks: CheckList) -> None:
+    """Open an IMU afresh; one that cannot be opened is a problem."""
+    imu.close()
+    try:
+        imu.open()
+    except RobotError as error:
+        checks.problem("imu", str(error))
+
+
+def open_link(settings: AdapterSettings, *, clock: Callable[[], float], open_bus: OpenBus, checks: CheckList) -> Link:
+    """All channels open, if nothing was wrong before; the arguments are those of `Link`.
+
+    Raises:
+        RobotError: with everything that is wrong; no channel is open then.
+    """
+    if not checks.problems:
+        link = Link(settings, clock=clock, open_bus=open_bus, checks=checks)
+        if link.is_complete:
+            return link
+        link.close()
+    raise RobotError(checks.refusal(settings.name))

@@ -115,6 +115,17 @@ class Requests:
                         found[joint] = sample
         return found
 
+    def received(self) -> list[tuple[int, Reply]]:
+        """Joint and answer of every answer that has come since; waits for none."""
+        by_address = {(self.wiring.channel[i], self.wiring.motor_id[i]): i for i in range(self.wiring.count)}
+        found = []
+        while not self._answers.empty():
+            channel, reply, _ = self._answers.get_nowait()
+            joint = by_address.get((channel, reply.motor_id))
+            if joint is not None:
+                found.append((joint, reply))
+        return found
+
     def scan(self, motor_ids: Sequence[int], quiet_time: float) -> list[tuple[int, DeviceId]]:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
 

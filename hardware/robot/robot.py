@@ -17,11 +17,12 @@ from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors
 from humanoid_sim.hardware.robot.checks import Check, CheckList
 from humanoid_sim.hardware.robot.closing import damp_until_rest, disable, is_damped, is_limp, unconfirmed
 from humanoid_sim.hardware.robot.control import MotorControl
+from humanoid_sim.hardware.robot.enabling import enable_motors
 from humanoid_sim.hardware.robot.gain_checks import gain_warnings
-from humanoid_sim.hardware.robot.link import Link, Locks
+from humanoid_sim.hardware.robot.link import Link, Locks, open_link, reopen
 from humanoid_sim.hardware.robot.settings import make_settings
 from humanoid_sim.hardware.robot.statistics import RobotStatistics, gather_statistics
-from humanoid_sim.hardware.robot.stopping import enable_motors, stop_motors
+from humanoid_sim.hardware.robot.stopping import stop_motors
 from humanoid_sim.hardware.robot.tracker import unheard
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
@@ -29,6 +30,8 @@ from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["RobstrideRobot"]
+
+_JUMPED = "its position jumped before: compare it with this list, and calibrate if it differs"
 
 
 class RobstrideRobot:
@@ -90,6 +93,7 @@ class RobstrideRobot:
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()
         self._uids: Mapping[int, bytes] = {}
+        self._slipped: frozenset[str] = frozenset()
         self._checks = CheckList()
         self._is_closing = self._is_closed = False
 
@@ -155,7 +159,7 @@ class RobstrideRobot:
             raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
         self._may_run = frozenset(range(self._settings.wiring.count))
         try:
-            enable_motors(link.requests, prepared.position.tolist(), self._checks)
+            enable_motors(link.requests, prepared.position.tolist(), self._settings.can_timeout, self._checks)
             if self._checks.problems:
                 raise RobotError(self._checks.refusal(self._settings.name))
         except BaseException as error:
@@ -166,12 +170,16 @@ class RobstrideRobot:
     def _prepare(self) -> tuple[Link, Prepared, MotorControl]:
         if self._is_closing:
             raise RobotError(f"{self._settings.name}: the robot is closed")
-        if self._control is not None and self._control.is_enabled:
-            self._damp(self._control)  # or arms that still sink would fall while their motors are verified
+        if self._control is not None:
+            self._slipped |= self._control.jumped
+            if self._control.is_enabled:
+                self._damp(self._control)  # or arms that still sink would fall while their motors are verified
         self._control, self._why_not = None, "not enabled"
         self._checks = CheckList()
         for joint, text in gain_warnings(self._description, self._settings.wiring):
             self._checks.warn(joint, text)
+        for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
+            self._checks.warn(joint, _JUMPED)
         try:
             link = self._open()
             prepared = prepare_motors(self._settings, link, self._uids, self._checks)
@@ -187,21 +195,11 @@ class RobstrideRobot:
         if self._link is not None:
             self._link.close()
             self._link = None
-        checks = self._checks
-        self._locks.take(self._settings, checks)
+        self._locks.take(self._settings, self._checks)
         if self._imu is not None:
-            self._imu.close()
-            try:
-                self._imu.open()
-            except RobotError as error:
-                checks.problem("imu", str(error))
-        if not checks.problems:
-            link = Link(self._settings, clock=lambda: self.time, open_bus=self._open_bus, checks=checks)
-            if link.is_complete:
-                self._link = link
-                return link
-            link.close()
-        raise RobotError(checks.refusal(self._settings.name))
+            reopen(self._imu, self._checks)
+        self._link = open_link(self._settings, clock=lambda: self.time, open_bus=self._open_bus, checks=self._checks)
+        return self._link
 
     def _give_up(self, error: BaseException) -> None:
         """After a refusal: stop the motors, unless another master drives them, whose arms would fall.

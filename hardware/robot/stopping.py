@@ -1,9 +1,8 @@
-"""Stop motors, clear their faults, enable them: each verified by the mode that the motor then reports."""
+"""Stop motors and clear their faults, verified by what they then report."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from humanoid_sim.hardware.robot.checks import CheckList
 from humanoid_sim.hardware.robot.parameter_access import ParameterAccess
@@ -11,18 +10,10 @@ from humanoid_sim.hardware.robot.requests import Requests
 from humanoid_sim.hardware.robot.table import Sample
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, flag_names
-from humanoid_sim.hardware.robstride.messages import Command, Enable, OperationControl, Stop
+from humanoid_sim.hardware.robstride.messages import Stop
 from humanoid_sim.hardware.robstride.parameters import fault_word
 
-__all__ = ["enable_motors", "mode_text", "stop_and_clear", "stop_motors"]
-
-
-_ENABLE_TIME = 0.75
-"""s in which every motor must run."""
-_ENABLE_PERIOD = 0.02
-"""s between two rounds of commands meanwhile, well within the CAN timeout."""
-_POLL = 0.001
-"""s"""
+__all__ = ["mode_text", "stop_and_clear", "stop_motors"]
 
 
 def mode_text(sample: Sample | None) -> str:
@@ -78,42 +69,3 @@ def _fault_words(wiring: Wiring, access: ParameterAccess, joints: Iterable[int] 
 def _faults_text(sample: Sample | None, word: int) -> str:
     status = () if sample is None else flag_names(StatusFault(sample.faults))
     return ", ".join(dict.fromkeys([*status, *flag_names(FaultBit(word))]))
-
-
-def enable_motors(requests: Requests, position: Sequence[float], checks: CheckList) -> None:
-    """Enable every motor, without torque; one that does not run afterwards is a problem.
-
-    A command without gains or effort goes before and after each enable: some firmware keeps its last command, and
-    nobody knows what the last program that talked to this motor wanted of it. The same command goes on to those that
-    run already, or their CAN timeout would stop them while others are still asked.
-
-    Args:
-        requests: asks.
-        position: rad, motor frame, where each motor is.
-        checks: takes the problems.
-    """
-    wiring, slots = requests.wiring, requests.table.slots
-    before = [slot.sample for slot in slots]
-
-    def waiting() -> list[int]:
-        """Joints whose motors have not reported since then that they run, or have stopped again."""
-        return [i for i, slot in enumerate(slots) if slot.sample is before[i] or not _runs(slot.sample)]
-
-    deadline = time.monotonic() + _ENABLE_TIME
-    while left := waiting():
-        if time.monotonic() > deadline:
-            break
-        commands: dict[int, list[Command]] = {}
-        for i, motor_id in enumerate(wiring.motor_id):
-            limp = OperationControl(motor_id, position[i], 0.0, 0.0, 0.0, 0.0)
-            commands[i] = [limp, Enable(motor_id, host_id=requests.host_id), limp] if i in left else [limp]
-        requests.send(commands)
-        again = time.monotonic() + _ENABLE_PERIOD
-        while waiting() and time.monotonic() < again:
-            time.sleep(_POLL)
-    for i in left:
-        checks.problem(wiring.names[i], f"was not enabled ({mode_text(slots[i].sample)})")
-
-
-def _runs(sample: Sample | None) -> bool:
-    return sample is not None and sample.mode == MotorMode.RUN and not sample.faults

@@ -11,7 +11,7 @@ import pytest
 
 from humanoid_sim.hardware.bus import channel
 from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.robot import activation, closing, identify, requests, stopping
+from humanoid_sim.hardware.robot import activation, closing, enabling, identify, requests
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.robots.schema import (
     DampingSettings,
@@ -45,7 +45,7 @@ def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests in which a motor will not do what it is asked."""
     monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03, 0.03, 0.03))
-    monkeypatch.setattr(stopping, "_ENABLE_TIME", 0.1)
+    monkeypatch.setattr(enabling, "_LONGEST", 0.15)
     monkeypatch.setattr(activation, "_REPORT_WAIT", 0.05)
 
 
