@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from humanoid_sim.hardware.imu.interface import ImuReading
 from humanoid_sim.hardware.robot.activation import Prepared
 from humanoid_sim.hardware.robot.limiter import CommandEncoder
 from humanoid_sim.hardware.robot.link import Link
@@ -13,9 +14,9 @@ from humanoid_sim.hardware.robot.settings import AdapterSettings
 from humanoid_sim.hardware.robot.tracker import JointReadings, JointTracker
 from humanoid_sim.hardware.robot.watch import SafetyWatch
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
-__all__ = ["MotorControl"]
+__all__ = ["MotorControl", "robot_state"]
 
 _BAD_COMMAND = SafetyStatus(
     SafetyLevel.CRITICAL, SafetyFlag.NONE, "host", "a command was not finite and was replaced by damping"
@@ -106,3 +107,24 @@ class MotorControl:
     def damp(self, now: float) -> None:
         """DAMPING's command, which needs no state."""
         self.write(self._damped, now)
+
+
+def robot_state(now: float, joints: JointReadings, age: FloatArray, imu: ImuReading) -> MITState:
+    """What the control stack reads.
+
+    Args:
+        now: s, robot's clock.
+        joints: in the joint frame.
+        age: shape (n,), s since each joint was heard.
+        imu: what it last felt.
+    """
+    return MITState(
+        time=now,
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        joint_effort=joints.effort,
+        joint_age=age,
+        imu_quaternion=imu.quaternion,
+        imu_angular_velocity=imu.angular_velocity,
+        imu_linear_acceleration=imu.linear_acceleration,
+    )

@@ -16,7 +16,7 @@ from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
 from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors
 from humanoid_sim.hardware.robot.checks import Check, CheckList
 from humanoid_sim.hardware.robot.closing import damp_until_rest, disable, is_damped, is_limp, unconfirmed
-from humanoid_sim.hardware.robot.control import MotorControl
+from humanoid_sim.hardware.robot.control import MotorControl, robot_state
 from humanoid_sim.hardware.robot.enabling import enable_motors
 from humanoid_sim.hardware.robot.gain_checks import gain_warnings
 from humanoid_sim.hardware.robot.link import Link, Locks, open_link, reopen
@@ -230,18 +230,10 @@ class RobstrideRobot:
         joints = unheard(self._settings.wiring.count) if control is None else control.read()
         age = np.maximum(now - joints.time, 0.0)
         imu = upright_at_rest(OK) if self._imu is None else self._imu.read(now)
-        state = MITState(
-            time=now,
-            joint_position=joints.position,
-            joint_velocity=joints.velocity,
-            joint_effort=joints.effort,
-            joint_age=age,
-            imu_quaternion=imu.quaternion,
-            imu_angular_velocity=imu.angular_velocity,
-            imu_linear_acceleration=imu.linear_acceleration,
-        )
         statuses = control.statuses(now, age) if control is not None and control.is_enabled else self._not_enabled()
-        return state, statuses if self._imu is None else (*statuses, imu.status)
+        if self._imu is not None:
+            statuses = (*statuses, imu.status)
+        return robot_state(now, joints, age, imu), statuses
 
     def _not_enabled(self) -> tuple[SafetyStatus, ...]:
         flags = SafetyFlag.BUS_OFF if self._link is None else SafetyFlag.MOTOR_FAULT
@@ -257,11 +249,10 @@ class RobstrideRobot:
         Raises:
             RobotError: the command is for another number of joints, or the robot is closed.
         """
-        name, n = self._settings.name, self._settings.wiring.count
-        if command.position.shape != (n,):
-            raise RobotError(f"{name}: command has shape {command.position.shape}, expected ({n},)")
-        if self._is_closing:
-            raise RobotError(f"{name}: the robot is closed")
+        name, n, shape = self._settings.name, self._settings.wiring.count, command.position.shape
+        if shape != (n,) or self._is_closing:
+            what = f"command has shape {shape}, expected ({n},)" if shape != (n,) else "the robot is closed"
+            raise RobotError(f"{name}: {what}")
         if self._control is not None:
             self._control.write(command, self.time)
 
