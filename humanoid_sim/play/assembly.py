@@ -11,6 +11,7 @@ from humanoid_sim.play.header import session_header
 from humanoid_sim.play.operators import Operator, drive, open_operators
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.policies import PolicyChoice
+from humanoid_sim.play.robot_parts import BringUp
 from humanoid_sim.play.schedule import expected_duration
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
@@ -64,7 +65,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     viewer = NativeViewerSink(parts.model) if plan.shows_window else None
     sinks: list[Sink] = [sink for sink in (monitor, shown, gravity, recorder, video, viewer) if sink is not None]
 
-    reactivation = Reactivation()
+    reactivation = Reactivation(lambda: _warnings(parts.bring_up))
     operators = open_operators(
         config.manual,
         plan.velocity if policy.walks else None,
@@ -95,6 +96,12 @@ def assemble(plan: Plan, console: Console) -> Run:
     )
     plan.clock.session = session
     return Run(plan, session, monitor, shown, operators, tracking, anchor, recorder, video, gravity)
+
+
+def _warnings(bring_up: BringUp | None) -> tuple[str, ...]:
+    """The warnings of a real robot's latest check list, one line each."""
+    checks = () if bring_up is None else bring_up.checks()
+    return tuple(f"{subject}: {text}" for verdict, subject, text in checks if verdict == "warning")
 
 
 def _remote(plan: Plan) -> tuple[GravitySource | None, RemoteSource | None]:

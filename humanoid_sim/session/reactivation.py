@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Sequence
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import Mode
@@ -29,8 +30,14 @@ def is_fresh_start(event: str) -> bool:
 class Reactivation:
     """Requested on any thread, served by the session between two ticks."""
 
-    def __init__(self) -> None:
-        """Start with nothing requested."""
+    def __init__(self, warnings: Callable[[], Sequence[str]] = tuple) -> None:
+        """Start with nothing requested.
+
+        Args:
+            warnings: what an operator should know about the robot once it is active, one line each: a joint whose
+                encoder slipped is read wrongly from here on, and no flag says so.
+        """
+        self._warnings = warnings
         self._asked = threading.Event()
         self.answer = ""
         """What became of the latest request; empty until it is served."""
@@ -57,7 +64,8 @@ class Reactivation:
         except RobotError as error:
             self.answer = f"{_FAILED}: {one_line(str(error))}"
         else:
-            self.answer = f"{_DONE}: the robot is verified and enabled afresh"
+            told = (f"{_DONE}: the robot is verified and enabled afresh", *self._warnings())
+            self.answer = "; warning: ".join(told)
         return self.answer
 
 

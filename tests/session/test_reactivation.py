@@ -61,6 +61,15 @@ def test_of_what_was_asked_for_during_the_activation_only_damp_counts() -> None:
         assert {record.output.control_mode.mode for record in sink.records[6:-1]} == {mode}
 
 
+def test_what_the_operator_should_know_is_told_with_it() -> None:
+    reactivation, robot = Reactivation(lambda: ["wrist: its position jumped", "elbow: old"]), FakeRobot()
+    sink, options = asked_at(5, reactivation)
+    session(robot, **options).run()
+    assert reactivation.answer == f"{DONE}; warning: wrist: its position jumped; warning: elbow: old"
+    assert sink.events[0] == reactivation.answer
+    assert is_fresh_start(reactivation.answer)
+
+
 def test_in_motion_it_is_refused() -> None:
     reactivation, robot = Reactivation(), FakeRobot()
     sink, options = asked_at(5, reactivation, intents=[FakeSource({0: (Intent.DAMP,), 1: (Intent.LOAD_A,)})])
