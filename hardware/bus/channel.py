@@ -16,12 +16,13 @@ from dataclasses import dataclass, field
 import can
 
 from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.counters import ChannelCounters
 from humanoid_sim.hardware.bus.error_frames import BusEvent, read_error_frame
 from humanoid_sim.hardware.bus.opening import error_number, open_bus
 from humanoid_sim.hardware.bus.outbox import Outbox
 from humanoid_sim.hardware.robstride.frames import Frame
 
-__all__ = ["Channel", "ChannelCounters", "OpenBus", "Received"]
+__all__ = ["Channel", "OpenBus", "Received"]
 
 OpenBus = Callable[[BusAddress], can.BusABC]
 Received = Callable[[Frame, float], None]
@@ -50,32 +51,6 @@ _REAL_TIME_STAMPS = frozenset({"socketcan", "virtual", "udp_multicast"})
 """Interfaces whose frames carry the system's wall clock; other drivers count from wherever they like."""
 _ECHOING = frozenset({"udp_multicast"})
 """Interfaces on which a sender hears itself."""
-
-
-@dataclass(slots=True)
-class ChannelCounters:
-    """What happened on a channel since it was opened. Each field is written by one thread."""
-
-    sent: int = 0
-    received: int = 0
-    """Data frames from others."""
-    retries: int = 0
-    """Times that a frame found the kernel's queue full (ENOBUFS)."""
-    send_errors: int = 0
-    """Frames that the driver refused, and that were dropped."""
-    receive_errors: int = 0
-    """Times that the driver failed to receive."""
-    error_frames: int = 0
-    lost_arbitration: int = 0
-    """Error frames that report nothing but the bus's normal working."""
-    unusable: int = 0
-    """CAN FD frames and others that this protocol cannot contain."""
-    receiver_failures: int = 0
-    """Frames whose handling raised: a bug, reported as a damaged frame."""
-    superseded: int = 0
-    """Commands that a newer one replaced before they could leave."""
-    overruns: int = 0
-    """Frames that found the outgoing queue full, and commands replaced although none had left for 60 ms."""
 
 
 @dataclass(slots=True)
