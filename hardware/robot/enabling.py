@@ -61,7 +61,8 @@ def enable_motors(requests: Requests, position: Sequence[float], can_timeout: fl
                 commands[i] = [limp, ReadParameter(motor_id, _TIMEOUT.index, host_id=requests.host_id)]
             else:
                 commands[i] = [limp]
-        requests.send(commands)
+        for joint, group in commands.items():  # one motor after the other: no other's frames between enable and limp
+            requests.send({joint: group})
         _listen(requests, running, confirmed)
     for i in joints:
         name = wiring.names[i]

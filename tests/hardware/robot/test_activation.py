@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import errno
 import math
 import threading
@@ -723,3 +724,23 @@ def test_a_position_that_jumped_is_told_at_the_next_activation(robot: RobstrideR
     assert _warnings(robot) == [
         "warning: left: its position jumped before: compare it with this list, and calibrate if it differs"
     ]
+
+
+def test_nothing_comes_between_a_motors_enabling_and_its_command_without_torque(
+    description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    """Firmware that keeps its last command obeys it until then."""
+    heard: list[tuple[int, type[Command]]] = []
+
+    def remember(command: Command) -> bool:
+        heard.append((command.motor_id, type(command)))
+        return True
+
+    left.hears = right.hears = remember
+    channel = BusAddress("virtual", "one-by-one")
+    robot = RobstrideRobot(description, [channel], calibration={"left": 0.0, "right": 0.0}, can_timeout=1.0)
+    with ScriptedMotors([(channel, [left, right])]), contextlib.closing(robot):
+        robot.activate()
+    for motor in (left, right):
+        enabled = heard.index((motor.motor_id, Enable))
+        assert {heard[enabled - 1], heard[enabled + 1]} == {(motor.motor_id, OperationControl)}
