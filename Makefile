@@ -15,7 +15,7 @@ test: $(VENV)/test.done  ## lint, types, and the tests that finish in minutes
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 test-slow: $(VENV)/slow.done  ## the tests that take longer, or need a cluster, an RL library or a notebook's kernel
 	$(BIN)/python -m pytest -m slow $(ARGS)
