@@ -24,6 +24,7 @@ VERBS = {
     "compare": "how far apart recordings of one policy are, frame by frame",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
+    "training": "make the sample motions and the sample policy again, and measure them",
     "bench": "measure this machine's figures",
 }
 

@@ -58,7 +58,7 @@ class ChannelLock:
         # The file stays when the lock goes: a name removed and made again would be two files, and so two locks.
         with contextlib.suppress(OSError):  # a full disk keeps nobody from driving; the next one is told less
             os.ftruncate(self._descriptor, 0)
-            os.pwrite(self._descriptor, f"process {os.getpid()}, {Path(sys.argv[0]).name or 'python'}\n".encode(), 0)
+            os.pwrite(self._descriptor, f"process {os.getpid()}, {_program()}\n".encode(), 0)
 
     def release(self) -> None:
         """Let others have the channel. May be called twice."""
@@ -99,3 +99,9 @@ def _open(path: Path, address: BusAddress) -> int:
             return descriptor
     except OSError as error:
         raise RobotError(f"{address}: cannot make its lock {path}: {error.strerror}") from None
+
+
+def _program() -> str:
+    """What this process runs, in a word: the package's name where it was started by `python -m`."""
+    path = Path(sys.argv[0])
+    return (path.parent.name if path.name == "__main__.py" else path.name) or "python"

@@ -173,7 +173,7 @@ class Identify:
 class Budget:
     """Predict the load of a robot's buses and the highest rate that they allow. Opens no bus.
 
-    Exit status 1 if it does not fit.
+    Exit status 1 if no layout of the buses fits.
     """
 
     robot: str = "lite"

@@ -19,9 +19,9 @@ class EmulateConfig:
     `play --hardware virtual:lite` starts its own. `--fault help` lists the faults.
     """
 
-    channel: str
-    """One channel for all motors, such as `can0` or `udp_multicast:239.74.163.2`, or one for each of the robot's buses,
-    separated by commas."""
+    channel: str = ""
+    """Required. One channel for all motors, such as `can0` or `udp_multicast:239.74.163.2`, or one for each of the
+    robot's buses, separated by commas."""
     robot: str = "lite"
     """A shipped robot's name, or its YAML file."""
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()

@@ -37,6 +37,8 @@ def emulate(config: EmulateConfig) -> int:
     if "help" in config.fault:
         print(describe_faults())
         return 0
+    if not config.channel:
+        raise InputError("--channel: is not given, expected a channel such as vcan0 or udp_multicast:239.74.163.2")
     description = load_robot(config.robot)
     addresses = parse_addresses(config.channel)
     _refuse_virtual(addresses)

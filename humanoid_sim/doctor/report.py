@@ -50,7 +50,10 @@ def conclusion(ranking: Ranking) -> str:
 def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, rows: int) -> None:
     """Print the best of every cause, and what the first would have you write."""
     best = ranking.best()
-    table = Table(title="by time up, then by quality (smaller is better)", title_justify="left")
+    table = Table(
+        title="by time up, then by quality (smaller is better); changes that are seldom the cause stand back",
+        title_justify="left",
+    )
     table.add_column("", justify="right")
     table.add_column("hypothesis")
     table.add_column("time up", justify="right")

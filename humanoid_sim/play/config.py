@@ -50,15 +50,16 @@ class PlayConfig:
     imu_mounting: str = "0,1,0,0"
     """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
     viewer: Literal["auto", "none", "native", "web"] = "auto"
-    """A window to watch; auto opens one where there is a display."""
+    """A window to watch; auto opens one where there is a display. The browser console (web) is not in this version."""
     record: str = "auto"
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False
     """Replace files named by --record, --video, --snapshot or --summary that exist."""
     gamepad: bool = False
-    """Drive the FSM with a gamepad."""
+    """Drive the FSM with a gamepad (not in this version)."""
     remote: Literal["none", "gravity", "dds"] = "none"
-    """Source of remote commands for REMOTE; gravity compensates gravity, from a thread and a model of its own."""
+    """Source of remote commands for REMOTE; gravity compensates gravity, from a thread and a model of its own. DDS is
+    not in this version."""
     gravity_form: Literal["effort", "pd"] = "effort"
     """How gravity compensation commands: as feed-forward effort, or as a PD position offset."""
     duration: float | None = None

@@ -106,7 +106,7 @@ def make_plan(config: PlayConfig) -> Plan:
             steps = parse_script(automatic_script(config, frames))
         velocity = VelocityCommand(parse_velocity(config.command, contract.command_ranges), contract.command_ranges)
         golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""
-        drivers = keys_of(config.manual, walks=policy.walks) or _from_elsewhere(steps)
+        drivers = keys_of(config.manual, walks=policy.walks) or _from_elsewhere(steps, config.dry_run)
         texts = (notice, *parts.notices, *warnings, *assumptions(contract), golden, *drivers)
         return Plan(
             config=config,
@@ -136,8 +136,8 @@ def _robot(config: PlayConfig, description: RobotDescription, control_period: fl
     return real_robot(config, description, control_period)
 
 
-def _from_elsewhere(steps: Sequence[ScriptStep] | None) -> tuple[str, ...]:
-    if steps is not None:
+def _from_elsewhere(steps: Sequence[ScriptStep] | None, dry_run: bool) -> tuple[str, ...]:
+    if steps is not None or dry_run:
         return ()
     return ("waits for an operator in another terminal: python -m humanoid_sim.mode damp, load_a, start_locomotion",)
 

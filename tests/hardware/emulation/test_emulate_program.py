@@ -54,8 +54,14 @@ def test_a_signal_ends_it(emulate: Callable[..., tuple[int, str, str]]) -> None:
     assert "load on average" in out
 
 
+def test_without_a_channel_there_is_nowhere_to_be(emulate: Callable[..., tuple[int, str, str]]) -> None:
+    status, _, err = emulate("--fault", "lost")
+    assert status == 2
+    assert err == "error: --channel: is not given, expected a channel such as vcan0 or udp_multicast:239.74.163.2\n"
+
+
 def test_the_list_of_faults(emulate: Callable[..., tuple[int, str, str]]) -> None:
-    status, out, _ = emulate("--channel", "can0", "--fault", "help")
+    status, out, _ = emulate("--fault", "help")
     assert status == 0
     assert "encoder_jump=1" in out
 
