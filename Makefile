@@ -20,8 +20,8 @@ test: $(VENV)/test.done  ## lint, types, and the tests that finish in minutes
 test-slow: $(VENV)/slow.done  ## the tests that take longer, or need a cluster, an RL library or a notebook's kernel
 	$(BIN)/python -m pytest -m slow $(ARGS)
 
-test-train: $(VENV)/slow.done  ## the tests that need PyTorch: training, stable-baselines3
-	$(BIN)/python -m pytest tests/training tests/envs/test_stable_baselines.py $(ARGS)
+test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, which need PyTorch
+	$(BIN)/python -m pytest tests/training $(ARGS)
 
 test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs about 9 GB at the first time
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -m lerobot $(ARGS)
