@@ -11,9 +11,10 @@ LEROBOT := .venv-lerobot
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
 	$(BIN)/python -m humanoid_sim.play $(ARGS)
 
-test: $(VENV)/test.done  ## lint, types, and the tests that finish in minutes
+test: $(VENV)/test.done  ## lint, the direction of imports, types, and the tests that finish in minutes
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
@@ -32,6 +33,7 @@ bench: $(VENV)/play.done  ## this machine's figures
 lint: $(VENV)/test.done
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
 
 format: $(VENV)/test.done
 	$(BIN)/ruff check --fix .
@@ -45,7 +47,7 @@ train: $(VENV)/train.done  ## make the sample motions and train the sample polic
 	$(BIN)/python -m humanoid_sim.training train --output assets/policies/lite_tracking.onnx $(ARGS)
 
 clean:
-	rm -rf $(VENV) $(LEROBOT) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(LEROBOT) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 
 $(VENV)/bin/pip:
 	$(PYTHON) -m venv $(VENV)
