@@ -15,8 +15,13 @@ __all__ = [
     "gravity_direction",
     "matrix",
     "multiply",
+    "quaternion_from_matrix",
     "rotate",
     "rotate_inverse",
+    "rotation_6d",
+    "rotation_angle",
+    "rotation_from_6d",
+    "slerp",
     "yaw_quaternion",
 ]
 
@@ -77,6 +82,76 @@ def yaw_quaternion(quaternion: FloatArray) -> FloatArray:
     half = 0.5 * np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+
+
+def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
+    """Unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
+
+    4 q qᵀ is linear in the matrix; its row with the largest diagonal element, normalised, is ±q without cancellation
+    (Shepperd 1978, "Quaternion from rotation matrix").
+    """
+    r = rotation
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
+    xy, xz, yz = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
+    rows = [
+        [1.0 + xx + yy + zz, wx, wy, wz],
+        [wx, 1.0 + xx - yy - zz, xy, xz],
+        [wy, xy, 1.0 - xx + yy - zz, yz],
+        [wz, xz, yz, 1.0 - xx - yy + zz],
+    ]
+    product = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    best = np.argmax(np.diagonal(product, axis1=-2, axis2=-1), axis=-1)
+    row = np.take_along_axis(product, best[..., None, None], axis=-2)[..., 0, :]
+    quaternion = row / np.sqrt((row * row).sum(axis=-1, keepdims=True))
+    positive: FloatArray = np.where(quaternion[..., :1] < 0.0, -quaternion, quaternion)
+    return positive
+
+
+def slerp(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
+    """From `a` to `b`, unit quaternions (..., 4), along the shorter arc; `weight` in [0, 1] of shape (..., 1)."""
+    cosine = (a * b).sum(axis=-1, keepdims=True)
+    near = np.where(cosine < 0.0, -b, b)
+    angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
+    sine = np.sin(angle)
+    # Below a microradian the chord is the arc.
+    small = sine < 1e-6
+    divisor = np.where(small, 1.0, sine)
+    first = np.where(small, 1.0 - weight, np.sin((1.0 - weight) * angle) / divisor)
+    second = np.where(small, weight, np.sin(weight * angle) / divisor)
+    mixed = first * a + second * near
+    unit: FloatArray = mixed / np.sqrt((mixed * mixed).sum(axis=-1, keepdims=True))
+    return unit
+
+
+def rotation_angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angle between rotation matrices of shape (..., 3, 3): shape (...), rad, in [0, π].
+
+    From the Frobenius norm of the difference, |A - B| = 2√2 sin(angle / 2): unlike the arc cosine of the trace it is
+    accurate near zero.
+    """
+    difference = a - b
+    norm = np.sqrt((difference * difference).sum(axis=(-2, -1)))
+    angle: FloatArray = 2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0))
+    return angle
+
+
+def rotation_6d(rotation: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) → (..., 6): the first two columns, row by row: R00, R01, R10, R11, R20, R21."""
+    return np.ascontiguousarray(rotation[..., :, :2]).reshape(*rotation.shape[:-2], 6)
+
+
+def rotation_from_6d(columns: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) from their first two columns, row by row (..., 6), made orthonormal (Gram-Schmidt).
+
+    Rounding to float32, and writers of other packages, leave the two columns not quite orthonormal.
+    """
+    pair = columns.reshape(*columns.shape[:-1], 3, 2)
+    x, y = pair[..., 0], pair[..., 1]
+    x = x / np.sqrt((x * x).sum(axis=-1, keepdims=True))
+    y = y - (x * y).sum(axis=-1, keepdims=True) * x
+    y = y / np.sqrt((y * y).sum(axis=-1, keepdims=True))
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
 def _cross(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> FloatArray:

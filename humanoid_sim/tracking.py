@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
-__all__ = ["BodyError", "TrackingErrors", "TrackingSummary", "peak_speed", "rotation_angle", "rotation_from_6d"]
+__all__ = ["BodyError", "TrackingErrors", "TrackingSummary", "peak_speed"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +82,7 @@ class TrackingErrors:
         self._names = body_names
         hands = [i for i, name in enumerate(body_names) if name in description.hands]
         self._hands = hands or list(range(count))
-        self._position = np.asarray(frames[:, : 3 * count], dtype=np.float64).reshape(-1, count, 3)
-        self._rotation = rotation_from_6d(np.asarray(frames[:, 3 * count :], dtype=np.float64).reshape(-1, count, 6))
+        self._position, self._rotation = body_poses(frames, count)
         self._peak_speed = peak_speed(self._position[:, self._hands], policy_dt)
         self._samples = 0
         # Columns: position (m), orientation (rad).
@@ -122,28 +123,3 @@ def peak_speed(position: npt.NDArray[np.floating], period: float) -> float:
     """m/s, the largest difference quotient of points of shape (F, B, 3), m, `period` s apart; 0 for a single frame."""
     step = np.diff(position, axis=0)
     return float(np.sqrt((step * step).sum(axis=-1)).max(initial=0.0)) / period
-
-
-def rotation_angle(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angle between rotation matrices of shape (..., 3, 3): shape (...), rad, in [0, π].
-
-    From the Frobenius norm of the difference, |A - B| = 2√2 sin(angle / 2): unlike the arc cosine of the trace it is
-    accurate near zero.
-    """
-    difference = a - b
-    norm = np.sqrt((difference * difference).sum(axis=(-2, -1)))
-    angle: FloatArray = 2.0 * np.arcsin(np.minimum(norm / (2.0 * np.sqrt(2.0)), 1.0))
-    return angle
-
-
-def rotation_from_6d(columns: FloatArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) from their first two columns, row by row (..., 6), made orthonormal (Gram-Schmidt).
-
-    Rounding to float32, and writers of other packages, leave the two columns not quite orthonormal.
-    """
-    pair = columns.reshape(*columns.shape[:-1], 3, 2)
-    x, y = pair[..., 0], pair[..., 1]
-    x = x / np.sqrt((x * x).sum(axis=-1, keepdims=True))
-    y = y - (x * y).sum(axis=-1, keepdims=True) * x
-    y = y / np.sqrt((y * y).sum(axis=-1, keepdims=True))
-    return np.stack([x, y, np.cross(x, y)], axis=-1)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.motion import body_frames
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.kinematics import ForwardKinematics, rotation_6d
-from humanoid_sim.tracking import TrackingErrors, peak_speed, rotation_angle, rotation_from_6d
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.tracking import TrackingErrors, peak_speed
 
 BODIES = ("left_elbow_pitch", "left_hand", "right_hand")
 
@@ -16,15 +17,8 @@ def lite():
     return load_robot("lite")
 
 
-def _rotation(axis, angle):
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-
-
 def _frames(lite, path):
-    position, rotation = ForwardKinematics(lite, BODIES)(path)
-    return np.concatenate([position.reshape(len(path), -1), rotation_6d(rotation).reshape(len(path), -1)], axis=1)
+    return body_frames(*ForwardKinematics(lite, BODIES)(path))
 
 
 def test_a_robot_that_is_where_the_frame_is_has_no_error(lite):
@@ -99,19 +93,6 @@ def test_peak_speed_is_the_reference_hands_and_not_the_elbows(lite):
 
 def test_peak_speed_of_one_frame_is_zero():
     assert peak_speed(np.zeros((1, 2, 3)), 0.02) == 0.0
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.5, 3.0, math.pi])
-def test_rotation_angle_is_exact_from_tiny_to_half_a_turn(angle):
-    axis = np.array([1.0, 2.0, -2.0]) / 3.0
-    assert rotation_angle(np.eye(3), _rotation(axis, angle)) == pytest.approx(angle, rel=1e-6, abs=1e-15)
-
-
-def test_columns_that_are_not_orthonormal_are_made_so():
-    rotation = _rotation(np.array([0.6, 0.0, 0.8]), 1.1)
-    columns = rotation_6d(rotation).reshape(3, 2) * [1.3, 0.7]
-    columns[:, 1] += 0.2 * columns[:, 0]
-    np.testing.assert_allclose(rotation_from_6d(columns.reshape(6)), rotation, atol=1e-12)
 
 
 def test_frames_that_do_not_fit_the_bodies_are_refused(lite):

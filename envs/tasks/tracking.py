@@ -10,11 +10,11 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import Frame, MotionReference
+from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
 from humanoid_sim.envs.tasks.sample import StepSample
 from humanoid_sim.envs.tasks.task import BoolArray, Task, total
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
-from humanoid_sim.tracking import rotation_from_6d
 
 __all__ = ["TrackingTask"]
 
@@ -52,7 +52,7 @@ class TrackingTask(Task):
         self._last_frame = reference.frame_count - 1
         self._position = reference.terms["motion_body_pos_b"].astype(np.float64).reshape(-1, count, 3)
         columns = reference.terms["motion_body_ori_b"].astype(np.float64).reshape(-1, count, 6)
-        self._quaternion = _quaternion(rotation_from_6d(columns))
+        self._quaternion = quaternion_from_matrix(rotation_from_6d(columns))
 
     def position_error(self, body_position: FloatArray, frame: Frame) -> FloatArray:
         """Shape (..., b), m, of body positions (..., b, 3) against a frame (...)."""
@@ -87,26 +87,3 @@ class TrackingTask(Task):
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.frame) >= self._last_frame
-
-
-def _quaternion(rotation: FloatArray) -> FloatArray:
-    """Unit quaternions (..., 4), w x y z, of rotation matrices (..., 3, 3).
-
-    4 q qᵀ is linear in the matrix; its row with the largest diagonal element, normalised, is ±q without cancellation
-    (Shepperd 1978, "Quaternion from rotation matrix").
-    """
-    r = rotation
-    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
-    wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
-    xy, xz, yz = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
-    rows = [
-        [1.0 + xx + yy + zz, wx, wy, wz],
-        [wx, 1.0 + xx - yy - zz, xy, xz],
-        [wy, xy, 1.0 - xx + yy - zz, yz],
-        [wz, xz, yz, 1.0 - xx - yy + zz],
-    ]
-    product = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    best = np.argmax(np.diagonal(product, axis1=-2, axis2=-1), axis=-1)
-    row = np.take_along_axis(product, best[..., None, None], axis=-2)[..., 0, :]
-    quaternion: FloatArray = row / np.sqrt((row * row).sum(axis=-1, keepdims=True))
-    return quaternion

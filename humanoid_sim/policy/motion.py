@@ -22,15 +22,27 @@ import numpy.typing as npt
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
+from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.input_files import regular_file
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.cdr import CdrError
 from humanoid_sim.recording.ros_messages import decode_float32_array, encode_float32_array
 from humanoid_sim.recording.schemas import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
 from humanoid_sim.recording.stream import McapStream, Message
 from humanoid_sim.recording.whole_file import whole_file
 
-__all__ = ["ATTACHMENT", "Motion", "MotionLayout", "motion_bytes", "parse_motion", "read_motion", "write_motion"]
+__all__ = [
+    "ATTACHMENT",
+    "Motion",
+    "MotionLayout",
+    "body_frames",
+    "body_poses",
+    "motion_bytes",
+    "parse_motion",
+    "read_motion",
+    "write_motion",
+]
 
 MotionLayout = Literal["bodies_b", "joints_bodies_w"]
 
@@ -99,6 +111,24 @@ class Motion:
     def duration(self) -> float:
         """Time from the first frame to the last, s."""
         return (len(self.frames) - 1) * self.policy_dt
+
+
+def body_frames(position: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Frames (F, 9 B) of the layout `bodies_b`.
+
+    Args:
+        position: shape (F, B, 3), m, base frame.
+        rotation: shape (F, B, 3, 3), base frame.
+    """
+    count = len(position)
+    return np.concatenate([position.reshape(count, -1), rotation_6d(rotation).reshape(count, -1)], axis=1)
+
+
+def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray, FloatArray]:
+    """Positions (F, B, 3), m, and rotation matrices (F, B, 3, 3), base frame, in frames (F, 9 B) of `count` bodies."""
+    values = np.asarray(frames, dtype=np.float64)
+    rotation = rotation_from_6d(values[:, 3 * count :].reshape(-1, count, 6))
+    return values[:, : 3 * count].reshape(-1, count, 3), rotation
 
 
 def read_motion(path: str | os.PathLike[str]) -> Motion:

@@ -6,12 +6,11 @@ from itertools import product
 
 import numpy as np
 
-from humanoid_sim.controllers.rotation import matrix
+from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.conventions import NamedMotion
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.verify import Tolerance, Verifier
-from humanoid_sim.tracking import rotation_angle
 
 __all__ = ["search_body_order"]
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rotation import matrix, multiply, rotate
+from humanoid_sim.controllers.rotation import matrix, multiply, quaternion_from_matrix, rotate
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.motion import Motion, MotionLayout
+from humanoid_sim.policy.motion import Motion, MotionLayout, body_frames
 from humanoid_sim.prepare.conventions import NamedMotion
-from humanoid_sim.prepare.rotations import quaternion_from_matrix
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.verify import Verifier
-from humanoid_sim.simulation.kinematics import rotation_6d
 
 __all__ = ["FROM_KINEMATICS", "FROM_SOURCE", "convert", "layout_of"]
 
@@ -48,8 +46,7 @@ def convert(
     bodies = contract.body_names or ((contract.anchor_body,) if contract.anchor_body else ())
     if layout == "bodies_b":
         position, rotation, origin = _base_frame(source, motion, bodies, verifier)
-        count = len(position)
-        frames = np.concatenate([position.reshape(count, -1), rotation_6d(rotation).reshape(count, -1)], axis=1)
+        frames = body_frames(position, rotation)
         joints: tuple[str, ...] = ()
     else:
         if motion.joint_position is None:

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.rotations import quaternion_from_matrix
 from humanoid_sim.prepare.source import SourceMotion
-from humanoid_sim.tracking import rotation_from_6d
 
 __all__ = ["ROLES", "episode_motion", "parse_roles"]
 

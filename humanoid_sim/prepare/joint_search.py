@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from humanoid_sim.controllers.rotation import matrix
+from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.conventions import Conventions, interpret
 from humanoid_sim.prepare.skeleton import Hinge, Skeleton
 from humanoid_sim.prepare.source import SourceMotion
-from humanoid_sim.tracking import rotation_angle
 
 __all__ = ["search_joint_order"]
 

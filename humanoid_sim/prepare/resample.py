@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.rotation import slerp
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.conventions import NamedMotion
-from humanoid_sim.prepare.rotations import slerp
 
 __all__ = ["has_rate", "resample"]
 

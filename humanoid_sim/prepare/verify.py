@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.controllers.rotation import matrix
+from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.conventions import NamedMotion
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from humanoid_sim.tracking import rotation_angle
 
 __all__ = ["BodyCheck", "RateCheck", "Tolerance", "Verifier", "check_rate"]
 

@@ -14,11 +14,10 @@ from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.play.options import motion_path
-from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.regress.subject import Subject
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.stack import load_policy
-from humanoid_sim.tracking import rotation_from_6d
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
 
 __all__ = ["Arena", "case_motion", "make_arena"]
@@ -131,8 +130,6 @@ def _joint_reference(setting: Setting, motion: Motion, count: int) -> FloatArray
         return terms["reference_joint_pos"][:count, order].astype(np.float64)
     if "motion_body_pos_b" not in terms:
         return None
-    frames, bodies = motion.frames[:count].astype(np.float64), len(contract.body_names)
-    position = frames[:, : 3 * bodies].reshape(-1, bodies, 3)
-    rotation = rotation_from_6d(frames[:, 3 * bodies :].reshape(-1, bodies, 6))
+    position, rotation = body_poses(motion.frames[:count], len(contract.body_names))
     solver = InverseKinematics(description, contract.body_names, damping=_IK_DAMPING)
     return solver.solve_path(position, rotation, np.array(description.initial_position))

@@ -10,7 +10,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 
-__all__ = ["ForwardKinematics", "rotation_6d"]
+__all__ = ["ForwardKinematics"]
 
 
 class ForwardKinematics:
@@ -63,8 +63,3 @@ class ForwardKinematics:
         matrices = np.einsum("ji,tbjk->tbik", self._base_rotation, rotation.reshape(*rotation.shape[:2], 3, 3))
         batch = q.shape[:-1]
         return position.reshape(*batch, -1, 3), matrices.reshape(*batch, -1, 3, 3)
-
-
-def rotation_6d(rotation: FloatArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) → (..., 6): the first two columns, row by row: R00, R01, R10, R11, R20, R21."""
-    return np.ascontiguousarray(rotation[..., :, :2]).reshape(*rotation.shape[:-2], 6)

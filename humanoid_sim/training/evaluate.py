@@ -18,11 +18,11 @@ from humanoid_sim.controllers.rl_policy import Policy
 from humanoid_sim.errors import HumanoidSimError
 from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.motion import Motion
+from humanoid_sim.policy.motion import Motion, body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
-from humanoid_sim.tracking import TrackingErrors, TrackingSummary, rotation_from_6d
+from humanoid_sim.tracking import TrackingErrors, TrackingSummary
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
 
 __all__ = ["Rollout", "TrackingFailedError", "follow", "inverse_kinematics_policy"]
@@ -100,10 +100,7 @@ def inverse_kinematics_policy(description: RobotDescription, contract: PolicyCon
     Raises:
         InputError: if the robot lacks one of the policy's bodies.
     """
-    count = len(contract.body_names)
-    frames = motion.frames.astype(np.float64)
-    position = frames[:, : 3 * count].reshape(-1, count, 3)
-    rotation = rotation_from_6d(frames[:, 3 * count :].reshape(-1, count, 6))
+    position, rotation = body_poses(motion.frames, len(contract.body_names))
     # Little damping: the poses can be reached, and the baseline is to be as good as it can.
     solver = InverseKinematics(description, contract.body_names, damping=1e-3)
     home = np.array(description.standby_controller_a.pose_segments[-1])

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.motion import Motion
+from humanoid_sim.policy.motion import Motion, body_frames
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.kinematics import ForwardKinematics, rotation_6d
+from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
 from humanoid_sim.training.mirror import JOINT_SIGN
 from humanoid_sim.training.trajectory import ease, minimum_jerk_path
@@ -41,10 +41,7 @@ def pose_a(description: RobotDescription) -> FloatArray:
 
 def joint_frames(description: RobotDescription, path: FloatArray) -> npt.NDArray[np.float32]:
     """Tracking frames (F, 9 B), float32, of a joint path (F, n), rad: poses of `BODIES` in the base frame."""
-    position, rotation = ForwardKinematics(description, BODIES)(path)
-    count = len(path)
-    frames = np.concatenate([position.reshape(count, -1), rotation_6d(rotation).reshape(count, -1)], axis=1)
-    return frames.astype(np.float32)
+    return body_frames(*ForwardKinematics(description, BODIES)(path)).astype(np.float32)
 
 
 def sample_motion(description: RobotDescription, name: str) -> tuple[Motion, FloatArray]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.prepare.rotations import quaternion_from_matrix
+from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics

@@ -6,7 +6,7 @@ import pytest
 from motion_samples import FPS, joint_path, lite, state_of
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rotation import matrix
+from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
 from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, layout_of
@@ -14,7 +14,6 @@ from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source import SourceMotion
 from humanoid_sim.prepare.verify import Verifier
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.tracking import rotation_angle
 from humanoid_sim.training.motions import BODIES, joint_frames
 
 SKELETON = Skeleton(lite())

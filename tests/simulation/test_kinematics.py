@@ -7,7 +7,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.kinematics import ForwardKinematics, rotation_6d
+from humanoid_sim.simulation.kinematics import ForwardKinematics
 
 RobotFactory = Callable[..., RobotDescription]
 
@@ -65,12 +65,6 @@ def test_poses_are_in_the_base_frame(small_robot: RobotFactory) -> None:
     np.testing.assert_allclose(positions, [[0, 0.5, 0], [0, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(rotations[0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
     np.testing.assert_allclose(rotations[1], np.eye(3), atol=1e-12)
-
-
-def test_six_d_is_the_first_two_columns_row_by_row() -> None:
-    rotation = np.arange(9.0).reshape(3, 3)
-    assert rotation_6d(rotation).tolist() == [0, 1, 3, 4, 6, 7]
-    assert rotation_6d(np.stack([rotation] * 4).reshape(2, 2, 3, 3)).shape == (2, 2, 6)
 
 
 def test_an_unknown_body() -> None:

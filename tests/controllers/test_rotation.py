@@ -1,8 +1,16 @@
+import math
+
 import numpy as np
 import pytest
 
-from humanoid_sim.controllers.rotation import matrix
-from humanoid_sim.prepare.rotations import quaternion_from_matrix, slerp
+from humanoid_sim.controllers.rotation import (
+    matrix,
+    quaternion_from_matrix,
+    rotation_6d,
+    rotation_angle,
+    rotation_from_6d,
+    slerp,
+)
 
 
 def random_quaternions(count: int) -> np.ndarray:
@@ -38,3 +46,28 @@ def test_half_way_along_the_shorter_arc(sign: float) -> None:
 def test_between_equal_rotations() -> None:
     q = random_quaternions(4)
     np.testing.assert_allclose(slerp(q, q, np.full((4, 1), 0.3)), q, atol=1e-12)
+
+
+def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.5, 3.0, math.pi])
+def test_rotation_angle_is_exact_from_tiny_to_half_a_turn(angle: float) -> None:
+    axis = np.array([1.0, 2.0, -2.0]) / 3.0
+    assert rotation_angle(np.eye(3), _rotation(axis, angle)) == pytest.approx(angle, rel=1e-6, abs=1e-15)
+
+
+def test_columns_that_are_not_orthonormal_are_made_so() -> None:
+    rotation = _rotation(np.array([0.6, 0.0, 0.8]), 1.1)
+    columns = rotation_6d(rotation).reshape(3, 2) * [1.3, 0.7]
+    columns[:, 1] += 0.2 * columns[:, 0]
+    np.testing.assert_allclose(rotation_from_6d(columns.reshape(6)), rotation, atol=1e-12)
+
+
+def test_six_d_is_the_first_two_columns_row_by_row() -> None:
+    rotation = np.arange(9.0).reshape(3, 3)
+    assert rotation_6d(rotation).tolist() == [0, 1, 3, 4, 6, 7]
+    assert rotation_6d(np.stack([rotation] * 4).reshape(2, 2, 3, 3)).shape == (2, 2, 6)
