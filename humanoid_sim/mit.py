@@ -1,4 +1,4 @@
-"""The joint surface: what a robot reports, what it is told, and the MIT control law between the two.
+"""The joint surface: what a robot reports, what it is told, and between the two the MIT control law and its limit.
 
 Simulator, emulated motors and real motors share these two types and this one law. Arrays are copied at construction
 and read-only afterwards; change a value with `dataclasses.replace`. Every per-joint array is `(..., n)`: one robot, or
@@ -10,14 +10,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError
 
-__all__ = ["COMMAND_FIELDS", "Extern", "FloatArray", "MITCommand", "MITState", "frozen_array", "mit_torque"]
+__all__ = [
+    "COMMAND_FIELDS",
+    "Extern",
+    "FloatArray",
+    "MITCommand",
+    "MITFields",
+    "MITState",
+    "affine_law",
+    "bounded_position",
+    "frozen_array",
+    "mit_torque",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -202,24 +213,109 @@ class MITCommand:
         return all(bool(np.isfinite(getattr(self, name)).all()) for name in COMMAND_FIELDS)
 
 
-def mit_torque(state: MITState, command: MITCommand, effort_limit: npt.ArrayLike) -> FloatArray:
+class MITFields(Protocol):
+    """The five fields of a command by their names: an `MITCommand`, or buffers that are written again and again."""
+
+    @property
+    def position(self) -> FloatArray:
+        """Shape (..., n), rad, joint frame."""
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Shape (..., n), rad/s, joint frame."""
+
+    @property
+    def effort(self) -> FloatArray:
+        """Shape (..., n), N·m, feed-forward."""
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Shape (..., n), N·m/rad, K_p."""
+
+    @property
+    def damping(self) -> FloatArray:
+        """Shape (..., n), N·m·s/rad, K_d."""
+
+
+def mit_torque(
+    command: MITFields,
+    position: FloatArray,
+    velocity: FloatArray,
+    effort_limit: npt.ArrayLike,
+    *,
+    out: FloatArray | None = None,
+    scratch: FloatArray | None = None,
+) -> FloatArray:
     """Torque of the MIT law, saturated: `clip(K_p (q_cmd - q) + K_d (qd_cmd - qd) + tau_ff, ±effort_limit)`.
 
     The same law runs in the motors' firmware (MIT Cheetah; Katz 2018, "A low cost modular actuator for dynamic
-    robots").
+    robots"). With both buffers given it allocates nothing.
 
     Args:
-        state: the joints' position and velocity, shape (..., n).
-        command: shape (..., n), broadcast against the state.
+        command: shape (..., n).
+        position: shape (..., n), rad, joint frame, where the joints are; the command is broadcast against it.
+        velocity: shape (..., n), rad/s.
         effort_limit: N·m, positive, shape (n,) or scalar; infinity for none.
+        out: shape (..., n), which gets the torque; None for a new array.
+        scratch: shape (..., n), overwritten; None for a new array.
 
     Returns:
-        Shape (..., n), N·m, joint frame.
+        Shape (..., n), N·m, joint frame: `out` if it was given.
     """
-    torque = (
-        command.stiffness * (command.position - state.joint_position)
-        + command.damping * (command.velocity - state.joint_velocity)
-        + command.effort
-    )
-    limit = np.asarray(effort_limit, dtype=np.float64)
-    return np.clip(torque, -limit, limit)
+    torque = np.subtract(command.position, position, out=out)
+    np.multiply(command.stiffness, torque, out=torque)
+    term = np.subtract(command.velocity, velocity, out=scratch)
+    np.multiply(command.damping, term, out=term)
+    np.add(torque, term, out=torque)
+    np.add(torque, command.effort, out=torque)
+    np.minimum(torque, effort_limit, out=torque)
+    np.negative(effort_limit, out=term)
+    np.maximum(torque, term, out=torque)
+    return torque
+
+
+def affine_law(command: MITFields) -> tuple[FloatArray, FloatArray]:
+    """The MIT law as that of an affine actuator, `ctrl + bias · (q, qd)`, not yet saturated.
+
+    Args:
+        command: shape (..., n).
+
+    Returns:
+        bias: shape (..., n, 2), what multiplies position and velocity: -K_p, N·m/rad, and -K_d, N·m·s/rad.
+        ctrl: shape (..., n), N·m: `K_p q_cmd + K_d qd_cmd + tau_ff`.
+    """
+    bias = np.empty((*command.stiffness.shape, 2))
+    np.negative(command.stiffness, out=bias[..., 0])
+    np.negative(command.damping, out=bias[..., 1])
+    return bias, command.stiffness * command.position + command.damping * command.velocity + command.effort
+
+
+def bounded_position(
+    command: MITFields, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray, lead: float
+) -> FloatArray:
+    """Commanded positions, moved towards the joints where the MIT law would ask for more than the effort limit.
+
+    No manual says that the firmware's torque limit covers the sum of the MIT law, so the host bounds it as well. What
+    the host knows is as old as the last status and holds for a whole period: the bound leaves K_p |velocity| lead of
+    room, so that a joint on its way is not slowed down, as the same law with a limit in the motor would not.
+
+    Args:
+        command: shape (n,), joint frame, its effort within the limit.
+        position: shape (n,), rad, where the joints are; NaN: no bound.
+        velocity: shape (n,), rad/s.
+        effort_limit: shape (n,), N·m.
+        lead: s, the age of a state and the time that a command is held.
+
+    Returns:
+        Shape (n,), rad. Where damping and feed-forward are beyond the limit by themselves, at most the spring's part is
+        taken out; it never changes sign.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # no stiffness, no position, absurd commands
+        spring = command.stiffness * (command.position - position)
+        rest = command.damping * (command.velocity - velocity) + command.effort
+        room = command.stiffness * np.abs(velocity) * lead
+        lowest = np.minimum(-effort_limit - rest - room, 0.0)
+        highest = np.maximum(effort_limit - rest + room, 0.0)
+        bounded = np.clip(spring, lowest, highest)
+        moved = position + bounded / command.stiffness
+    return np.where((bounded != spring) & np.isfinite(moved), moved, command.position)

@@ -12,7 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import COMMAND_FIELDS, Extern, MITCommand, MITState, frozen_array, mit_torque
+from humanoid_sim.mit import (
+    COMMAND_FIELDS,
+    Extern,
+    MITCommand,
+    MITState,
+    affine_law,
+    bounded_position,
+    frozen_array,
+    mit_torque,
+)
 from humanoid_sim.testing import any_arrays, any_commands, any_numbers, any_states, fingerprint, valid_commands
 
 STATE_ARRAYS = (
@@ -172,7 +181,7 @@ def test_batches(batch):
     command = MITCommand(**command_arrays(*batch, n=7))
     assert state.joint_count == command.joint_count == 7
     assert state.imu_quaternion.shape == (*batch, 4)
-    assert mit_torque(state, command, 10.0).shape == (*batch, 7)
+    assert torque_of(state, command, 10.0).shape == (*batch, 7)
 
 
 def test_a_batch_may_have_a_clock_per_robot():
@@ -247,14 +256,18 @@ def test_is_finite_looks_at_every_field(name, value):
 # --- the law ---
 
 
+def torque_of(state, command, effort_limit):
+    return mit_torque(command, state.joint_position, state.joint_velocity, effort_limit)
+
+
 def test_torque_literal():
     state = MITState(time=0.0, **state_arrays() | {"joint_position": [0.5, -1.0], "joint_velocity": [2.0, 0.0]})
     command = MITCommand([1.0, 0.0], [0.0, 3.0], [0.25, -0.5], [10.0, 20.0], [1.5, 2.0])
     # 10 (1 - 0.5) + 1.5 (0 - 2) + 0.25;  20 (0 + 1) + 2 (3 - 0) - 0.5
-    assert mit_torque(state, command, np.inf).tolist() == [2.25, 25.5]
-    assert mit_torque(state, command, [4.0, 4.0]).tolist() == [2.25, 4.0]
-    assert mit_torque(state, command, 1.0).tolist() == [1.0, 1.0]
-    assert mit_torque(state, replace(command, effort=[-99.0, 0.0]), 1.0).tolist() == [-1.0, 1.0]
+    assert torque_of(state, command, np.inf).tolist() == [2.25, 25.5]
+    assert torque_of(state, command, [4.0, 4.0]).tolist() == [2.25, 4.0]
+    assert torque_of(state, command, 1.0).tolist() == [1.0, 1.0]
+    assert torque_of(state, replace(command, effort=[-99.0, 0.0]), 1.0).tolist() == [-1.0, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -268,13 +281,13 @@ def test_torque_depends_on_every_field(field, torque):
         at_rest |= {"position": 0.0, "velocity": 0.0, "stiffness": 0.0, "damping": 0.0}
     at_rest[field] += 1.0
     command = MITCommand(*([value] for value in at_rest.values()))
-    assert mit_torque(state, command, np.inf).tolist() == [torque]
+    assert torque_of(state, command, np.inf).tolist() == [torque]
 
 
 @given(any_states(3, 0.0), valid_commands(3), st.floats(1e-6, 1e3))
 def test_torque_stays_within_the_limit(state, command, limit):
     with np.errstate(all="ignore"):
-        torque = mit_torque(state, command, limit)
+        torque = torque_of(state, command, limit)
     known = np.isfinite(state.joint_position) & np.isfinite(state.joint_velocity)
     assert (np.abs(torque[known]) <= limit).all()
     assert not np.isnan(torque[known & (np.abs(state.joint_position) < 1e300)]).any()
@@ -283,8 +296,8 @@ def test_torque_stays_within_the_limit(state, command, limit):
 def test_torque_broadcasts_one_command_over_a_batch():
     state = MITState(time=0.0, **state_arrays(4, n=2))
     command = MITCommand(*[np.ones(2)] * 5)
-    single = mit_torque(MITState(time=0.0, **state_arrays(n=2)), command, [3.0, 0.5])
-    batch = mit_torque(state, command, [3.0, 0.5])
+    single = torque_of(MITState(time=0.0, **state_arrays(n=2)), command, [3.0, 0.5])
+    batch = torque_of(state, command, [3.0, 0.5])
     assert single.tolist() == [2.0, 0.5]
     assert batch.tolist() == [[2.0, 0.5]] * 4
 
@@ -296,9 +309,88 @@ def test_torque_of_a_batch_is_that_of_its_robots_bit_for_bit(data):
     batch_state = MITState(0.0, *(np.stack([getattr(s, name) for s in states]) for name in STATE_ARRAYS))
     batch_command = MITCommand(*(np.stack([getattr(c, name) for c in commands]) for name in COMMAND_FIELDS))
     with np.errstate(all="ignore"):
-        batch = mit_torque(batch_state, batch_command, [1.0, np.inf, 5.0])
-        single = [mit_torque(s, c, [1.0, np.inf, 5.0]) for s, c in zip(states, commands, strict=True)]
+        batch = torque_of(batch_state, batch_command, [1.0, np.inf, 5.0])
+        single = [torque_of(s, c, [1.0, np.inf, 5.0]) for s, c in zip(states, commands, strict=True)]
     assert batch.tobytes() == np.stack(single).tobytes()
+
+
+@given(any_states(3, 0.0), valid_commands(3))
+def test_buffers_take_the_same_bits(state, command):
+    position, velocity = state.joint_position, state.joint_velocity
+    out, scratch = np.empty(3), np.empty(3)
+    with np.errstate(all="ignore"):
+        expected = mit_torque(command, position, velocity, 5.0)
+        assert mit_torque(command, position, velocity, 5.0, out=out, scratch=scratch) is out
+    assert out.tobytes() == expected.tobytes()
+
+
+def test_the_affine_form_is_the_same_law():
+    generator = np.random.default_rng(0)
+    command = MITCommand(*generator.normal(size=(5, 4, 3)))
+    position, velocity = generator.normal(size=(2, 4, 3))
+    bias, ctrl = affine_law(command)
+    assert bias.shape == (4, 3, 2)
+    assert bias[..., 0].tolist() == (-command.stiffness).tolist()
+    assert bias[..., 1].tolist() == (-command.damping).tolist()
+    torque = ctrl + bias[..., 0] * position + bias[..., 1] * velocity
+    np.testing.assert_allclose(torque, mit_torque(command, position, velocity, np.inf), rtol=0, atol=1e-12)
+
+
+# --- the bound that inverts the law ---
+
+
+def one_joint(position, velocity=0.0, effort=0.0, stiffness=50.0, damping=2.0):
+    return MITCommand(*(np.reshape(value, 1) for value in (position, velocity, effort, stiffness, damping)))
+
+
+def bounded(command, position, velocity=0.0, limit=10.0, lead=0.0):
+    arrays = (np.array([value]) for value in (position, velocity, limit))
+    return float(bounded_position(command, *arrays, lead)[0])
+
+
+def test_a_command_within_the_limit_is_left_alone():
+    assert bounded(one_joint([0.19]), 0.0) == 0.19
+
+
+def test_a_spring_beyond_the_limit_is_shortened_to_it():
+    assert bounded(one_joint([1.0]), 0.0) == pytest.approx(0.2)
+    assert bounded(one_joint([-1.0]), 0.3) == pytest.approx(0.1)
+
+
+def test_feed_forward_and_damping_take_their_share():
+    assert bounded(one_joint([1.0], effort=4.0), 0.0) == pytest.approx(0.12)
+    assert bounded(one_joint([1.0]), 0.0, velocity=2.0) == pytest.approx(0.28)
+
+
+def test_a_joint_on_its_way_keeps_room_for_its_motion():
+    assert bounded(one_joint([1.0], damping=0.0), 0.0, velocity=2.0, lead=0.04) == pytest.approx(0.2 + 0.08)
+
+
+def test_the_spring_is_taken_out_but_never_turned_round():
+    assert bounded(one_joint([1.0], effort=10.0, velocity=5.0), 0.0) == pytest.approx(0.0)
+    assert bounded(one_joint([0.0], effort=10.0, velocity=5.0), 0.0) == 0.0
+
+
+def test_without_a_position_or_a_spring_there_is_no_bound():
+    assert bounded(one_joint([1.0]), float("nan")) == 1.0
+    assert bounded(one_joint([1.0], stiffness=0.0), 0.0) == 1.0
+
+
+small = st.floats(-20.0, 20.0)
+
+
+@given(small, small, small, st.floats(0.0, 500.0), st.floats(0.0, 5.0), small, small, st.floats(0.5, 20.0))
+def test_the_law_stays_within_the_limit_wherever_the_spring_can_do_it(
+    position, velocity, effort, stiffness, damping, joint, joint_velocity, limit
+):
+    effort = float(np.clip(effort, -limit, limit))
+    command = one_joint([position], velocity, effort, stiffness, damping)
+    moved = bounded(command, joint, joint_velocity, limit)
+    rest = damping * (velocity - joint_velocity) + effort
+    before, after = stiffness * (position - joint), stiffness * (moved - joint)
+    assert abs(after) <= abs(before) + 1e-6
+    assert before * after >= -1e-6
+    assert abs(after + rest) <= max(limit, abs(rest)) + 1e-6
 
 
 # --- live values ---

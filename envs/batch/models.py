@@ -41,21 +41,18 @@ class ModelPool:
             self._list = [copy.copy(self._list[0]) for _ in self._list]
             self._models[:] = self._list
 
-    def set_gains(self, changed: npt.NDArray[np.intp], stiffness: FloatArray, damping: FloatArray) -> None:
+    def set_gains(self, changed: npt.NDArray[np.intp], bias: FloatArray) -> None:
         """Put gains into the actuators.
 
         Args:
             changed: shape (k,), environments whose gains are not yet in their models.
-            stiffness: shape (N, n), N·m/rad, of all environments.
-            damping: shape (N, n), N·m·s/rad.
+            bias: shape (N, n, 2), of all environments, see `affine_law`.
         """
         if self.is_shared:
-            if (stiffness == stiffness[0]).all() and (damping == damping[0]).all():
+            if (bias == bias[0]).all():
                 changed = np.zeros(1, dtype=np.intp)
             else:
                 self.separate()
-                changed = np.arange(len(stiffness))
+                changed = np.arange(len(bias))
         for i in changed:
-            bias = self._models[i].actuator_biasprm
-            bias[:, 1] = -stiffness[i]
-            bias[:, 2] = -damping[i]
+            self._models[i].actuator_biasprm[:, 1:3] = bias[i]

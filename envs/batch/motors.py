@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from humanoid_sim.envs.batch.counter_random import Words, uniforms
 from humanoid_sim.envs.batch.models import ModelPool
 from humanoid_sim.envs.batch.randomisation import Randomisation
-from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.mit import FloatArray, MITCommand, affine_law
 
 __all__ = ["BatchMotors", "MotorDifferences"]
 
@@ -47,7 +47,7 @@ class MotorDifferences:
 
 
 class BatchMotors:
-    """The MIT law of N robots, `force = ctrl - K_p q - K_d qd` with `ctrl = K_p q_cmd + K_d qd_cmd + tau_ff`.
+    """The MIT law of N robots, in its affine form.
 
     What is commanded arrives late by a delay of its own for each environment. The gains are part of the model and do
     not: new ones hold from the command's own step on, for the targets under way too. Policies never change theirs.
@@ -80,7 +80,7 @@ class BatchMotors:
         self.differences = differences
         """May be replaced at any time."""
         count, n = differences.stiffness.shape
-        self._stiffness, self._damping = np.zeros((count, n)), np.zeros((count, n))
+        self._bias = np.zeros((count, n, 2))
         # The last commands, the newest last: as many as can be under way, and the one in force before them.
         self._slots = 1 + -(-(longest_delay + jitter) // steps)
         self._targets = np.zeros((self._slots, count, 3, n))
@@ -93,7 +93,7 @@ class BatchMotors:
         """Forget the commands of some environments; until another arrives they hold a position, shape (k, n), rad."""
         self._targets[:, indices] = 0.0
         self._targets[:, indices, 0] = position
-        self._controls[:, indices] = self._stiffness[indices] * position
+        self._controls[:, indices] = -self._bias[indices, :, 0] * position
         self._arrival[:, indices] = _LONG_AGO
 
     def send(self, command: MITCommand, step: IntArray, chosen: IndexArray | None) -> FloatArray:
@@ -108,8 +108,9 @@ class BatchMotors:
             Shape (N, steps, n), N·m; the same buffer every time.
         """
         own = self.differences
-        self._set_gains(command.stiffness * own.stiffness, command.damping * own.damping)
-        control = self._stiffness * command.position + self._damping * command.velocity + command.effort
+        command = replace(command, stiffness=command.stiffness * own.stiffness, damping=command.damping * own.damping)
+        bias, control = affine_law(command)
+        self._set_gains(bias, command)
         if self._slots == 1:
             self._control[:] = control[:, None]
             return self._control
@@ -131,7 +132,7 @@ class BatchMotors:
 
     def torque(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
         """Shape (N, n), N·m, saturated, of the last of the physics steps, which began at this joint state."""
-        force = self._control[:, -1] - self._stiffness * position - self._damping * velocity
+        force = self._control[:, -1] + self._bias[:, :, 0] * position + self._bias[:, :, 1] * velocity
         return np.clip(force, -self._limit, self._limit)
 
     def _draw_jitter(self, step: IntArray) -> IntArray:
@@ -140,11 +141,13 @@ class BatchMotors:
         drawn = uniforms(self.differences.keys, _JITTER_STREAM, step, 1)[:, 0]
         return np.floor(drawn * (self._jitter + 1)).astype(np.int64)
 
-    def _set_gains(self, stiffness: FloatArray, damping: FloatArray) -> None:
-        changed = ((stiffness != self._stiffness) | (damping != self._damping)).any(axis=1)
+    def _set_gains(self, bias: FloatArray, command: MITCommand) -> None:
+        """Put a command's gains, which are `bias`, into the models and apply them to the targets under way."""
+        changed = (bias != self._bias).any(axis=(1, 2))
         if not changed.any():
             return
-        self._stiffness, self._damping = stiffness, damping
-        self._pool.set_gains(np.flatnonzero(changed), stiffness, damping)
-        position, velocity, effort = (self._targets[:, :, i] for i in range(3))
-        self._controls[:] = stiffness * position + damping * velocity + effort
+        self._bias = bias
+        self._pool.set_gains(np.flatnonzero(changed), bias)
+        for targets, control in zip(self._targets, self._controls, strict=True):
+            position, velocity, effort = (targets[:, i] for i in range(3))
+            _, control[:] = affine_law(replace(command, position=position, velocity=velocity, effort=effort))

@@ -13,7 +13,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, mit_torque
 
 __all__ = ["MitTargets", "RunMode", "Servo", "servo_current", "wrapped"]
 
@@ -49,7 +49,7 @@ class MitTargets:
         self.limit = np.array(limits)
         """Shape (m,), N·m."""
         self._torque = np.empty(count)
-        self._term = np.empty(count)
+        self._scratch = np.empty(count)
 
     def release(self, motor: int) -> None:
         """No torque."""
@@ -57,17 +57,7 @@ class MitTargets:
 
     def torque(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
         """The law at wrapped positions and velocities of shape (m,); a buffer, N·m, valid until the next call."""
-        torque, term = self._torque, self._term
-        np.subtract(self.position, position, out=torque)
-        np.multiply(self.stiffness, torque, out=torque)
-        np.subtract(self.velocity, velocity, out=term)
-        np.multiply(self.damping, term, out=term)
-        np.add(torque, term, out=torque)
-        np.add(torque, self.effort, out=torque)
-        np.minimum(torque, self.limit, out=torque)
-        np.negative(self.limit, out=term)
-        np.maximum(torque, term, out=torque)
-        return torque
+        return mit_torque(self, position, velocity, self.limit, out=self._torque, scratch=self._scratch)
 
 
 @dataclass(slots=True)

@@ -11,40 +11,9 @@ from humanoid_sim.hardware.robot.tracker import JointReadings, JointTracker
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.hardware.robstride.codec import OperationControlEncoder
 from humanoid_sim.hardware.robstride.frames import Frame
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, bounded_position
 
-__all__ = ["CommandEncoder", "bounded_position"]
-
-
-def bounded_position(
-    command: MITCommand, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray, lead: float
-) -> FloatArray:
-    """Commanded positions, moved towards the joints where the MIT law would ask for more than the effort limit.
-
-    No manual says that the firmware's torque limit covers the sum of the MIT law, so the host bounds it as well. What
-    the host knows is as old as the last status and holds for a whole period: the bound leaves K_p |velocity| lead of
-    room, so that a joint on its way is not slowed down, as the same law with a limit in the motor would not.
-
-    Args:
-        command: shape (n,), joint frame, its effort within the limit.
-        position: shape (n,), rad, where the joints are; NaN: no bound.
-        velocity: shape (n,), rad/s.
-        effort_limit: shape (n,), N·m.
-        lead: s, the age of a state and the time that a command is held.
-
-    Returns:
-        Shape (n,), rad. Where damping and feed-forward are beyond the limit by themselves, at most the spring's part is
-        taken out; it never changes sign.
-    """
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # no stiffness, no position, absurd commands
-        spring = command.stiffness * (command.position - position)
-        rest = command.damping * (command.velocity - velocity) + command.effort
-        room = command.stiffness * np.abs(velocity) * lead
-        lowest = np.minimum(-effort_limit - rest - room, 0.0)
-        highest = np.maximum(effort_limit - rest + room, 0.0)
-        bounded = np.clip(spring, lowest, highest)
-        moved = position + bounded / command.stiffness
-    return np.where((bounded != spring) & np.isfinite(moved), moved, command.position)
+__all__ = ["CommandEncoder"]
 
 
 class CommandEncoder:

@@ -1,9 +1,9 @@
 """The plant: MuJoCo stepped under the MIT law, in two forms that agree to rounding.
 
 `QfrcPlant` computes the law before every physics step and writes `qfrc_applied`: the reference. `AffinePlant` lets
-MuJoCo's own actuators compute it (`force = ctrl - K_p q - K_d qd` with `ctrl = K_p q_cmd + K_d qd_cmd + tau_ff`), so
-that any number of steps is one native call. They are equal step for step under the Euler integrator, because neither
-form's damping enters an implicit term there; `tests/simulation/test_plant.py` holds them to 1e-9.
+MuJoCo's own actuators compute it (`affine_law`), so that any number of steps is one native call. They are equal step
+for step under the Euler integrator, because neither form's damping enters an implicit term there;
+`tests/simulation/test_plant.py` holds them to 1e-9.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.mit import FloatArray, MITCommand, affine_law, mit_torque
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
@@ -95,15 +95,14 @@ class Plant(ABC):
 
 
 class QfrcPlant(Plant):
-    """The law in NumPy before every physics step."""
+    """`mit_torque` before every physics step."""
 
     actuation = "qfrc_applied"
 
     def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
         self._joint_count = description.joint_count
-        self._upper = np.array(description.effort_limit)
-        self._lower = -self._upper
-        self._damping_torque = np.empty(self._joint_count)
+        self._limit = np.array(description.effort_limit)
+        self._scratch = np.empty(self._joint_count)
         super().__init__(model, description)
         self._is_contiguous = isinstance(self._qpos_index, slice) and isinstance(self._dof_index, slice)
 
@@ -123,30 +122,19 @@ class QfrcPlant(Plant):
         return applied
 
     def step(self, count: int) -> None:
-        """Advance physics by `count` steps; the torque is that of `mit_torque`, operation for operation."""
-        model, data, command = self.model, self.data, self._command
-        target_position, target_velocity = command.position, command.velocity
-        stiffness, damping, feed_forward = command.stiffness, command.damping, command.effort
-        lower, upper, damping_torque = self._lower, self._upper, self._damping_torque
+        """Advance physics by `count` steps, each under the torque of its own state."""
+        model, data, command, limit, scratch = self.model, self.data, self._command, self._limit, self._scratch
         gathers = not self._is_contiguous
         # Views into MuJoCo's arrays, or, if the joints are scattered there, copies to be renewed at every step.
         position, velocity, torque = self.position, self.velocity, self.effort
-        step = mujoco.mj_step
-        # Every NumPy call writes into a buffer: this loop is most of what a control tick costs beyond MuJoCo.
+        # This loop is most of what a control tick costs beyond MuJoCo.
         for _ in range(count):
             if gathers:
                 position, velocity = self.position, self.velocity
-            np.subtract(target_position, position, out=torque)
-            np.multiply(stiffness, torque, out=torque)
-            np.subtract(target_velocity, velocity, out=damping_torque)
-            np.multiply(damping, damping_torque, out=damping_torque)
-            np.add(torque, damping_torque, out=torque)
-            np.add(torque, feed_forward, out=torque)
-            np.maximum(torque, lower, out=torque)
-            np.minimum(torque, upper, out=torque)
+            mit_torque(command, position, velocity, limit, out=torque, scratch=scratch)
             if gathers:
                 data.qfrc_applied[self._dof_index] = torque
-            step(model, data)
+            mujoco.mj_step(model, data)
 
 
 class AffinePlant(Plant):
@@ -161,9 +149,7 @@ class AffinePlant(Plant):
 
     def apply(self, command: MITCommand) -> None:
         """See `Plant.apply`. This writes the gains into `model.actuator_biasprm`."""
-        self.model.actuator_biasprm[:, 1] = -command.stiffness
-        self.model.actuator_biasprm[:, 2] = -command.damping
-        self.data.ctrl[:] = command.stiffness * command.position + command.damping * command.velocity + command.effort
+        self.model.actuator_biasprm[:, 1:3], self.data.ctrl[:] = affine_law(command)
 
     @property
     def effort(self) -> FloatArray:

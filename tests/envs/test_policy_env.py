@@ -160,14 +160,11 @@ def test_actions_beyond_their_bounds_command_no_more(arms: PolicyEnv) -> None:
     state, _ = arms.robot.read()
     for bound, stop, sign in ((arms.action_space.low, robot.upper, -1), (arms.action_space.high, robot.lower, 1)):
         _, command = side.act(side.activate(state), bound)
-        at_the_other_stop = type(state)(0.0, stop, *[np.zeros(14)] * 3, state.imu_quaternion, *[np.zeros(3)] * 2)
-        np.testing.assert_allclose(
-            mit_torque(at_the_other_stop, command, robot.effort_limit), sign * robot.effort_limit
-        )
-        at_this_stop = type(state)(
-            0.0, robot.lower if sign < 0 else robot.upper, *[np.zeros(14)] * 3, state.imu_quaternion, *[np.zeros(3)] * 2
-        )
-        torque = mit_torque(at_this_stop, command, np.inf)
+        at_rest = np.zeros(14)
+        torque = mit_torque(command, stop, at_rest, robot.effort_limit)
+        np.testing.assert_allclose(torque, sign * robot.effort_limit)
+        at_this_stop = robot.lower if sign < 0 else robot.upper
+        torque = mit_torque(command, at_this_stop, at_rest, np.inf)
         np.testing.assert_allclose(torque, sign * robot.effort_limit, rtol=1e-4)
 
 

@@ -41,7 +41,7 @@ def test_both_forms_hold_the_pose_at_rest(lite: RobotDescription, pose: FloatArr
     gravity = GravityTorque(lite)(pose)
     assert np.abs(gravity).max() > 1.0  # there is something to hold
     command = gravity_command(lite, pose, gravity, form)
-    torque = mit_torque(state(pose), command, lite.effort_limit)
+    torque = mit_torque(command, pose, np.zeros(len(pose)), lite.effort_limit)
     np.testing.assert_allclose(torque, gravity, atol=1e-12)
     assert not command.velocity.any()
     assert bool(command.stiffness.any()) == (form == "pd")

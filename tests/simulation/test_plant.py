@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import MITCommand, MITState, mit_torque
+from humanoid_sim.mit import MITCommand, mit_torque
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.plant import Actuation, Plant, make_plant
+from humanoid_sim.simulation.plant import Actuation, make_plant
 
 RobotFactory = Callable[..., RobotDescription]
 ACTUATIONS: tuple[Actuation, ...] = ("qfrc_applied", "affine")
@@ -22,20 +22,6 @@ def random_command(robot: RobotDescription, generator: np.random.Generator, stre
         effort=generator.normal(0.0, strength, n),
         stiffness=generator.uniform(0.0, 80.0 * strength, n),
         damping=generator.uniform(0.0, 4.0, n),
-    )
-
-
-def state_of(plant: Plant) -> MITState:
-    n = len(plant.position)
-    return MITState(
-        time=0.0,
-        joint_position=plant.position,
-        joint_velocity=plant.velocity,
-        joint_effort=np.zeros(n),
-        joint_age=np.zeros(n),
-        imu_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
-        imu_angular_velocity=np.zeros(3),
-        imu_linear_acceleration=np.zeros(3),
     )
 
 
@@ -79,7 +65,7 @@ def test_the_torque_is_that_of_the_law(
     for _ in range(200):
         command = random_command(robot, generator)
         plant.apply(command)
-        expected = mit_torque(state_of(plant), command, robot.effort_limit)
+        expected = mit_torque(command, plant.position, plant.velocity, robot.effort_limit)
         plant.step(1)
         if actuation == "qfrc_applied":
             assert plant.effort.tolist() == expected.tolist()

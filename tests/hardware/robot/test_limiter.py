@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from humanoid_sim.hardware.robot.limiter import CommandEncoder, bounded_position
+from humanoid_sim.hardware.robot.limiter import CommandEncoder
 from humanoid_sim.hardware.robot.table import Readings
 from humanoid_sim.hardware.robot.tracker import JointTracker
 from humanoid_sim.hardware.robot.wiring import make_wiring
@@ -27,65 +27,6 @@ def _command(
 ) -> MITCommand:
     n = np.atleast_1d(position).shape[0]
     return MITCommand(*(np.broadcast_to(value, n) for value in (position, velocity, effort, stiffness, damping)))
-
-
-def _bounded(
-    command: MITCommand, position: float, velocity: float = 0.0, limit: float = 10.0, lead: float = 0.0
-) -> float:
-    arrays = (np.array([value]) for value in (position, velocity, limit))
-    return float(bounded_position(command, *arrays, lead)[0])
-
-
-def test_a_command_within_the_limit_is_left_alone() -> None:
-    assert _bounded(_command([0.19]), 0.0) == 0.19
-
-
-def test_a_spring_beyond_the_limit_is_shortened_to_it() -> None:
-    assert _bounded(_command([1.0]), 0.0) == pytest.approx(0.2)
-    assert _bounded(_command([-1.0]), 0.3) == pytest.approx(0.1)
-
-
-def test_feed_forward_and_damping_take_their_share() -> None:
-    assert _bounded(_command([1.0], effort=4.0), 0.0) == pytest.approx(0.12)
-    assert _bounded(_command([1.0]), 0.0, velocity=2.0) == pytest.approx(0.28)
-
-
-def test_a_joint_on_its_way_keeps_room_for_its_motion() -> None:
-    assert _bounded(_command([1.0], damping=0.0), 0.0, velocity=2.0, lead=0.04) == pytest.approx(0.2 + 0.08)
-
-
-def test_the_spring_is_taken_out_but_never_turned_round() -> None:
-    assert _bounded(_command([1.0], effort=10.0, velocity=5.0), 0.0) == pytest.approx(0.0)
-    assert _bounded(_command([0.0], effort=10.0, velocity=5.0), 0.0) == 0.0
-
-
-def test_without_a_position_or_a_spring_there_is_no_bound() -> None:
-    assert _bounded(_command([1.0]), float("nan")) == 1.0
-    assert _bounded(_command([1.0], stiffness=0.0), 0.0) == 1.0
-
-
-_small = st.floats(-20.0, 20.0)
-
-
-@given(_small, _small, _small, st.floats(0.0, 500.0), st.floats(0.0, 5.0), _small, _small, st.floats(0.5, 20.0))
-def test_the_law_stays_within_the_limit_wherever_the_spring_can_do_it(
-    position: float,
-    velocity: float,
-    effort: float,
-    stiffness: float,
-    damping: float,
-    joint: float,
-    joint_velocity: float,
-    limit: float,
-) -> None:
-    effort = float(np.clip(effort, -limit, limit))
-    command = _command([position], velocity, effort, stiffness, damping)
-    bounded = _bounded(command, joint, joint_velocity, limit)
-    rest = damping * (velocity - joint_velocity) + effort
-    before, after = stiffness * (position - joint), stiffness * (bounded - joint)
-    assert abs(after) <= abs(before) + 1e-6
-    assert before * after >= -1e-6
-    assert abs(after + rest) <= max(limit, abs(rest)) + 1e-6
 
 
 def _encoder(description: RobotDescription) -> tuple[CommandEncoder, JointTracker]:
