@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from time import perf_counter
 
-__all__ = ["Row", "paired_ratio", "seconds"]
+__all__ = ["Row", "paired_ratio", "row_of", "seconds"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,12 @@ def seconds(action: Callable[[], object]) -> float:
     begin = perf_counter()
     action()
     return perf_counter() - begin
+
+
+def row_of(name: str, values: Iterable[float], unit: str) -> Row:
+    """A row without a target, of repeated measurements."""
+    ordered = sorted(values)
+    return Row(name, ordered[len(ordered) // 2], unit, ordered[0], ordered[-1])
 
 
 def paired_ratio(

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from humanoid_sim.bench import timing
-from humanoid_sim.bench.timing import Row, paired_ratio, seconds
+from humanoid_sim.bench.timing import Row, paired_ratio, row_of, seconds
 
 
 class FakeClock:
@@ -52,6 +52,10 @@ def test_a_ratio_of_speeds_and_what_is_not_timed(monkeypatch: pytest.MonkeyPatch
     )
     assert row == Row("x", 2.5, "ratio", 2.5, 2.5, 1.9, "2 over 5", at_least=True)
     assert row.is_met
+
+
+def test_a_row_of_repetitions_is_their_median_and_range() -> None:
+    assert row_of("x", [3.0, 1.0, 7.0], "µs") == Row("x", 3.0, "µs", 1.0, 7.0)
 
 
 @pytest.mark.parametrize(("value", "target", "met"), [(2.5, 2.5, True), (2.51, 2.5, False), (99.0, None, True)])

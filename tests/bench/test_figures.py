@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from humanoid_sim.bench import control_tick, environment, hardware_loop, main, program, regress_speed, vector
+from humanoid_sim.bench import batches, figures, main, one_robot
 from humanoid_sim.bench.timing import Row
 from humanoid_sim.cli import run_program
 
@@ -19,12 +19,12 @@ Run = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run `bench` with blocks of a few ticks and steps: status, stdout, stderr."""
-    monkeypatch.setattr(control_tick, "_BLOCK", 8)
-    monkeypatch.setattr(environment, "_STEPS", 3)
-    monkeypatch.setattr(vector, "_MANY", 6)
-    monkeypatch.setattr(vector, "_SOME", 2)
-    monkeypatch.setattr(regress_speed, "_EPISODES", 4)
-    monkeypatch.setattr(hardware_loop, "_SECONDS", 1.0)
+    monkeypatch.setattr(one_robot, "_BLOCK", 8)
+    monkeypatch.setattr(one_robot, "_STEPS", 3)
+    monkeypatch.setattr(batches, "_MANY", 6)
+    monkeypatch.setattr(batches, "_SOME", 2)
+    monkeypatch.setattr(batches, "_EPISODES", 4)
+    monkeypatch.setattr(figures, "_SECONDS", 1.0)
     monkeypatch.setenv("COLUMNS", "200")
 
     def bench(*arguments: str) -> tuple[int, str, str]:
@@ -45,7 +45,7 @@ def fake(monkeypatch: pytest.MonkeyPatch, **rows: Row) -> list[tuple[str, int]]:
     def taker(name: str, row: Row) -> Callable[[int], list[Row]]:
         return lambda repetitions: asked.append((name, repetitions)) or [row]  # type: ignore[func-returns-value]
 
-    monkeypatch.setattr(program, "_BENCHMARKS", {name: taker(name, row) for name, row in rows.items()})
+    monkeypatch.setattr(figures, "_BENCHMARKS", {name: taker(name, row) for name, row in rows.items()})
     return asked
 
 
@@ -60,8 +60,8 @@ def _is_within(row: dict[str, Any]) -> bool:
 
 
 def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    quick = {name: take for name, take in program._BENCHMARKS.items() if name != "hardware loop"}
-    monkeypatch.setattr(program, "_BENCHMARKS", quick)
+    quick = {name: take for name, take in figures._BENCHMARKS.items() if name != "hardware loop"}
+    monkeypatch.setattr(figures, "_BENCHMARKS", quick)
     status, out, _ = run("--repetitions", "1", "--json")
     document = json.loads(out)
     rows: dict[str, dict[str, Any]] = {row["name"]: row for row in document["rows"]}

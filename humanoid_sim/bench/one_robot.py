@@ -1,19 +1,24 @@
-"""The control loop of `play` in simulation against the bare physics and the bare inference that it contains."""
+"""One simulated robot: the control loop of `play` and an environment's step, against the bare physics they contain."""
 
 from __future__ import annotations
 
+import copy
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import sleep
+from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 
-from humanoid_sim.bench.timing import Row, paired_ratio, seconds
+from humanoid_sim.bench.timing import Row, paired_ratio, row_of, seconds
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
+from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.messages import Intent, Mode, TickInput
 from humanoid_sim.play.options import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.policy.checkpoint import Checkpoint
@@ -26,10 +31,12 @@ from humanoid_sim.session.sink import SessionHeader, Sink
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
 
-__all__ = ["control_tick", "real_time_factor", "recorder_cost", "supervisor_step"]
+__all__ = ["control_tick", "environment_step", "real_time_factor", "recorder_cost", "supervisor_step"]
 
 _BLOCK = 2000
 """Ticks that are timed together: long beside the 20 ms after which the recorder looks at its queue."""
+_STEPS = 100
+"""Policy steps of the environment that are timed together, out of the motion's first."""
 
 
 @dataclass(slots=True)
@@ -112,43 +119,88 @@ def recorder_cost(repetitions: int) -> list[Row]:
     """What recording adds to a control tick, the writer's own thread included."""
     with _rig(record=True) as recorded, _rig(record=False) as silent:
         pairs = [(seconds(recorded.block), seconds(silent.block)) for _ in range(repetitions + 1)][1:]
-    costs = sorted(1e6 * (a - b) / _BLOCK for a, b in pairs)
-    return [Row("recording, per tick", costs[len(costs) // 2], "µs", costs[0], costs[-1])]
+    return [row_of("recording, per tick", [1e6 * (a - b) / _BLOCK for a, b in pairs], "µs")]
 
 
 def supervisor_step(repetitions: int) -> list[Row]:
     """The pure stack alone, in every mode that a policy run passes through."""
-    rows = []
     with _rig(record=False) as rig:
         state, safety = rig.robot.read()
-        supervisor = rig.supervisor
         tick_input = TickInput(state, safety)
-        memory = supervisor.initial()
-        for name, intent in (
-            ("ZERO_TORQUE", None),
-            ("DAMPING", Intent.DAMP),
-            ("STANDBY", Intent.LOAD_A),
-        ):
-            memory, _ = supervisor.step(memory, TickInput(state, safety, () if intent is None else (intent,)))
-            rows.append(_step_row(name, supervisor, memory, tick_input, repetitions))
-        held = rig.session.memory
-        rows.append(_step_row("LOCOMOTION, command held", supervisor, held, tick_input, repetitions))
-    return rows
+        step, memory = rig.supervisor.step, rig.supervisor.initial()
+        memories: dict[str, SupervisorMemory] = {}
+        for mode, intents in (("ZERO_TORQUE", ()), ("DAMPING", (Intent.DAMP,)), ("STANDBY", (Intent.LOAD_A,))):
+            memories[mode] = memory = step(memory, TickInput(state, safety, intents))[0]
+        memories["LOCOMOTION, command held"] = rig.session.memory
 
+        def block(memory: SupervisorMemory) -> None:
+            for _ in range(_BLOCK):
+                step(memory, tick_input)
 
-def _step_row(
-    mode: str, supervisor: Supervisor, memory: SupervisorMemory, tick_input: TickInput, repetitions: int
-) -> Row:
-    def block() -> None:
-        for _ in range(_BLOCK):
-            supervisor.step(memory, tick_input)
-
-    times = sorted(1e6 * seconds(block) / _BLOCK for _ in range(repetitions + 1))
-    return Row(f"supervisor step, {mode}", times[len(times) // 2], "µs", times[0], times[-1])
+        return [
+            row_of(
+                f"supervisor step, {mode}",
+                [1e6 * seconds(partial(block, held)) / _BLOCK for _ in range(repetitions + 1)],
+                "µs",
+            )
+            for mode, held in memories.items()
+        ]
 
 
 def real_time_factor(repetitions: int) -> list[Row]:
     """How much faster than real time `play` simulates and records."""
     with _rig(record=True) as rig:
-        factors = sorted(_BLOCK * rig.robot.control_period / seconds(rig.block) for _ in range(repetitions + 1))
-    return [Row("play, times real time", factors[len(factors) // 2], "×", factors[0], factors[-1])]
+        factors = [_BLOCK * rig.robot.control_period / seconds(rig.block) for _ in range(repetitions + 1)]
+    return [row_of("play, times real time", factors, "×")]
+
+
+def environment_step(repetitions: int) -> list[Row]:
+    """`LiteTracking-v0.step` over the `mj_step`s in it: the sample policy's actions, and the same trajectory bare."""
+    env = gymnasium.make("humanoid_sim/LiteTracking-v0")
+    single = env.unwrapped
+    assert isinstance(single, PolicyEnv)
+    robot = single.robot
+    actions, controls = _episode(env, single)
+    model = copy.copy(robot.model)  # now, while the gains are in it: a reset takes them out
+    data = mujoco.MjData(model)
+
+    def begin() -> None:
+        env.reset(seed=0)
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = robot.data.qpos, robot.data.qvel
+
+    def steps() -> None:
+        for action in actions:
+            env.step(action)
+
+    def bare() -> None:
+        for control in controls:
+            data.ctrl[:] = control
+            mujoco.mj_step(model, data, robot.physics_steps)
+
+    def describe(ours: float, physics: float) -> str:
+        return f"{1e6 * ours / _STEPS:.0f} µs per step, {1e6 * physics / _STEPS:.0f} µs bare"
+
+    begin()
+    steps()
+    bare()
+    if not np.array_equal(data.qpos, robot.data.qpos):
+        raise AssertionError("the bare physics is not that of the environment")
+    try:
+        return [paired_ratio("LiteTracking-v0.step", steps, bare, repetitions, 1.4, describe, prepare=begin)]
+    finally:
+        env.close()
+
+
+def _episode(env: gymnasium.Env[Any, Any], single: PolicyEnv) -> tuple[list[Any], list[Any]]:
+    """The actions of the sample policy, and what the actuators are told in each step."""
+    observation, info = env.reset(seed=0)
+    actions, controls = [], []
+    for _ in range(_STEPS):
+        action = np.asarray(single.setting.policy(observation, info["frame"]), dtype=np.float32)
+        observation, _, terminated, truncated, info = env.step(action)
+        if terminated or truncated:
+            raise AssertionError("the episode ended before the last of its steps")
+        actions.append(action)
+        controls.append(single.robot.data.ctrl.copy())
+    return actions, controls

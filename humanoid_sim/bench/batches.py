@@ -1,0 +1,196 @@
+"""Batches of robots: the native vector environment and a regression run, against the bare physics they contain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from msgspec.structs import replace as changed
+from mujoco import rollout
+
+from humanoid_sim.bench.timing import Row, paired_ratio
+from humanoid_sim.controllers.action import action_command
+from humanoid_sim.envs.batch import BatchSimulation
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.play.options import SAMPLE_POLICY
+from humanoid_sim.regress.episodes import Disturbance, EpisodeBatch, Step
+from humanoid_sim.regress.runner import prepare_contest
+from humanoid_sim.regress.subject import load_subject, suite_robot
+from humanoid_sim.regress.suite_file import load_suite
+
+__all__ = ["regress_speed", "vector_step"]
+
+_NAME = "humanoid_sim/LiteTracking-v0"
+_MANY = 1024
+_SOME = 64
+"""Environments that Gymnasium's own steps one by one; how many makes no difference to the ratio."""
+_VECTOR_STEPS = 2
+"""Vector steps that are timed together."""
+_SPREAD = 0.1
+"""Of the actions, as a share of the action space."""
+_EPISODES = 1024
+_EPISODE_STEPS = 5
+"""Policy steps of each: 0.1 s, 200 physics steps."""
+
+
+class _BareRollout:
+    """The same models, states, controls and threads as a batch simulation's, and nothing around them."""
+
+    def __init__(
+        self,
+        simulation: BatchSimulation,
+        qpos: FloatArray,
+        qvel: FloatArray,
+        targets: Sequence[FloatArray],
+        reached: FloatArray,
+    ) -> None:
+        """Work out the controls, run once, and see that it is the same physics.
+
+        Args:
+            simulation: that has taken a command already, so that the gains are in its models.
+            qpos: shape (N, nq), where it starts.
+            qvel: shape (N, nv).
+            targets: shape (N, n) each, rad, the positions that are commanded one control period after the other.
+            reached: shape (N, nq), where the simulation ended.
+        """
+        self._models = [simulation.model(i) for i in range(simulation.count)]
+        model = self._models[0]
+        stiffness = np.array([-each.actuator_biasprm[:, 1] for each in self._models])
+        steps = simulation.physics_steps
+        self._controls = [np.repeat((stiffness * target)[:, None], steps, axis=1) for target in targets]
+        self._initial = np.zeros((simulation.count, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+        self._initial[:, 1:] = np.concatenate([qpos, qvel], axis=1)
+        self._path = np.zeros((simulation.count, steps, self._initial.shape[1]))
+        self._data = [mujoco.MjData(model) for _ in range(simulation.threads)]
+        self._rollout = rollout.Rollout(nthread=simulation.threads if simulation.threads > 1 else 0)
+        self.run()
+        if not np.allclose(self._path[:, -1, 1 : 1 + model.nq], reached, rtol=0.0, atol=1e-9):
+            raise AssertionError("the bare physics is not that of the batch")
+
+    def run(self) -> None:
+        """From the start through all control periods, one call each, as whoever answers to the state needs it."""
+        state, velocity = self._initial, slice(1 + self._models[0].nq, None)
+        acceleration = np.zeros_like(state[:, velocity])
+        for control in self._controls:
+            self._rollout.rollout(
+                self._models,
+                self._data,
+                state,
+                control,
+                nstep=control.shape[1],
+                skip_checks=True,
+                initial_warmstart=acceleration,
+                state=self._path,
+            )
+            state = self._path[:, -1].copy()
+            acceleration = (state - self._path[:, -2])[:, velocity] / self._models[0].opt.timestep
+
+    def close(self) -> None:
+        """Stop the threads."""
+        self._rollout.close()
+
+
+def vector_step(repetitions: int) -> list[Row]:
+    """Vector steps over bare `mujoco.rollout`s of the same states and controls, and over `SyncVectorEnv`."""
+    return [_over_rollout(repetitions), _over_sync(repetitions)]
+
+
+def _over_rollout(repetitions: int) -> Row:
+    envs = _Stepped("vector_entry_point", _MANY)
+    native = envs.envs.unwrapped
+    assert isinstance(native, PolicyVectorEnv)
+    simulation = native.simulation
+    envs.step()
+    reached = simulation.qpos.copy()
+    envs.begin()
+    targets = [action_command(native.setting.side.action_map, action).position for action in envs.actions]
+    physics = _BareRollout(simulation, simulation.qpos, simulation.qvel, targets, reached)
+
+    def describe(ours: float, bare: float) -> str:
+        count = _MANY * _VECTOR_STEPS
+        return f"{count / ours:.0f} environment steps per s, {count / bare:.0f} bare, {simulation.threads} threads"
+
+    name = f"vector, {_MANY} environments, over bare rollout"
+    try:
+        return paired_ratio(name, envs.step, physics.run, repetitions, 0.85, describe, speed=True, prepare=envs.begin)
+    finally:
+        physics.close()
+        envs.envs.close()
+
+
+def _over_sync(repetitions: int) -> Row:
+    native, sync = _Stepped("vector_entry_point", _SOME), _Stepped("sync", _SOME)
+
+    def begin() -> None:
+        native.begin()
+        sync.begin()
+
+    def describe(ours: float, theirs: float) -> str:
+        count = _SOME * _VECTOR_STEPS
+        return f"{count / ours:.0f} environment steps per s, {count / theirs:.0f} one by one"
+
+    name = "vector, over SyncVectorEnv"
+    try:
+        return paired_ratio(name, native.step, sync.step, repetitions, 1.9, describe, speed=True, prepare=begin)
+    finally:
+        native.envs.close()
+        sync.envs.close()
+
+
+class _Stepped:
+    """Environments that are given the same actions from the same starts again and again."""
+
+    def __init__(self, mode: str, count: int) -> None:
+        self.envs: Any = gymnasium.make_vec(_NAME, num_envs=count, vectorization_mode=mode)
+        self.envs.action_space.seed(0)
+        self.actions = [np.float32(_SPREAD) * self.envs.action_space.sample() for _ in range(_VECTOR_STEPS)]
+        self.begin()
+
+    def begin(self) -> None:
+        self.envs.reset(seed=0)
+
+    def step(self) -> None:
+        for action in self.actions:
+            *_, terminated, truncated, _ = self.envs.step(action)
+            if terminated.any() or truncated.any():  # the next step would do less than a step
+                raise AssertionError("an episode ended before the last of the steps")
+
+
+def regress_speed(repetitions: int) -> list[Row]:
+    """The sample policy over a suite: inference, disturbances, measures and judging included.
+
+    The robots differ as the suite has it, but for the delay of their commands, which the bare physics has not. What is
+    built once per case is left out on both sides.
+    """
+    batch = _episodes()
+    steps: list[Step] = []
+    batch.run(steps)
+    reached = batch.simulation.qpos.copy()
+    action_map = batch.arena.setting.side.action_map
+    targets = [action_command(action_map, step.action).position for step in steps if step.action is not None]
+    physics = _BareRollout(batch.simulation, steps[0].qpos, steps[0].qvel, targets, reached)
+
+    def describe(ours: float, bare: float) -> str:
+        count = _EPISODES * _EPISODE_STEPS
+        return f"{count / ours:.0f} policy steps per s, {count / bare:.0f} bare, {batch.simulation.threads} threads"
+
+    name = f"regress, {_EPISODES} episodes, over bare rollout"
+    try:
+        return [paired_ratio(name, batch.run, physics.run, repetitions, 0.70, describe, speed=True)]
+    finally:
+        batch.close()
+        physics.close()
+
+
+def _episodes() -> EpisodeBatch:
+    suite, folder = load_suite("lite_tracking")
+    suite = changed(suite, cases=suite.cases[:1])
+    contest = prepare_contest(suite, folder, suite_robot(suite, folder, None))
+    (arena,) = contest.arenas(load_subject(SAMPLE_POLICY, None, contest.description, suite))
+    drawn = replace(suite.draw(), command_delay=(0.0, 0.0))
+    return EpisodeBatch(suite, replace(arena, steps=_EPISODE_STEPS), range(_EPISODES), Disturbance(drawn))
