@@ -17,14 +17,14 @@ from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, Ignored, Malformed, Reply
-from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
+from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 __all__ = ["MotorClient", "SilentMotorError", "open_client"]
 
 _ANSWER_TIME = 0.2
 """s that a motor has to answer; it takes a millisecond, and a busy computer may take longer to notice."""
 _ATTEMPTS = 3
-_ANY_MODEL = MODELS["rs-00"]
+_ANY_MODEL = MOTORS["rs-00"]
 """Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
 
 Answer = TypeVar("Answer")

@@ -17,9 +17,9 @@ from humanoid_sim.hardware.cli.exchange import read_device_id, read_values
 from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
 from humanoid_sim.hardware.cli.options import Identify
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
-from humanoid_sim.hardware.robstride.models import POSITION_RANGE
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import POSITION_RANGE
 
 __all__ = ["identify"]
 

@@ -13,8 +13,8 @@ from humanoid_sim.hardware.cli.options import Ping
 from humanoid_sim.hardware.robstride.faults import FaultBit, flag_names
 from humanoid_sim.hardware.robstride.firmware import firmware_of, model_name, version_text
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId
-from humanoid_sim.hardware.robstride.models import motor_model
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
+from humanoid_sim.robots.motors import motor_model
 
 __all__ = ["ping"]
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.firmware import Firmware, FirmwareVersion
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID, BaudRate, OperationControl, Protocol
-from humanoid_sim.hardware.robstride.models import POSITION_RANGE, MotorModel
 from humanoid_sim.hardware.robstride.scale import Scale
+from humanoid_sim.robots.motors import POSITION_RANGE, MotorModel
 
 __all__ = ["NO_FAULT", "NO_STATUS_FAULT", "NO_WARNING", "MotorIdentity", "MotorState", "Sensed", "Stored"]
 

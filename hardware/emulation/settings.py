@@ -11,13 +11,15 @@ from types import MappingProxyType
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of, parse_version
-from humanoid_sim.hardware.robstride.models import motor_model
 from humanoid_sim.hardware.robstride.scale import Scale
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.motors import MOTORS, motor_model
 
 __all__ = ["NEW_FIRMWARE", "EmulationSettings", "motor_identities"]
 
-NEW_FIRMWARE: Mapping[str, FirmwareVersion] = MappingProxyType({f"rs-0{model}": (0, model, 3, 9) for model in range(7)})
+NEW_FIRMWARE: Mapping[str, FirmwareVersion] = MappingProxyType(
+    {name: (0, int(name.removeprefix("rs-")), 3, 9) for name, model in MOTORS.items() if model.family == "robstride"}
+)
 """By model: versions in which everything is as the manuals of 2026-04-28 have it."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of, model_name, version_text
-from humanoid_sim.hardware.robstride.models import MotorModel
+from humanoid_sim.robots.motors import MotorModel
 
 __all__ = ["firmware_problem", "firmware_warning"]
 

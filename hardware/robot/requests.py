@@ -12,7 +12,7 @@ from humanoid_sim.hardware.robot.table import MotorTable, Sample
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, Reply
-from humanoid_sim.hardware.robstride.models import MODELS
+from humanoid_sim.robots.motors import MOTORS
 
 __all__ = ["Requests"]
 
@@ -134,7 +134,7 @@ class Requests:
             quiet_time: s without an answer after which nobody else is expected.
         """
         self._drain()
-        some_model = next(iter(MODELS.values()))  # a question looks the same for every model
+        some_model = next(iter(MOTORS.values()))  # a question looks the same for every model
         frames = [encode_command(GetDeviceId(i, host_id=self.host_id), some_model) for i in motor_ids]
         for channel in self._channels:
             channel.send([(None, frame) for frame in frames])

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.hardware.robot.wiring import Wiring
-from humanoid_sim.hardware.robstride.models import POSITION_RANGE
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import POSITION_RANGE
 
 __all__ = ["MARGIN", "WRAP", "find_turns", "has_jumped", "turn_problems", "unwrapped"]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["Wiring", "make_wiring"]
@@ -71,15 +71,15 @@ def make_wiring(description: RobotDescription, channel_count: int, calibration: 
         if joint.motor is None:
             without = ", ".join(joint.name for joint in description.joints if joint.motor is None)
             raise InputError(f"{name}: these joints have no motor in the robot description: {without}")
-        if joint.motor.model not in MODELS:
-            problem = known_names("motor model", joint.motor.model, sorted(MODELS))
+        if joint.motor.model not in MOTORS:
+            problem = known_names("motor model", joint.motor.model, sorted(MOTORS))
             raise InputError(f"{name}: joint '{joint.name}': {problem}")
         motors.append(joint.motor)
     buses = max(motor.bus for motor in motors) + 1
     if channel_count not in {1, buses}:
         accepted = "1" if buses == 1 else f"1, which carries all motors, or {buses}, one per bus of the robot"
         raise InputError(f"{name}: {channel_count} channels given, expected {accepted}")
-    models = tuple(MODELS[motor.model] for motor in motors)
+    models = tuple(MOTORS[motor.model] for motor in motors)
     return Wiring(
         names=description.joint_names,
         channel=tuple(motor.bus if channel_count > 1 else 0 for motor in motors),

@@ -35,9 +35,9 @@ from humanoid_sim.hardware.robstride.messages import (
     Stop,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.models import MotorModel
 from humanoid_sim.hardware.robstride.parameters import PAYLOAD_LENGTH
 from humanoid_sim.hardware.robstride.scale import Scale, from_unsigned, to_unsigned
+from humanoid_sim.robots.motors import MotorModel
 
 __all__ = ["LARGEST_MOTOR_ID", "VERSION_REQUEST", "decode_command", "encode_command"]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
+from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 __all__ = ["Firmware", "FirmwareVersion", "firmware_of", "model_name", "parse_version", "version_text"]
 
@@ -80,7 +80,7 @@ def model_name(version: FirmwareVersion) -> str | None:
     to follow.
     """
     name = f"rs-{version[1]:02d}"
-    return name if name in MODELS else None
+    return name if name in MOTORS else None
 
 
 def parse_version(text: str) -> FirmwareVersion:

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.frames import Frame, FrameType
-from humanoid_sim.hardware.robstride.models import MotorModel
 from humanoid_sim.hardware.robstride.scale import SIGNED_STEPS, UNSIGNED_STEPS
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import MotorModel
 
 __all__ = ["EncodedCommands", "OperationControlEncoder"]
 

@@ -14,6 +14,7 @@ from enum import Enum
 from types import MappingProxyType
 
 from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.robots.motors import MOTORS
 
 __all__ = [
     "PARAMETERS",
@@ -132,22 +133,23 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: paramete
 """By the manuals' names."""
 PARAMETERS_BY_INDEX: Mapping[int, Parameter] = MappingProxyType({p.index: p for p in PARAMETERS.values()})
 
-_DEFAULTS_BY_MODEL: Mapping[str, Mapping[str, float]] = {
-    # limit_torque is the peak torque. The rs-02's table says 14 N·m and 16 A, copied from the rs-00's it seems; these
-    # are its data sheet's.
-    "rs-00": {"limit_torque": 14.0, "limit_cur": 16.0, "loc_kp": 40.0, "acc_rad": 20.0},
-    "rs-01": {"limit_torque": 17.0, "limit_cur": 23.0, "loc_kp": 40.0, "acc_rad": 20.0},
-    "rs-02": {"limit_torque": 17.0, "limit_cur": 23.0, "loc_kp": 40.0, "acc_rad": 20.0},
-    "rs-03": {"limit_torque": 60.0, "limit_cur": 43.0, "loc_kp": 60.0, "acc_rad": 20.0},
-    "rs-04": {"limit_torque": 120.0, "limit_cur": 90.0, "loc_kp": 60.0, "acc_rad": 15.0},
-    "rs-05": {"limit_torque": 5.5, "limit_cur": 11.0, "loc_kp": 40.0, "acc_rad": 20.0},
-    "rs-06": {"limit_torque": 36.0, "limit_cur": 57.0, "loc_kp": 40.0, "acc_rad": 20.0},
+_OTHER_DEFAULTS: Mapping[str, Mapping[str, float]] = {
+    "rs-00": {"limit_cur": 16.0},
+    "rs-03": {"loc_kp": 60.0},
+    "rs-04": {"loc_kp": 60.0, "acc_rad": 15.0},
 }
+"""By model, where its defaults are not those of the others."""
 
 
 def default_value(parameter: Parameter, model: str) -> float | None:
-    """What a motor of this model has as it comes; none where the documents do not say."""
-    return _DEFAULTS_BY_MODEL[model].get(parameter.name, parameter.default)
+    """What a motor of this model has as it comes; none where the documents do not say.
+
+    The limits are the data sheet's: the rs-02's table of parameters has 14 N·m and 16 A, copied from the rs-00's it
+    seems.
+    """
+    motor = MOTORS[model]
+    limits = {"limit_torque": motor.peak_torque, "limit_cur": motor.peak_current, "loc_kp": 40.0, "acc_rad": 20.0}
+    return {**limits, **_OTHER_DEFAULTS.get(model, {})}.get(parameter.name, parameter.default)
 
 
 def find_parameter(name_or_index: str) -> Parameter:

@@ -26,8 +26,8 @@ from humanoid_sim.hardware.robstride.messages import (
     Status,
     Version,
 )
-from humanoid_sim.hardware.robstride.models import MotorModel
 from humanoid_sim.hardware.robstride.scale import Scale
+from humanoid_sim.robots.motors import MotorModel
 
 __all__ = ["VERSION_MARK", "decode_reply", "encode_reply"]
 

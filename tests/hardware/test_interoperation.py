@@ -16,8 +16,8 @@ from robstride_dynamics import Motor, ParameterType, RobstrideBus
 from robstride_dynamics import table as their_table
 
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
 
 _CHANNEL = "interoperation"
 _LITE = load_robot("lite")
@@ -32,7 +32,7 @@ def motors() -> Iterator[VirtualMotors]:
 
 @pytest.fixture
 def client(motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> Iterator[RobstrideBus]:
-    for model in MODELS.values():
+    for model in MOTORS.values():
         monkeypatch.setitem(their_table.MODEL_MIT_VELOCITY_TABLE, model.name, model.velocity)
         monkeypatch.setitem(their_table.MODEL_MIT_TORQUE_TABLE, model.name, model.effort)
     client = RobstrideBus(_CHANNEL, {name: Motor(motor.can_id, motor.model) for name, motor in _MOTORS.items()})
@@ -47,7 +47,7 @@ def _joint(motors: VirtualMotors, name: str) -> float:
 
 
 def test_their_scales_are_the_manuals_but_for_what_is_patched() -> None:
-    for model in MODELS.values():
+    for model in MOTORS.values():
         assert their_table.MODEL_MIT_POSITION_TABLE[model.name] == model.position
         assert their_table.MODEL_MIT_KP_TABLE[model.name] == model.stiffness
         assert their_table.MODEL_MIT_KD_TABLE[model.name] == model.damping
@@ -115,6 +115,6 @@ def test_the_torque_that_they_command_is_the_torque_that_acts(client: RobstrideB
     _, _, torque, _ = client.read_operation_frame(name)
     acting = motors.truth.joint_effort[index] * _MOTORS[name].direction
     client.disable(name)
-    one_step = MODELS["rs-05"].effort / 32767
+    one_step = MOTORS["rs-05"].effort / 32767
     assert torque == pytest.approx(0.8, abs=2 * one_step)
     assert acting == pytest.approx(0.8, abs=2 * one_step)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.policy.check.finding import Finding
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.motors import MOTORS, MotorLimits
+from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import MotorDescription
 
 __all__ = ["motor_findings", "stability_finding"]
@@ -38,7 +38,7 @@ def motor_findings(contract: PolicyContract, description: RobotDescription, *, h
 
 
 def _joint_findings(
-    joint: str, contract: PolicyContract, i: int, motor: MotorDescription, limits: MotorLimits
+    joint: str, contract: PolicyContract, i: int, motor: MotorDescription, limits: MotorModel
 ) -> Iterator[Finding]:
     for field, value, limit, step in (
         ("joint_stiffness", float(contract.joint_stiffness[i]), limits.stiffness, limits.stiffness_step),

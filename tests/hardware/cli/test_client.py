@@ -15,9 +15,9 @@ from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.faults import MotorMode
 from humanoid_sim.hardware.robstride.messages import Command
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
 
 Inject = Callable[[VirtualMotors, Fault], None]
 
@@ -32,7 +32,7 @@ def motors() -> Iterator[VirtualMotors]:
 
 @pytest.fixture
 def client(motors: VirtualMotors) -> Iterator[MotorClient]:
-    with MotorClient(_ADDRESS, host_id=0xFD, models={15: MODELS["rs-05"]}, open_channel=motors.open_bus) as client:
+    with MotorClient(_ADDRESS, host_id=0xFD, models={15: MOTORS["rs-05"]}, open_channel=motors.open_bus) as client:
         yield client
 
 

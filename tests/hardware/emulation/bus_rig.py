@@ -12,13 +12,13 @@ from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.messages import Command, Enable, OperationControl, Reply, Status
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.motors import MOTORS
 
 LITE: RobotDescription = load_robot("lite")
 _MOTORS = [joint.motor for joint in LITE.joints if joint.motor is not None]
 IDS = [motor.can_id for motor in _MOTORS]
-MODELS_BY_ID = {motor.can_id: MODELS[motor.model] for motor in _MOTORS}
+MODELS_BY_ID = {motor.can_id: MOTORS[motor.model] for motor in _MOTORS}
 _HOST = 0xFD
 
 

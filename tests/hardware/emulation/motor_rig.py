@@ -20,7 +20,6 @@ from humanoid_sim.hardware.robstride.messages import (
     Status,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
 
 ID = 11
@@ -28,7 +27,7 @@ HOST = 0xFD
 
 
 def identity(model: str = "rs-02", version: str | None = None) -> MotorIdentity:
-    motor = MODELS[model]
+    motor = MOTORS[model]
     number = parse_version(version or f"0.{model[-1]}.3.9")
     quirks = firmware_of(motor, number)
     return MotorIdentity(quirks.applied_to(motor), bytes(range(8)), number, quirks)

@@ -12,7 +12,7 @@ from humanoid_sim.hardware.emulation.hand import HandSweep
 from humanoid_sim.hardware.emulation.plant import MotorPlant
 from humanoid_sim.hardware.emulation.settings import NEW_FIRMWARE, EmulationSettings, motor_identities
 from humanoid_sim.hardware.emulation.thermal import RATED_RISE, TIME_CONSTANT, heat
-from humanoid_sim.hardware.robstride.models import MODELS
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
 DIRECTION = np.array([joint.motor.direction for joint in LITE.joints if joint.motor is not None])
@@ -58,7 +58,7 @@ def test_joints_without_a_motor_stay_passive() -> None:
 
 
 def test_windings_at_rated_torque_end_at_the_rated_rise() -> None:
-    rated = np.array([MODELS["rs-00"].rated_torque, MODELS["rs-05"].rated_torque])
+    rated = np.array([MOTORS["rs-00"].rated_torque, MOTORS["rs-05"].rated_torque])
     rise = heat(np.zeros(2), rated, rated, TIME_CONSTANT)
     np.testing.assert_allclose(rise, RATED_RISE * (1.0 - np.exp(-1.0)))
     np.testing.assert_allclose(heat(rise, rated, rated, 1e5), RATED_RISE)
@@ -76,7 +76,7 @@ def test_firmware_by_joint_beats_firmware_by_model() -> None:
     assert found["left_shoulder_pitch"].model.position == 12.5
     assert found["left_shoulder_pitch"].firmware.gain_factor == 1.4167
     assert found["right_shoulder_pitch"].version == (0, 2, 3, 5)
-    assert found["right_shoulder_pitch"].model.position == MODELS["rs-02"].position
+    assert found["right_shoulder_pitch"].model.position == MOTORS["rs-02"].position
     assert found["left_elbow_pitch"].version == NEW_FIRMWARE["rs-00"]
     assert len({identity.uid for identity in found.values()}) == 14
 

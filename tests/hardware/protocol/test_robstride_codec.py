@@ -49,12 +49,12 @@ from humanoid_sim.hardware.robstride.messages import (
     Version,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
 from humanoid_sim.hardware.robstride.scale import SIGNED_STEPS, UNSIGNED_STEPS, Scale
+from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 _HOST = 0xFD
 
-_models = st.sampled_from(list(MODELS.values()))
+_models = st.sampled_from(list(MOTORS.values()))
 _motor_ids = st.integers(1, 127)
 _hosts = st.integers(0, 255)
 _fractions = st.floats(-1.0, 1.0)
@@ -168,14 +168,14 @@ def test_statuses_lose_less_than_a_step(
 
 @given(_frames)
 def test_decoding_never_raises_and_never_invents_a_motor(frame: Frame) -> None:
-    models = {11: MODELS["rs-02"], 127: MODELS["rs-05"]}
+    models = {11: MOTORS["rs-02"], 127: MOTORS["rs-05"]}
     reply = decode_reply(frame, models, _HOST)
     if isinstance(reply, Status | FaultReport | ParameterReply | Version):
         assert reply.motor_id in models
         assert frame.is_extended
         assert frame.arbitration_id >> 8 & 0xFF == reply.motor_id
         assert frame.arbitration_id & 0xFF == _HOST
-    command = decode_command(frame, 11, MODELS["rs-02"])
+    command = decode_command(frame, 11, MOTORS["rs-02"])
     if not isinstance(command, Ignored):
         assert frame.arbitration_id & 0xFF == 11
 
@@ -183,7 +183,7 @@ def test_decoding_never_raises_and_never_invents_a_motor(frame: Frame) -> None:
 @pytest.mark.slow
 def test_minutes_of_random_frames_upset_nothing() -> None:
     """For two minutes, every second one as if from a motor near ours; every kind of outcome must have occurred."""
-    models = dict.fromkeys((11, 12, 13), MODELS["rs-02"])
+    models = dict.fromkeys((11, 12, 13), MOTORS["rs-02"])
     generator = random.Random(20261121)
     deadline = time.monotonic() + 120.0
     kinds: set[type] = set()
@@ -205,7 +205,7 @@ def test_minutes_of_random_frames_upset_nothing() -> None:
                 assert reply.motor_id == identifier >> 8 & 0xFF
             if isinstance(reply, Status | FaultReport | ParameterReply | Version):
                 assert reply.motor_id in models
-            kinds.add(type(decode_command(frame, 0xFD, MODELS["rs-03"])))
+            kinds.add(type(decode_command(frame, 0xFD, MOTORS["rs-03"])))
     assert kinds >= {Status, FaultReport, ParameterReply, DeviceId, Ignored, Malformed, OperationControl, Enable, Stop}
 
 
@@ -213,7 +213,7 @@ def test_minutes_of_random_frames_upset_nothing() -> None:
 def test_a_status_of_another_length_is_malformed(data: bytes) -> None:
     frame = Frame(join_identifier(FrameType.STATUS, 0x80, 11, _HOST), data)
     expected = Malformed(11, f"status with {len(data)} bytes, expected 8")
-    assert decode_reply(frame, {11: MODELS["rs-02"]}, _HOST) == expected
+    assert decode_reply(frame, {11: MOTORS["rs-02"]}, _HOST) == expected
 
 
 @pytest.mark.parametrize(
@@ -229,7 +229,7 @@ def test_a_status_of_another_length_is_malformed(data: bytes) -> None:
     ],
 )
 def test_who_a_frame_concerns(kind: int, destination: int, expected: Ignored) -> None:
-    models = {11: MODELS["rs-02"], 12: MODELS["rs-02"]}
+    models = {11: MOTORS["rs-02"], 12: MOTORS["rs-02"]}
     assert decode_reply(Frame(join_identifier(kind, 0, 11, destination), bytes(8)), models, _HOST) == expected
 
 
@@ -246,13 +246,13 @@ def test_who_a_frame_concerns(kind: int, destination: int, expected: Ignored) ->
 )
 def test_commands_that_have_no_frame(command: Command, message: str) -> None:
     with pytest.raises(FieldError) as raised:
-        encode_command(command, MODELS["rs-02"])
+        encode_command(command, MOTORS["rs-02"])
     assert str(raised.value) == message
 
 
 def test_the_bus_encoder_refuses_an_id_that_is_none() -> None:
     with pytest.raises(FieldError, match="is 128, expected 1 to 127"):
-        OperationControlEncoder([128], [MODELS["rs-02"]])
+        OperationControlEncoder([128], [MOTORS["rs-02"]])
 
 
 def test_settings_that_do_not_exist_are_malformed_on_the_motor() -> None:
@@ -261,7 +261,7 @@ def test_settings_that_do_not_exist_are_malformed_on_the_motor() -> None:
             Frame(join_identifier(kind, 0, _HOST, 5), bytes([1, 2, 3, 4, 5, 6, setting, 0])), 5, model
         )
 
-    model = MODELS["rs-02"]
+    model = MOTORS["rs-02"]
     assert isinstance(told(FrameType.SET_BAUD_RATE, 5), Malformed)
     assert isinstance(told(FrameType.SET_PROTOCOL, 3), Malformed)
     assert isinstance(told(FrameType.ACTIVE_REPORT, 2), Malformed)
@@ -269,7 +269,7 @@ def test_settings_that_do_not_exist_are_malformed_on_the_motor() -> None:
 
 
 def test_a_zero_command_is_zero_here_and_half_a_step_below_in_the_manuals_reading() -> None:
-    model = MODELS["rs-02"]
+    model = MOTORS["rs-02"]
     frame = encode_command(OperationControl(11, 0.0, 0.0, 0.0, 0.0, 0.0), model)
     ours, manual = (decode_command(frame, 11, model, scale=scale) for scale in Scale)
     assert ours == OperationControl(11, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -4,7 +4,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version, version_text
-from humanoid_sim.hardware.robstride.models import MODELS, POSITION_RANGE, motor_model
+from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE, motor_model
 
 
 @pytest.mark.parametrize(
@@ -29,12 +29,12 @@ from humanoid_sim.hardware.robstride.models import MODELS, POSITION_RANGE, motor
 def test_what_a_version_means(
     model: str, version: str, position_range: float, gain_factor: float, has_reports: bool, as_status: bool
 ) -> None:
-    firmware = firmware_of(MODELS[model], parse_version(version))
+    firmware = firmware_of(MOTORS[model], parse_version(version))
     assert firmware.position_range == position_range
     assert firmware.gain_factor == gain_factor
     assert firmware.has_active_reports == has_reports
     assert firmware.reports_as_status == as_status
-    assert firmware.applied_to(MODELS[model]).position == position_range
+    assert firmware.applied_to(MOTORS[model]).position == position_range
 
 
 def test_versions_as_text() -> None:

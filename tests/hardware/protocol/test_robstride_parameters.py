@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
     PARAMETERS_BY_INDEX,
@@ -21,6 +20,7 @@ from humanoid_sim.hardware.robstride.parameters import (
     report_interval,
     unpack_value,
 )
+from humanoid_sim.robots.motors import MOTORS
 
 _WHOLE = [kind for kind in ParameterType if not kind.is_float]
 
@@ -78,7 +78,7 @@ def test_defaults_differ_by_model() -> None:
     assert default_value(PARAMETERS["limit_cur"], "rs-00") == 16.0
     assert default_value(PARAMETERS["canTimeout"], "rs-00") == 0
     assert default_value(PARAMETERS["damper"], "rs-00") is None
-    for model in MODELS.values():
+    for model in MOTORS.values():
         assert default_value(PARAMETERS["limit_torque"], model.name) == model.peak_torque
 
 

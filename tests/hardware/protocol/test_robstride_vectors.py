@@ -44,14 +44,14 @@ from humanoid_sim.hardware.robstride.messages import (
     Version,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.models import MODELS, MotorModel
 from humanoid_sim.hardware.robstride.parameters import ParameterType, pack_value, unpack_value
 from humanoid_sim.hardware.robstride.scale import Scale, from_unsigned
+from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 Row = dict[str, str]
 
 _VECTORS = Path(__file__).parents[2] / "data" / "robstride_vectors.csv"
-_ANY_MODEL = MODELS["rs-02"]
+_ANY_MODEL = MOTORS["rs-02"]
 _HOST = 0xFD
 
 
@@ -68,7 +68,7 @@ def _rows(*kinds: str, count: int) -> list[Row]:
 
 
 def _model(row: Row) -> MotorModel:
-    return MODELS[row["model"]] if row["model"] else _ANY_MODEL
+    return MOTORS[row["model"]] if row["model"] else _ANY_MODEL
 
 
 def _host(row: Row) -> int:

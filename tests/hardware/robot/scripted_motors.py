@@ -32,9 +32,9 @@ from humanoid_sim.hardware.robstride.messages import (
     Version,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, default_value, fault_word, pack_value
 from humanoid_sim.hardware.robstride.replies import encode_reply
+from humanoid_sim.robots.motors import MOTORS
 
 HOST = 0xFD
 NO_FAULT = StatusFault(0)
@@ -152,7 +152,7 @@ class ScriptedMotors:
                 continue
             frame = Frame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame)
             for motor in motors:
-                command = decode_command(frame, motor.motor_id, MODELS[motor.model])
+                command = decode_command(frame, motor.motor_id, MOTORS[motor.model])
                 if hasattr(command, "motor_id") and type(command).__name__ not in {"Ignored", "Malformed"}:
                     reply = motor.answer(command)  # type: ignore[arg-type]
                     if reply is not None and motor.answers:
@@ -160,7 +160,7 @@ class ScriptedMotors:
 
     @staticmethod
     def send(bus: can.BusABC, reply: Reply, model: str = "rs-02") -> None:
-        ScriptedMotors.send_frame(bus, encode_reply(reply, MODELS[model]))
+        ScriptedMotors.send_frame(bus, encode_reply(reply, MOTORS[model]))
 
     @staticmethod
     def send_frame(bus: can.BusABC, frame: Frame) -> None:

@@ -34,10 +34,10 @@ from humanoid_sim.hardware.robstride.messages import (
     Stop,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, unpack_value
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel
 from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RemoteSettings, RobotDescription
 
 MakeRobot = Callable[..., RobstrideRobot]
@@ -298,7 +298,7 @@ def test_another_master_is_left_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("humanoid_sim.hardware.robot.activation._LISTENING", 0.05)
-    frame = encode_command(OperationControl(11, 0.0, 0.0, 0.0, 10.0, 1.0), MODELS["rs-02"])
+    frame = encode_command(OperationControl(11, 0.0, 0.0, 0.0, 10.0, 1.0), MOTORS["rs-02"])
     timer = threading.Timer(0.02, ScriptedMotors.send_frame, [motors.buses[0], frame])
     timer.start()
     (problem,) = _refusal(robot)

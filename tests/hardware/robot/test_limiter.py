@@ -12,9 +12,9 @@ from humanoid_sim.hardware.robot.tracker import JointTracker
 from humanoid_sim.hardware.robot.wiring import make_wiring
 from humanoid_sim.hardware.robstride.commands import decode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl
-from humanoid_sim.hardware.robstride.models import MODELS, POSITION_RANGE
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
 from humanoid_sim.robots.schema import RobotDescription
 
 
@@ -43,7 +43,7 @@ def test_commands_leave_in_the_motors_frame_and_on_their_channels(description: R
     )
     ((joint, frame),) = first
     assert joint == 0
-    decoded = decode_command(frame, 11, MODELS["rs-02"])
+    decoded = decode_command(frame, 11, MOTORS["rs-02"])
     assert isinstance(decoded, OperationControl)
     assert decoded.position == pytest.approx(0.4, abs=4e-4)
     assert decoded.velocity == pytest.approx(-1.0, abs=2e-3)
@@ -52,7 +52,7 @@ def test_commands_leave_in_the_motors_frame_and_on_their_channels(description: R
     assert decoded.damping == pytest.approx(1.0, abs=1e-4)
     ((joint, frame),) = second
     assert joint == 1
-    decoded = decode_command(frame, 21, MODELS["rs-00"])
+    decoded = decode_command(frame, 21, MOTORS["rs-00"])
     assert isinstance(decoded, OperationControl)
     assert decoded.position == pytest.approx(0.2 - 2.0 * np.pi, abs=4e-4), "a turn up at power-on"
     assert decoded.velocity == pytest.approx(2.0, abs=2e-3)
@@ -78,7 +78,7 @@ def test_a_bounded_position_is_counted(description: RobotDescription) -> None:
     joints = tracker.update(Readings(np.zeros(2), np.array([0.5, -6.2]), np.zeros(2), np.zeros(2), np.zeros(2)))
     first, _ = encoder.encode(_command([-1.0, 0.1]), joints, tracker)
     assert encoder.bounded == {"left": 1}
-    decoded = decode_command(first[0][1], 11, MODELS["rs-02"])
+    decoded = decode_command(first[0][1], 11, MOTORS["rs-02"])
     assert isinstance(decoded, OperationControl)
     assert decoded.position == pytest.approx(0.5 + 17.0 / 50.0, abs=4e-4)
 

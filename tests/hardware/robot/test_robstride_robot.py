@@ -22,9 +22,9 @@ from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.frames import Frame, join_identifier
 from humanoid_sim.hardware.robstride.messages import Enable, GetDeviceId, OperationControl, Stop
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.motors import MOTORS
 
 MakeRobot = Callable[..., RobstrideRobot]
 FAULT, WARNING = SafetyLevel.FAULT, SafetyLevel.WARNING
@@ -237,10 +237,10 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
         (Frame(join_identifier(2, 0x80, 11, 0xFD), bytes(5)), "sent a status with 5 bytes, expected 8: left"),
         (Frame(join_identifier(10, 0x80, 11, 0xFD), bytes(8)), "sent a frame of communication type 10: left"),
         (
-            encode_command(OperationControl(11, 0.0, 0.0, 0.0, 9.0, 0.0), MODELS["rs-02"]),
+            encode_command(OperationControl(11, 0.0, 0.0, 0.0, 9.0, 0.0), MOTORS["rs-02"]),
             "another host sends 'operation control' to motor 11",
         ),
-        (encode_command(Stop(11, host_id=0xFE), MODELS["rs-02"]), "host 0xFE sends 'stop' to motor 11"),
+        (encode_command(Stop(11, host_id=0xFE), MOTORS["rs-02"]), "host 0xFE sends 'stop' to motor 11"),
         (Frame(join_identifier(2, 0x80, 11, 0xAA), bytes(8)), "motor 11 answers host 0xAA, not 0xFD"),
         (Frame(0x20, bytes(8), is_extended=False, is_error=True), "no acknowledgement on transmission"),
     ],
@@ -260,7 +260,7 @@ def test_frames_that_should_not_be_are_a_warning_for_a_while(
 def test_strangers_and_scans_stop_nothing(enabled: RobstrideRobot, motors: ScriptedMotors) -> None:
     before = sum(enabled.statistics.channels[0].strangers.values())
     motors.send_frame(motors.buses[0], Frame(join_identifier(2, 0xBF, 99, 0xFD), bytes(8)))
-    motors.send_frame(motors.buses[0], encode_command(GetDeviceId(11, host_id=0xFE), MODELS["rs-02"]))
+    motors.send_frame(motors.buses[0], encode_command(GetDeviceId(11, host_id=0xFE), MOTORS["rs-02"]))
     assert wait_until(lambda: sum(enabled.statistics.channels[0].strangers.values()) == before + 2)
     assert all(status.is_ok for status in _statuses(enabled))
 

@@ -28,13 +28,13 @@ from humanoid_sim.hardware.robstride.messages import (
     Stop,
     Version,
 )
-from humanoid_sim.hardware.robstride.models import MODELS
 from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
 HOST = 0xFD
-RS02 = MODELS["rs-02"]
+RS02 = MOTORS["rs-02"]
 NOTHING = StatusFault(0)
 
 

@@ -28,7 +28,7 @@ def test_limits_are_the_tables() -> None:
     for model in models:
         limits, motor = model["mit_limits"], MOTORS[model["model"]]
         assert (motor.stiffness, motor.damping) == (limits["kp"], limits["kd"])
-        assert (motor.velocity, motor.torque) == (limits["velocity"], limits["torque"])
+        assert (motor.velocity, motor.effort) == (limits["velocity"], limits["torque"])
 
 
 def test_the_shipped_robots_motors_are_known() -> None:
