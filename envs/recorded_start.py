@@ -10,11 +10,10 @@ import numpy as np
 
 from humanoid_sim.envs.episode_robot import PlantState
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import MITState
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.session.sink import TickRecord
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 __all__ = ["recorded_start"]

@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import TickInput, TickOutput
+from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import choose_video_backend
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.offscreen import Renderer, make_renderer, update_pose
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 from humanoid_sim.simulation.model import build_model
 
 __all__ = ["RENDER_MODES", "Pictures", "Window", "check_render_mode"]

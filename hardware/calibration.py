@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import regular_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader
 

@@ -5,7 +5,8 @@ Numeric values are frozen: they are those of `humanoid_control_msgs` on the wire
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum, IntFlag
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
 __all__ = [
     "OK",
@@ -26,9 +27,11 @@ __all__ = [
     "SafetyFlag",
     "SafetyLevel",
     "SafetyStatus",
+    "SessionHeader",
     "StandbyState",
     "TickInput",
     "TickOutput",
+    "TickRecord",
 ]
 
 
@@ -193,3 +196,38 @@ class TickOutput:
     """Why intents of this tick took no effect."""
     policy_step: PolicyStep | None = None
     """Set in the ticks in which the policy ran."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionHeader:
+    """What a run is: everything that a reader needs to interpret, and to repeat, its ticks."""
+
+    robot: str
+    """The robot's name, e.g. `lite`."""
+    joint_names: tuple[str, ...]
+    control_period: float
+    """s"""
+    start_time_ns: int
+    """Wall-clock nanoseconds (Unix epoch) of the robot clock's zero."""
+    documents: Mapping[str, str] = field(default_factory=dict)
+    """JSON texts by name: robot description, policy contract, settings, versions, hashes."""
+    attachments: Mapping[str, bytes] = field(default_factory=dict)
+    """Files by name: the motion that was played."""
+    observation_terms: tuple[tuple[str, int], ...] = ()
+    """Name and width of each observation term, in order; empty without a policy."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TickRecord:
+    """One tick of the loop."""
+
+    index: int
+    """Counts from 0; a skipped deadline does not skip an index."""
+    input: TickInput
+    output: TickOutput
+    duration: float
+    """s of wall time from the start of `read` to the end of `write`, less the physics of a simulated robot."""
+    overrun: bool
+    """The tick missed its deadline."""
+    qpos: FloatArray | None = None
+    """Shape (nq,), MuJoCo's generalised position when the state was read, for viewers; None without a simulator."""

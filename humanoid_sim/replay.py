@@ -15,12 +15,11 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemaining
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import is_file
-from humanoid_sim.messages import PolicyStep
+from humanoid_sim.files import is_file
+from humanoid_sim.messages import PolicyStep, TickRecord
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.recording.reader import Entry, Recording, open_recording
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
-from humanoid_sim.session.sink import TickRecord
 
 __all__ = ["ReplayConfig", "main", "replay"]
 

@@ -35,12 +35,12 @@ from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.metadata import parse_metadata
 from humanoid_sim.policy.motion import ATTACHMENT, Motion, parse_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import StandbySettings
-from humanoid_sim.session.sink import SessionHeader
 
 __all__ = [
     "MOTION_ATTACHMENT",

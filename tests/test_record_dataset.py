@@ -37,8 +37,8 @@ def test_without_lerobot(
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
+    from humanoid_sim.messages import SessionHeader  # noqa: PLC0415
     from humanoid_sim.recording.recorder import McapRecorder  # noqa: PLC0415
-    from humanoid_sim.session.sink import SessionHeader  # noqa: PLC0415
 
     folder = tmp_path / "runs"
     folder.mkdir()

@@ -13,10 +13,10 @@ from humanoid_sim.controllers.base import REMOTE_POLICY, RL_POLICY
 from humanoid_sim.controllers.context import EXTERN_WIDTHS
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.policy.placeholder import zero_policy
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.sink import SessionHeader
 from humanoid_sim.stack import (
     MOTION_ATTACHMENT,
     LoadedPolicy,

@@ -19,7 +19,7 @@ import numpy as np
 from humanoid_sim.bench.timing import Row, paired_ratio, row_of, seconds
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.messages import Intent, Mode, TickInput
+from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput
 from humanoid_sim.play.options import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.motion import read_motion
@@ -27,7 +27,7 @@ from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.session import LoopSettings, Session
-from humanoid_sim.session.sink import SessionHeader, Sink
+from humanoid_sim.session.sinks import Sink
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
 

@@ -24,7 +24,7 @@ from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.remote import RemoteInbox
 from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import LoopSettings, Session
-from humanoid_sim.session.sink import Sink
+from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import RemoteSource
 from humanoid_sim.tracking import TrackingErrors
 

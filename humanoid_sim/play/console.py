@@ -6,9 +6,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from humanoid_sim.messages import Mode
-from humanoid_sim.session.sink import SessionHeader, TickRecord
-from humanoid_sim.session.worker import WorkerSink
+from humanoid_sim.messages import Mode, SessionHeader, TickRecord
+from humanoid_sim.session.sinks import WorkerSink
 
 __all__ = ["MODE_STYLES", "ConsoleSink"]
 

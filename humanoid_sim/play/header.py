@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 from humanoid_sim import __version__
+from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.policy.motion import motion_bytes
-from humanoid_sim.session.sink import SessionHeader
 from humanoid_sim.stack import MOTION_ATTACHMENT, header_documents
 
 __all__ = ["session_header"]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import is_file
+from humanoid_sim.files import is_file
 from humanoid_sim.messages import Intent
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.rendering.backend import has_display

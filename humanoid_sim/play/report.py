@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.files import whole_file
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.play.loop_figures import loop_figures, loop_table
-from humanoid_sim.recording.whole_file import whole_file
 from humanoid_sim.session.anchor_errors import AnchorErrors
 from humanoid_sim.session.base_motion import BaseMotion
 from humanoid_sim.session.session import SessionResult

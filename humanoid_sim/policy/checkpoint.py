@@ -8,7 +8,7 @@ from pathlib import Path
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import Policy
-from humanoid_sim.input_files import is_file
+from humanoid_sim.files import is_file
 from humanoid_sim.policy.motion import Motion
 
 __all__ = ["Checkpoint", "file_digest"]

@@ -24,13 +24,12 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.input_files import regular_file
+from humanoid_sim.files import regular_file, whole_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.recording.cdr import CdrError
-from humanoid_sim.recording.ros_messages import decode_float32_array, encode_float32_array
-from humanoid_sim.recording.schemas import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
-from humanoid_sim.recording.stream import McapStream, Message
-from humanoid_sim.recording.whole_file import whole_file
+from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
+from humanoid_sim.ros2.mcap_stream import McapStream, Message
+from humanoid_sim.ros2.messages import decode_float32_array, encode_float32_array
 
 __all__ = [
     "ATTACHMENT",

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import regular_file
+from humanoid_sim.files import regular_file
 
 __all__ = ["OnnxModel", "Tensor", "check_file", "first_line", "has_onnxruntime", "read_header", "read_metadata"]
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.files import whole_file
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.golden.blind import blind_spots
@@ -24,7 +25,6 @@ from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_model import first_line
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, load_checkpoint
-from humanoid_sim.recording.whole_file import whole_file
 from humanoid_sim.robots.description import RobotDescription
 
 __all__ = ["StampResult", "add_metadata", "stamp"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import regular_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.source import SourceMotion
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import regular_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.prepare.source import SourceMotion
 
 __all__ = ["read_npz"]

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.messages import PolicyStep, TickOutput
+from humanoid_sim.messages import PolicyStep, SessionHeader, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS
-from humanoid_sim.session.sink import SessionHeader
 
 __all__ = ["Difference", "first_difference"]
 

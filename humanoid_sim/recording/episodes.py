@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.reader import Recording
-from humanoid_sim.session.sink import TickRecord
 
 __all__ = ["Episode", "read_episodes"]
 

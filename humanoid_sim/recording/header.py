@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from mcap.writer import Writer
 
-from humanoid_sim.session.sink import SessionHeader
+from humanoid_sim.messages import SessionHeader
 
 __all__ = ["DOCUMENTS", "SESSION", "HeaderError", "parse_header", "write_header"]
 

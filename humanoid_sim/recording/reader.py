@@ -11,14 +11,14 @@ from typing import IO, TypeAlias
 from mcap.records import Attachment, Channel, Metadata, Schema
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import regular_file
-from humanoid_sim.recording.cdr import CdrError
+from humanoid_sim.files import regular_file
+from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
-from humanoid_sim.recording.ros_messages import decode_event
-from humanoid_sim.recording.stream import McapStream, Message
 from humanoid_sim.recording.tick_codec import decode_tick
-from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.ros2.mcap_stream import McapStream, Message
+from humanoid_sim.ros2.messages import decode_event
 
 __all__ = ["Entry", "EventRecord", "Recording", "TopicCount", "open_recording"]
 

@@ -18,13 +18,13 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.recording.chunk_index import keep_index_in_file
 from humanoid_sim.recording.header import write_header
-from humanoid_sim.recording.ros_messages import encode_event
-from humanoid_sim.recording.schemas import EVENT, SCHEMA_ENCODING, TICK, schema_text
 from humanoid_sim.recording.tick_codec import TickEncoder
 from humanoid_sim.recording.topics import LATCHED, TopicMessage, ViewerTopics
-from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
+from humanoid_sim.ros2.messages import encode_event
 
 __all__ = ["EVENT_TOPIC", "FLUSH_PERIOD", "QUEUE_LIMIT", "TICK_TOPIC", "McapRecorder"]
 

@@ -10,9 +10,8 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import is_file, regular_file
-from humanoid_sim.recording.stream import McapStream, Message
-from humanoid_sim.recording.whole_file import whole_file
+from humanoid_sim.files import is_file, regular_file, whole_file
+from humanoid_sim.ros2.mcap_stream import McapStream, Message
 
 __all__ = ["Recovery", "default_output", "recover"]
 

@@ -12,11 +12,10 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.messages import PolicyStep, TickInput, TickOutput
+from humanoid_sim.messages import PolicyStep, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.recording.compare import Difference, first_difference
 from humanoid_sim.recording.reader import Entry, Recording
 from humanoid_sim.session.reactivation import is_fresh_start
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 
 __all__ = ["ControlStack", "InferenceReport", "RecordedPolicy", "RepeatReport", "StackBuilder", "repeat_run"]
 

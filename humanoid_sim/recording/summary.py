@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from humanoid_sim.messages import Mode, SafetyStatus
+from humanoid_sim.messages import Mode, SafetyStatus, TickRecord
 from humanoid_sim.recording.reader import EventRecord, Recording, TopicCount
-from humanoid_sim.session.sink import TickRecord
 
 __all__ = ["Stretch", "Summary", "Word", "summarize"]
 

@@ -25,10 +25,10 @@ from humanoid_sim.messages import (
     StandbyState,
     TickInput,
     TickOutput,
+    TickRecord,
 )
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
-from humanoid_sim.recording.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
-from humanoid_sim.session.sink import TickRecord
+from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
 
 __all__ = ["INTENT_CODES", "TickEncoder", "decode_tick"]
 

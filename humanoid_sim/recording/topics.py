@@ -10,18 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from humanoid_sim.messages import ControlMode, PolicyStep, RemoteCommand, SafetyStatus, StandbyState
-from humanoid_sim.mit import MITState
-from humanoid_sim.recording.ros_messages import (
-    encode_control_mode,
-    encode_float32_array,
-    encode_imu,
-    encode_joint_state,
-    encode_mit_command,
-    encode_safety_status,
-    encode_standby_state,
+from humanoid_sim.messages import (
+    ControlMode,
+    PolicyStep,
+    RemoteCommand,
+    SafetyStatus,
+    SessionHeader,
+    StandbyState,
+    TickRecord,
 )
-from humanoid_sim.recording.schemas import (
+from humanoid_sim.mit import MITState
+from humanoid_sim.ros2.definitions import (
     CONTROL_MODE,
     FLOAT32_MULTI_ARRAY,
     IMU,
@@ -30,7 +29,15 @@ from humanoid_sim.recording.schemas import (
     SAFETY_STATUS,
     STANDBY_STATE,
 )
-from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.ros2.messages import (
+    encode_control_mode,
+    encode_float32_array,
+    encode_imu,
+    encode_joint_state,
+    encode_mit_command,
+    encode_safety_status,
+    encode_standby_state,
+)
 
 __all__ = ["LATCHED", "TopicMessage", "ViewerTopics"]
 

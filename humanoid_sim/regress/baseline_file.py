@@ -7,8 +7,7 @@ from pathlib import Path
 import msgspec
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import regular_file
-from humanoid_sim.recording.whole_file import whole_file
+from humanoid_sim.files import regular_file, whole_file
 from humanoid_sim.regress.results import PolicyRun
 
 __all__ = ["read_baseline", "write_json"]

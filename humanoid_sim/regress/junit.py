@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
-from humanoid_sim.recording.whole_file import whole_file
+from humanoid_sim.files import whole_file
 from humanoid_sim.regress.results import Candidate, Results
 from humanoid_sim.regress.words import change_in_words, margin_in_words
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.recording.whole_file import whole_file
+from humanoid_sim.files import whole_file
 from humanoid_sim.regress.arena import Arena
 from humanoid_sim.regress.baseline_file import read_baseline, write_json
 from humanoid_sim.regress.cluster import LOCAL, RayExecutor

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from humanoid_sim import __version__
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, TickInput
+from humanoid_sim.messages import Intent, SessionHeader, TickInput, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import motion_bytes
 from humanoid_sim.recording.recorder import McapRecorder
@@ -33,7 +33,6 @@ from humanoid_sim.regress.episodes import Disturbance, Step, run_episodes
 from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Suite
 from humanoid_sim.robots.schema import RobotDescription, StandbySettings
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents, load_policy
 
 __all__ = ["choose_failures", "record_episode", "recording_name"]

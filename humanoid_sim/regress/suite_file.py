@@ -9,7 +9,7 @@ import msgspec
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import is_file
+from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.yaml_file import read_yaml
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.suite import AXES, Suite

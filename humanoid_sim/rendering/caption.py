@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from humanoid_sim.messages import Mode
-from humanoid_sim.session.sink import TickRecord
+from humanoid_sim.messages import Mode, TickRecord
 
 __all__ = ["Caption", "draw_caption"]
 

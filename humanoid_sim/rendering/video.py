@@ -16,12 +16,12 @@ import numpy.typing as npt
 from PIL import Image
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import choose_video_backend
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.offscreen import make_renderer, update_pose
 from humanoid_sim.rendering.output import check_output, replacing
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 
 __all__ = ["SNAPSHOT_SUFFIXES", "VIDEO_SUFFIXES", "VideoReport", "VideoSink", "save_snapshot"]
 

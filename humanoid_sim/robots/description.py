@@ -13,7 +13,7 @@ import yaml
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.input_files import is_file, regular_file
+from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.strict_yaml import UNREADABLE, load_strictly

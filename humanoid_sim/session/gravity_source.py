@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 
+from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.remote import RemoteInbox
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 from humanoid_sim.simulation.gravity import GravityTorque
 
 __all__ = ["GravityForm", "GravitySource", "gravity_command"]

@@ -8,13 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
-from humanoid_sim.messages import Mode, SafetyStatus
+from humanoid_sim.messages import Mode, SafetyStatus, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.anchor_errors import AnchorErrors
 from humanoid_sim.session.base_motion import BaseMotion
 from humanoid_sim.session.histogram import DurationHistogram
-from humanoid_sim.session.sink import TickRecord
-from humanoid_sim.session.worker import WorkerSink
+from humanoid_sim.session.sinks import WorkerSink
 
 __all__ = ["ModeSpan", "RunMonitor", "Tracker"]
 

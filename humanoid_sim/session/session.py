@@ -15,7 +15,16 @@ from typing import Protocol
 
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.errors import RobotError
-from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
+from humanoid_sim.messages import (
+    Intent,
+    Mode,
+    RemoteCommand,
+    SafetyStatus,
+    SessionHeader,
+    TickInput,
+    TickOutput,
+    TickRecord,
+)
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.interface import Robot
 from humanoid_sim.session.pace import Pace
@@ -24,8 +33,7 @@ from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.result import SessionResult
 from humanoid_sim.session.settings import LoopSettings
-from humanoid_sim.session.sink import SessionHeader, Sink, TickRecord
-from humanoid_sim.session.sink_group import SinkGroup
+from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
 
 __all__ = ["LoopSettings", "SafetyFilter", "Session", "SessionResult"]

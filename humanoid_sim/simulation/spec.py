@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import regular_file
+from humanoid_sim.files import regular_file
 
 __all__ = ["compile_spec", "read_spec"]
 

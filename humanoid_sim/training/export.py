@@ -16,9 +16,9 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.files import whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.recording.whole_file import whole_file
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.training import scales
 from humanoid_sim.training.mirror import ARM_JOINTS, JOINT_SIGN, ORIENTATION_SIGN, POSITION_SIGN

@@ -19,7 +19,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.envs.episode_robot import PlantState
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, Mode, TickInput
+from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput, TickRecord
 from humanoid_sim.play import main
 from humanoid_sim.play.options import SAMPLE_POLICY, motion_path
 from humanoid_sim.policy.motion import read_motion
@@ -27,7 +27,6 @@ from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.session import LoopSettings, Session
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import build_supervisor, load_policy
 

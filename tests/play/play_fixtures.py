@@ -13,9 +13,9 @@ from result import Document, Result
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
+from humanoid_sim.messages import TickRecord
 from humanoid_sim.play import main
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.session.sink import TickRecord
 
 
 @pytest.fixture

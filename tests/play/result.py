@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from humanoid_sim.messages import TickRecord
 from humanoid_sim.recording.reader import EventRecord
-from humanoid_sim.session.sink import TickRecord
 
 Document = dict[str, Any]
 

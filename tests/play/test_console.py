@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from humanoid_sim.messages import ControlMode, FaultReport, Mode, TickInput, TickOutput
+from humanoid_sim.messages import ControlMode, FaultReport, Mode, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play.console import MODE_STYLES, ConsoleSink
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 
 MESSAGES = ["joint_pos[3] is nan", "extern['keys']", "[/dim] [bold]", "ends with \\", "a\\[b]"]
 NAMES = {Mode.ZERO_TORQUE: "zero_torque_controller", Mode.DAMPING: "damping_controller"}

@@ -18,9 +18,8 @@ from result import Document
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.session.sink import TickRecord
 
 SCRIPT = "damp; load_a; wait; start_locomotion; hold 60"
 OPTIONS = ("--policy", "placeholder", "--pace", "realtime")

@@ -10,8 +10,8 @@ from rosbags.highlevel import AnyReader
 
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion, read_motion, write_motion
-from humanoid_sim.recording.ros_messages import encode_float32_array
-from humanoid_sim.recording.schemas import FLOAT32_MULTI_ARRAY, schema_text
+from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, schema_text
+from humanoid_sim.ros2.messages import encode_float32_array
 
 BODIES = ("left_hand", "right_hand")
 

@@ -16,12 +16,11 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.messages import TickInput
+from humanoid_sim.messages import SessionHeader, TickInput
 from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.session.sink import SessionHeader
 from humanoid_sim.stack import (
     MOTION_ATTACHMENT,
     LoadedPolicy,

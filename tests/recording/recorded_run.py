@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
+from humanoid_sim.messages import (
+    Intent,
+    RemoteCommand,
+    SafetyFlag,
+    SafetyLevel,
+    SafetyStatus,
+    SessionHeader,
+    TickInput,
+    TickRecord,
+)
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.policy.placeholder import placeholder_checkpoint
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 from humanoid_sim.stack import build_supervisor, header_documents, load_policy
 
 PERIOD = 0.02

@@ -19,13 +19,14 @@ from humanoid_sim.messages import (
     SafetyFlag,
     SafetyLevel,
     SafetyStatus,
+    SessionHeader,
     StandbyState,
     TickInput,
     TickOutput,
+    TickRecord,
 )
 from humanoid_sim.mit import Extern, MITCommand, MITState
 from humanoid_sim.recording.recorder import McapRecorder
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 
 JOINTS = ("shoulder", "elbow", "wrist")
 START_NS = 1_700_000_000_000_000_000

@@ -7,11 +7,10 @@ import pytest
 from recorded_run import PERIOD, Wobble, run
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.recording.episodes import Episode, read_episodes
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.recording.recorder import McapRecorder
-from humanoid_sim.session.sink import TickRecord
 
 BOTH = frozenset((Mode.LOCOMOTION, Mode.REMOTE))
 

@@ -14,12 +14,11 @@ from recording_samples import JOINTS, START_NS, bits, make_header, make_tick, wr
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
+from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput, TickRecord
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording import recorder as recorder_module
 from humanoid_sim.recording.reader import EventRecord, open_recording
 from humanoid_sim.recording.recorder import McapRecorder
-from humanoid_sim.session.sink import TickRecord
 
 
 def read_topics(path):

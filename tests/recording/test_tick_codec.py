@@ -9,9 +9,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.recording.cdr import CdrError
-from humanoid_sim.recording.schemas import TICK, schema_text
 from humanoid_sim.recording.tick_codec import INTENT_CODES, TickEncoder, decode_tick
+from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.ros2.definitions import TICK, schema_text
 
 
 @pytest.fixture(scope="module")

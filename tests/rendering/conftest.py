@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
-from humanoid_sim.session.sink import TickRecord
 
 PENDULUM = """
 <mujoco>

@@ -16,7 +16,7 @@ import mujoco, numpy as np
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
-from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.messages import SessionHeader, TickRecord
 
 xml = "<mujoco><worldbody><body><joint/><geom size='0.1'/></body></worldbody></mujoco>"
 sink = NativeViewerSink(lambda: mujoco.MjModel.from_xml_string(xml))

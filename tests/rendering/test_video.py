@@ -12,10 +12,9 @@ import pytest
 from PIL import Image
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.video import VideoSink, save_snapshot
-from humanoid_sim.session.sink import TickRecord
 
 MakeTick = Callable[..., TickRecord]
 SIZE = (160, 120)

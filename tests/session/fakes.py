@@ -10,10 +10,9 @@ import numpy as np
 import rig
 
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput, TickOutput
+from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.session.session import LoopSettings, Session
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 
 HEADER = SessionHeader("fake", rig.JOINTS, rig.PERIOD, 0)
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
+from humanoid_sim.messages import ControlMode, Mode, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand, MITState, mit_torque
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.gravity_source import GravityForm, GravitySource, gravity_command
 from humanoid_sim.session.remote import RemoteInbox
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 from humanoid_sim.simulation.gravity import GravityTorque
 
 

@@ -17,11 +17,11 @@ from humanoid_sim.messages import (
     SafetyStatus,
     TickInput,
     TickOutput,
+    TickRecord,
 )
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.session import monitor as module
 from humanoid_sim.session.monitor import RunMonitor
-from humanoid_sim.session.sink import TickRecord
 
 LIMIT = np.array([10.0, 10.0, 4.0])
 NAMES = {

@@ -14,10 +14,10 @@ from humanoid_sim.messages import (
     SafetyLevel,
     SafetyStatus,
     TickOutput,
+    TickRecord,
 )
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.session.script import OverriddenScript, Script, ScriptStep, parse_script
-from humanoid_sim.session.sink import TickRecord
 
 BAD_SCRIPTS = {
     "": "is empty",

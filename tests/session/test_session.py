@@ -20,13 +20,12 @@ from fakes import (
 
 import humanoid_sim.session.session as loop
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
 from humanoid_sim.mit import Extern
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.loopback import LoopbackRobot
 from humanoid_sim.session import pace
 from humanoid_sim.session.session import LoopSettings, Session
-from humanoid_sim.session.sink import SessionHeader
 from humanoid_sim.stack import build_supervisor
 
 REST_TICKS = 25

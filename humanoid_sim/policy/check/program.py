@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.input_files import regular_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.policy.check.estimates import estimate_findings, rate_finding
 from humanoid_sim.policy.check.finding import Finding, sorted_findings
 from humanoid_sim.policy.check.gains import motor_findings, stability_finding

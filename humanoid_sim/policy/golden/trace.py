@@ -36,7 +36,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.input_files import regular_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.golden.run import Recorded
 

@@ -13,7 +13,7 @@ from humanoid_sim.controllers.contract import HistoryLayout, TaskType
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.terms import ActionForm, Frame, HistoryOrder, OrientationLayout, QuaternionOrder
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.input_files import is_file
+from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.contract_schema import (
     CommandRangeFields,
     ContractFields,

@@ -11,7 +11,7 @@ import numpy as np
 
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.input_files import is_file
+from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
 from humanoid_sim.policy.readers.texts import cut, one_line

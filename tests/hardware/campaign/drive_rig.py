@@ -18,7 +18,16 @@ from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
 from humanoid_sim.hardware.emulation.plant import PlantTruth
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
-from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyFlag, SafetyStatus, TickOutput
+from humanoid_sim.messages import (
+    Intent,
+    Mode,
+    RemoteCommand,
+    SafetyFlag,
+    SafetyStatus,
+    SessionHeader,
+    TickOutput,
+    TickRecord,
+)
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.play.options import SAMPLE_POLICY
 from humanoid_sim.policy.motion import read_motion
@@ -26,7 +35,6 @@ from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.session.session import LoopSettings, Session
-from humanoid_sim.session.sink import SessionHeader, TickRecord
 from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
 
 PERIOD = 0.02

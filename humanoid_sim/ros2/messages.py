@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from humanoid_sim.messages import ControlMode, SafetyStatus, StandbyState
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.recording.cdr import CdrError, CdrReader, CdrWriter
+from humanoid_sim.ros2.cdr import CdrError, CdrReader, CdrWriter
 
 __all__ = [
     "decode_event",

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recording_samples import any_float, bits
 
-from humanoid_sim.recording.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
+from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Paths from a user, looked at before anything opens them.
+"""Files of a user: paths looked at before anything opens them, and outputs that exist whole or not at all.
 
 `pathlib` raises where a name is too long for the file system, and opening a pipe or a device waits for a writer that
 may never come.
@@ -8,11 +8,19 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
+from typing import IO
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["is_file", "regular_file"]
+__all__ = ["is_file", "regular_file", "whole_file"]
+
+_SHOWN = 40
+"""Characters of a file's name that its temporary one begins with; four bytes each at most, of 255."""
+_COUNT = count()
 
 
 def regular_file(path: str | os.PathLike[str], what: str) -> Path:
@@ -44,3 +52,26 @@ def regular_file(path: str | os.PathLike[str], what: str) -> Path:
 def is_file(path: str | os.PathLike[str]) -> bool:
     """Whether there is such a regular file; a name that no file can have is no error."""
     return os.path.isfile(path)
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
+    """Open a new file beside `path`; it takes that name when the block ends, and vanishes if the block raises.
+
+    Raises:
+        InputError: if the file cannot be written; the line names `path` and the reason.
+    """
+    path = Path(path)
+    # The beginning of the name only: with something added to it, a name of full length would be too long.
+    temporary = path.with_name(f".{path.name[:_SHOWN]}.{os.getpid()}-{next(_COUNT)}.tmp")
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(None, "is a directory")
+        with temporary.open("wb") as file:
+            yield file
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        with suppress(OSError):  # whatever kept it from being made keeps it from being removed
+            temporary.unlink()

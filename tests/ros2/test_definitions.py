@@ -4,12 +4,12 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from humanoid_sim.messages import Intent, Mode, SafetyLevel
-from humanoid_sim.recording import schemas
-from humanoid_sim.recording.schemas import schema_text
 from humanoid_sim.recording.tick_codec import INTENT_CODES
+from humanoid_sim.ros2 import definitions
+from humanoid_sim.ros2.definitions import schema_text
 
 NAMES = [
-    value for name, value in vars(schemas).items() if name.isupper() and isinstance(value, str) and "/msg/" in value
+    value for name, value in vars(definitions).items() if name.isupper() and isinstance(value, str) and "/msg/" in value
 ]
 
 
@@ -25,7 +25,7 @@ def test_a_definition_brings_all_it_depends_on(name):
     store.hash_rihs01(name)  # raises for an unknown dependency
 
 
-@pytest.mark.parametrize("name", [schemas.FLOAT32_MULTI_ARRAY, schemas.JOINT_STATE, schemas.IMU])
+@pytest.mark.parametrize("name", [definitions.FLOAT32_MULTI_ARRAY, definitions.JOINT_STATE, definitions.IMU])
 def test_standard_messages_are_those_of_ros(name):
     ours = get_typestore(Stores.EMPTY)
     ours.register(parsed(name))
@@ -39,10 +39,10 @@ def fields_of(name):
 @pytest.mark.parametrize(
     ("name", "fields"),
     [
-        (schemas.MIT_COMMAND, ["header", "joint_names", "position", "velocity", "effort", "stiffness", "damping"]),
-        (schemas.CONTROL_MODE, ["header", "mode", "controller_name", "status_message"]),
-        (schemas.STANDBY_STATE, ["header", "current_segment", "total_segments", "progress", "is_finished"]),
-        (schemas.SAFETY_STATUS, ["header", "level", "source", "flags", "message"]),
+        (definitions.MIT_COMMAND, ["header", "joint_names", "position", "velocity", "effort", "stiffness", "damping"]),
+        (definitions.CONTROL_MODE, ["header", "mode", "controller_name", "status_message"]),
+        (definitions.STANDBY_STATE, ["header", "current_segment", "total_segments", "progress", "is_finished"]),
+        (definitions.SAFETY_STATUS, ["header", "level", "source", "flags", "message"]),
     ],
 )
 def test_the_control_stacks_messages_keep_their_field_order(name, fields):
@@ -55,8 +55,8 @@ def constants(name):
 
 def test_constants_are_the_enums_of_this_package():
     modes = {mode.name: int(mode) for mode in Mode}
-    assert constants(schemas.CONTROL_MODE) == modes
-    assert constants(schemas.SAFETY_STATUS) == {level.name: int(level) for level in SafetyLevel}
+    assert constants(definitions.CONTROL_MODE) == modes
+    assert constants(definitions.SAFETY_STATUS) == {level.name: int(level) for level in SafetyLevel}
     intents = {f"INTENT_{intent.name}": code for intent, code in INTENT_CODES.items()}
     assert len(intents) == len(Intent)
-    assert constants(schemas.TICK) == modes | intents
+    assert constants(definitions.TICK) == modes | intents

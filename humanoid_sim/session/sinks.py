@@ -1,19 +1,96 @@
-"""A sink that does its work on a thread of its own."""
+"""Where the ticks and events of a run go: what a sink is, several as one, and one that works on a thread of its own."""
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections import deque
+from collections.abc import Callable, Sequence
 from time import monotonic
+from typing import Protocol
 
-from humanoid_sim.session.sink import SessionHeader, TickRecord
+from humanoid_sim.messages import SessionHeader, TickRecord
 
-__all__ = ["QUEUE_LIMIT", "WorkerSink"]
+__all__ = ["QUEUE_LIMIT", "Sink", "SinkGroup", "WorkerSink"]
 
 QUEUE_LIMIT = 4096
 """Ticks and events that may wait (20 s at 200 Hz). Beyond that they are left out and counted."""
 _STUCK_AFTER = 5.0
 """s that a sink may take over one item, or over all that is left when it is closed, before nobody waits for it."""
+
+
+class Sink(Protocol):
+    """Takes ticks and events; never makes the control thread wait."""
+
+    def start(self, header: SessionHeader) -> None:
+        """Called once, before the first tick. Raises `InputError` if it cannot do its job."""
+
+    def tick(self, record: TickRecord) -> None:
+        """Called on the control thread every tick."""
+
+    def event(self, time: float, text: str) -> None:
+        """Something that happened outside the ticks: `time` in s on the robot's clock, and one line."""
+
+    @property
+    def backlog(self) -> int:
+        """Ticks taken but not yet dealt with. A simulated run that need not keep real time waits for a long one."""
+
+    def close(self) -> None:
+        """Called once, after the last tick: deal with what is left, release files and threads. Never raises."""
+
+
+class SinkGroup:
+    """Hands ticks and events to every sink that still works: a broken viewer must not stop a robot in mid-motion."""
+
+    def __init__(self, sinks: Sequence[Sink], clock: Callable[[], float]) -> None:
+        """Prepare.
+
+        Args:
+            sinks: in the order in which they are handed each tick.
+            clock: s, the robot's clock, for the event that says that a sink is left out.
+        """
+        self._sinks = tuple(sinks)
+        self._clock = clock
+        self.failures: list[str] = []
+        """Sinks that were left out, each with its exception."""
+
+    def start(self, header: SessionHeader, stack: contextlib.ExitStack) -> None:
+        """Start the sinks in order, and have `stack` close those that did.
+
+        Raises:
+            InputError: if one cannot start.
+        """
+        for sink in self._sinks:
+            sink.start(header)
+            stack.callback(sink.close)
+
+    def tick(self, record: TickRecord) -> None:
+        """Hand out a tick."""
+        for sink in self._sinks:
+            try:
+                sink.tick(record)
+            except Exception as error:
+                self._drop(sink, error)
+
+    def event(self, text: str) -> None:
+        """Hand out something that happened outside the ticks, now."""
+        for sink in self._sinks:
+            try:
+                sink.event(self._clock(), text)
+            except Exception as error:
+                self._drop(sink, error)
+
+    def lags(self, ticks: int) -> bool:
+        """Whether a sink is more than `ticks` behind."""
+        return any(sink.backlog > ticks for sink in self._sinks)
+
+    def _drop(self, sink: Sink, error: Exception) -> None:
+        if all(other is not sink for other in self._sinks):  # it failed once more at the news of another's failure
+            return
+        failure = f"{type(sink).__name__}: {type(error).__name__}: {error}"
+        self._sinks = tuple(other for other in self._sinks if other is not sink)
+        self.failures.append(failure)
+        self.event(f"left out from here on: {failure}")
 
 
 class WorkerSink:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Iterator
@@ -9,9 +10,10 @@ import pytest
 import rig
 from fakes import HEADER, BrokenError, FakeRobot, FakeSink, session
 
-from humanoid_sim.session import worker
-from humanoid_sim.session.sink import SessionHeader, TickRecord
-from humanoid_sim.session.worker import WorkerSink
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.session import sinks
+from humanoid_sim.session.sinks import SinkGroup, WorkerSink
 
 
 class Kept(WorkerSink):
@@ -169,7 +171,7 @@ class Stuck(Kept):
 @pytest.fixture
 def stuck(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stuck]:
     """A sink that is stuck from its first tick on; let go in the end."""
-    monkeypatch.setattr(worker, "_STUCK_AFTER", 0.2)
+    monkeypatch.setattr(sinks, "_STUCK_AFTER", 0.2)
     sink = Stuck()
     yield sink
     sink.let_go.set()
@@ -193,14 +195,60 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stu
     tick = records(1)[0]
     stuck.tick(tick)
     assert stuck.entered.wait(5.0)
-    for _ in range(worker.QUEUE_LIMIT + 3):
+    for _ in range(sinks.QUEUE_LIMIT + 3):
         stuck.tick(tick)
     stuck.event(1.0, "late")
-    assert stuck.backlog == worker.QUEUE_LIMIT
+    assert stuck.backlog == sinks.QUEUE_LIMIT
     assert stuck.lost == 4
     wait_for(lambda: stuck.backlog == 0)  # nobody waits for it any more
     stuck.let_go.set()
-    wait_for(lambda: len(stuck.calls) == 2 + worker.QUEUE_LIMIT)
+    wait_for(lambda: len(stuck.calls) == 2 + sinks.QUEUE_LIMIT)
     stuck.close()
     assert stuck.error is None
     assert stuck.calls[-1] == "close"
+
+
+def broken(*_: Any) -> None:
+    raise BrokenError("on purpose")
+
+
+def test_only_sinks_that_started_are_closed() -> None:
+    log: list[str] = []
+    first, second, third = (FakeSink(log, name=name) for name in "abc")
+    second.start = lambda _: (_ for _ in ()).throw(InputError("b: cannot be written"))  # type: ignore[method-assign]
+    group = SinkGroup([first, second, third], lambda: 0.0)
+    with pytest.raises(InputError, match="b: cannot"), contextlib.ExitStack() as stack:
+        group.start(HEADER, stack)
+    assert log == ["start a", "close a"]
+
+
+def test_a_sink_that_raises_is_left_out_and_the_others_hear_of_it() -> None:
+    bad, good = FakeSink(), FakeSink()
+    bad.tick = broken  # type: ignore[method-assign]
+    group = SinkGroup([bad, good], lambda: 1.5)
+    record: Any = object()
+    group.tick(record)
+    group.tick(record)
+    group.event("later")
+    assert good.records == [record, record]
+    assert group.failures == ["FakeSink: BrokenError: on purpose"]
+    assert good.events == [f"left out from here on: {group.failures[0]}", "later"]
+    assert bad.events == []
+
+
+def test_sinks_that_fail_at_the_news_of_a_failure_are_left_out_as_well() -> None:
+    sinks = [FakeSink() for _ in range(3)]
+    for sink in sinks:
+        sink.event = broken  # type: ignore[method-assign]
+    group = SinkGroup(sinks, lambda: 0.0)
+    group.event("news")
+    assert len(group.failures) == 3
+    group.event("nobody is left to hear this")
+    assert len(group.failures) == 3
+
+
+def test_the_slowest_sink_decides_how_far_they_lag() -> None:
+    quick, slow = FakeSink(), FakeSink()
+    slow.waiting = [2001, 2000]
+    group = SinkGroup([quick, slow], lambda: 0.0)
+    assert [group.lags(2000), group.lags(2000)] == [True, False]

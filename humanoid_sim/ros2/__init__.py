@@ -1,0 +1,1 @@
+"""ROS 2 without ROS: its wire format, its message definitions, and the MCAP files that hold them."""
