@@ -21,6 +21,7 @@ from humanoid_sim.hardware.robstride.messages import (
     WriteParameter,
 )
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
+from humanoid_sim.robots.motors import MOTORS
 
 ID = 11
 HOST = 0xFD
