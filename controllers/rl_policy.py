@@ -2,59 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.action import ActionMap, action_command, resolve_action
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
-from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.observation import ObservationContext, ObservationLayout, pack, resolve_observation, stack
 from humanoid_sim.controllers.parameters import joint_tuple, number
-from humanoid_sim.controllers.phase import advance_phase
-from humanoid_sim.controllers.reference import Alignment, MotionReference
-from humanoid_sim.controllers.sources import live_command
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, PolicyMemory, PolicyWiring
+from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.mit import MITCommand
 
-__all__ = ["ACTION_LIMIT", "Policy", "RLPolicyController", "RLPolicyMemory"]
+__all__ = ["RLPolicyController", "RLPolicyMemory"]
 
 Float32Array = npt.NDArray[np.float32]
-
-Policy = Callable[[Float32Array, int], npt.ArrayLike]
-"""`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
-
-ACTION_LIMIT = 100.0
-"""Largest magnitude of a raw action unless another is given: trained policies stay within a few units, and beyond this
-one has diverged."""
 
 _RATE_TOLERANCE = 1e-6
 """Relative. Periods are decimal fractions that binary numbers round; a real mismatch is far larger."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RLPolicyMemory(Memory):
-    """Where in the motion and between two inferences the policy is."""
+    """Where between two inferences the policy is, and what it remembers."""
 
-    frame: int = 0
-    """The reference frame that the next inference shows."""
-    held_ticks: int = 0
+    policy: PolicyMemory
+    held_ticks: int
     """Ticks since the last inference; at `decimation` the next one is due."""
-    last_action: Float32Array = field(default_factory=lambda: np.empty(0, dtype=np.float32))
-    """Shape (m,), raw; zeros at activation."""
     command: MITCommand | None = None
-    history: Float32Array | None = None
-    """Shape (h, step_width), what was observed in the last steps, oldest first; None before the first, or without."""
-    walked: float = 0.0
-    """rad of gait phase since activation, or since standing."""
-    alignment: Alignment | None = None
-    """How the reference was laid onto the robot."""
+    """Of the last inference."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +60,7 @@ class RLPolicyController:
     """Name and width of the live observation terms."""
     decimation: int = field(init=False)
     """Ticks per inference."""
-    layout: ObservationLayout = field(init=False, repr=False)
-    action_map: ActionMap = field(init=False, repr=False)
+    wiring: PolicyWiring = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         owner = "RLPolicyController"
@@ -96,27 +76,15 @@ class RLPolicyController:
                 f"expected policy_dt ({self.contract.policy_dt:g} s) to be a whole multiple of it"
             )
         set_field(self, "decimation", decimation)
-        set_field(self, "action_map", resolve_action(self.contract, self.joints))
-        layout = resolve_observation(self.contract, self.joints, self.reference, self.extern)
-        set_field(self, "layout", layout)
+        wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, self.action_limit)
+        set_field(self, "wiring", wiring)
 
     def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
-        """Frame 0, no last action, and an inference due at once."""
+        """A fresh memory, and an inference due at once."""
         problem = self._state_problem(tick_input)
         if problem:
             return Fault(problem)
-        return RLPolicyMemory(
-            held_ticks=self.decimation,
-            last_action=np.zeros(self.contract.action_count, dtype=np.float32),
-            alignment=self._align(tick_input.state),
-        )
-
-    def _align(self, state: MITState) -> Alignment | None:
-        """Nothing to align without anchor poses; a pose that is not known shows as a fault in the first observation."""
-        live = state.extern.get(ANCHOR_POSE)
-        if not self.contract.align_reference or "anchor_pos" not in self.reference.terms or live is None:
-            return None
-        return self.reference.align(live.value)
+        return RLPolicyMemory(policy=self.wiring.activate(tick_input.state), held_ticks=self.decimation)
 
     def update(self, memory: RLPolicyMemory, tick_input: TickInput) -> tuple[RLPolicyMemory, MITCommand] | Fault:
         """The command of a new inference when one is due, else the last one."""
@@ -124,43 +92,23 @@ class RLPolicyController:
         if problem:
             return Fault(problem)
         if memory.command is not None and memory.held_ticks < self.decimation:
-            return replace(memory, policy_step=None, held_ticks=memory.held_ticks + 1), memory.command
-        walked, phase = self._phase(memory, tick_input.state)
-        context = ObservationContext(
-            tick_input.state, memory.last_action, self.reference, memory.frame, memory.alignment, phase
-        )
+            held = RLPolicyMemory(policy=memory.policy, held_ticks=memory.held_ticks + 1, command=memory.command)
+            return held, memory.command
         try:
-            observation, history = stack(self.layout, pack(self.layout, context), memory.history)
+            observation, observed = self.wiring.observe(memory.policy, tick_input.state)
         except FieldError as error:
             return Fault(str(error))
-        step = self._infer(observation, memory.frame)
+        step = self._infer(observation, int(observed.frame))
         if isinstance(step, Fault):
             return step
-        command = action_command(self.action_map, step.action)
-        advanced = RLPolicyMemory(
-            policy_step=step,
-            frame=int(self.reference.clamp(memory.frame + 1)),
-            held_ticks=1,
-            last_action=step.action,
-            command=command,
-            history=history,
-            walked=walked,
-            alignment=memory.alignment,
-        )
-        return advanced, command
-
-    def _phase(self, memory: RLPolicyMemory, state: MITState) -> tuple[float, FloatArray]:
-        rule = self.contract.phase
-        if rule is None:
-            return 0.0, np.empty(0)
-        walked, phase = advance_phase(rule, memory.walked, live_command(state, self.contract), self.contract.policy_dt)
-        return float(walked), phase
+        advanced, command = self.wiring.act(observed, step.action)
+        return RLPolicyMemory(policy_step=step, policy=advanced, held_ticks=1, command=command), command
 
     def _infer(self, observation: Float32Array, frame: int) -> PolicyStep | Fault:
         observation.setflags(write=False)
-        if not np.isfinite(observation).all():
-            i = int(np.argmax(~np.isfinite(observation)))
-            return Fault(f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number")
+        problem = self.wiring.observation_problem(observation)
+        if problem:
+            return Fault(problem)
         try:
             answer = self.policy(observation, frame)
             with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
@@ -169,7 +117,7 @@ class RLPolicyController:
             return Fault(f"policy failed: {error}")
         action.setflags(write=False)
         step = PolicyStep(frame, observation, action)
-        problem = self._action_problem(action)
+        problem = self.wiring.action_problem(action)
         return Fault(problem, step) if problem else step
 
     def _state_problem(self, tick_input: TickInput) -> str:
@@ -177,15 +125,3 @@ class RLPolicyController:
         if shape == (len(self.joints),):
             return ""
         return f"state has {shape} joint positions, expected ({len(self.joints)},)"
-
-    def _action_problem(self, action: Float32Array) -> str:
-        if action.shape != (self.contract.action_count,):
-            return f"action has shape {action.shape}, expected ({self.contract.action_count},)"
-        wrong = ~(np.abs(action) <= np.float64(self.action_limit))  # in float32 a large limit would be infinite
-        if not wrong.any():
-            return ""
-        i = int(np.argmax(wrong))
-        return (
-            f"action of {self.contract.action_joint_names[i]} is {action[i]}, "
-            f"expected a magnitude <= {self.action_limit:g}"
-        )

@@ -3,7 +3,6 @@
 | module | what it knows |
 |---|---|
 | `tasks` | where an episode starts, its reward and its end; functions of arrays, for one robot or many |
-| `policy_side` | observation, action and reference, by the functions of the deployed controller |
 | `setting` | robot, contract, motion and task, brought together from what a user names |
 | `policy_env` | one robot: `LiteTracking-v0`, `BipedVelocity-v0`, `Policy-v0` |
 | `vector_env`, `batch` | many robots at once, stepped natively: the same ids through `gymnasium.make_vec` |

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.envs.episode_robot import EpisodeRobot
 from humanoid_sim.envs.inputs import Named, read_policy, velocity_option

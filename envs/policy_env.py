@@ -13,14 +13,14 @@ import numpy.typing as npt
 from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, RLPolicyMemory
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
+from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.episode_robot import BodyPoses, EpisodeRobot, PlantState
 from humanoid_sim.envs.inputs import Named, velocity_option
-from humanoid_sim.envs.policy_side import PolicyMemory
 from humanoid_sim.envs.recorded_start import recorded_start
 from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
 from humanoid_sim.envs.setting import make_setting
-from humanoid_sim.envs.spaces import action_space, observation_space
+from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.tasks.sample import StepSample
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
@@ -120,8 +120,8 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             support=False,
             anchor_body=setting.contract.anchor_body,
         )
-        bounds = observation_space(setting.side, setting.description)
-        self.observation_space, self.action_space = bounds, action_space(setting.side, setting.description)
+        bounds = observation_space(setting.wiring, setting.description)
+        self.observation_space, self.action_space = bounds, action_space(setting.wiring, setting.description)
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
         self.metadata = self.metadata | {"render_fps": round(1.0 / setting.contract.policy_dt)}
@@ -151,8 +151,8 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         self._steps = 0
         self._velocity = self.setting.task.command(self._commands, 0)
         state, _ = self._read()
-        side = self.setting.side
-        observation, self._memory = side.observe(side.activate(state) if memory is None else memory, state)
+        wiring = self.setting.wiring
+        observation, self._memory = wiring.observe(wiring.activate(state) if memory is None else memory, state)
         # of a state of the caller's choice it may be anything
         self._observation = np.clip(observation, self._low, self._high)
         self._show(state, MITCommand.zeros(len(self.robot.joints)))
@@ -186,26 +186,26 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         """
         if self._memory is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        side, task = self.setting.side, self.setting.task
+        wiring, task = self.setting.wiring, self.setting.task
         with np.errstate(over="ignore"):  # becomes infinite, and is refused
             raw = np.array(action, dtype=np.float32)
         if raw.shape != self.action_space.shape:
             raise InputError(f"action: has shape {raw.shape}, expected {self.action_space.shape}")
-        if not side.accepts(raw):
-            return self._lost(side.refusal(raw))
+        if not wiring.accepts(raw):
+            return self._lost(wiring.action_problem(raw))
 
         previous, asked = self._memory.last_action, self._velocity
-        memory, command = side.act(self._memory, raw)
+        memory, command = wiring.act(self._memory, raw)
         self.robot.write(command)
         self._steps += 1
         self._velocity = task.command(self._commands, self._steps)
         state, problem = self._read()
         if problem:
             return self._lost(problem)
-        observation, self._memory = side.observe(memory, state)
+        observation, self._memory = wiring.observe(memory, state)
         inside = (observation >= self._low) & (observation <= self._high)
         if not inside.all():
-            return self._lost(side.outlier(observation, inside))
+            return self._lost(outlier(wiring, observation, inside))
 
         position, quaternion = self._bodies.read(self.robot.data)
         judgement = task.judge(
@@ -243,7 +243,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
     def _read(self) -> tuple[MITState, str]:
         """The robot's state with the velocity command in it, and what is wrong with the simulation."""
         state, (safety,) = self.robot.read()
-        if self.setting.side.takes_command:
+        if self.setting.wiring.takes_velocity_command:
             live = Extern(self._velocity, float(state.time))
             state = replace(state, extern={**state.extern, VELOCITY_COMMAND: live})
         return state, "" if safety.is_ok else safety.message
@@ -268,4 +268,4 @@ def _policy_memory(memory: PolicyMemory | RLPolicyMemory) -> PolicyMemory:
         return memory
     if not isinstance(memory, RLPolicyMemory):
         raise InputError(f"reset: memory is a {type(memory).__name__}, expected an RLPolicyMemory")
-    return PolicyMemory(memory.frame, memory.last_action, memory.history, memory.walked, memory.alignment)
+    return memory.policy

@@ -12,10 +12,9 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, Policy
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, PolicyWiring
 from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.envs.inputs import Named, read_policy
-from humanoid_sim.envs.policy_side import PolicySide
 from humanoid_sim.envs.tasks.choice import TASK_OPTIONS, make_task
 from humanoid_sim.envs.tasks.task import Start, Task
 from humanoid_sim.errors import FieldError, InputError, known_names
@@ -38,8 +37,8 @@ class Setting:
 
     description: RobotDescription
     """The robot, with the contract's gains, in the contract's default pose."""
-    side: PolicySide
-    """What the deployed controller does around its policy."""
+    wiring: PolicyWiring
+    """What the policy observes and commands, by the functions of the deployed controller."""
     task: Task
     policy: Policy
     """The checkpoint's; one that answers zeros where there is only a contract."""
@@ -57,12 +56,12 @@ class Setting:
     @property
     def contract(self) -> PolicyContract:
         """Of the policy."""
-        return self.side.contract
+        return self.wiring.contract
 
     @property
     def bodies(self) -> tuple[str, ...]:
         """Bodies whose poses in the base frame the task compares; other motions are joints and an anchor body."""
-        return self.contract.body_names if "motion_body_pos_b" in self.side.reference.terms else ()
+        return self.contract.body_names if "motion_body_pos_b" in self.wiring.reference.terms else ()
 
     def generalised(self, start: Start) -> tuple[FloatArray, FloatArray]:
         """MuJoCo's `qpos` (..., nq) and `qvel` (..., nv) of a start."""
@@ -114,7 +113,7 @@ def make_setting(
     estimated = {BASE_LINEAR_VELOCITY: description.is_floating, ANCHOR_POSE: bool(read.anchor_body)}
     extern = {name: width for name, width in EXTERN_WIDTHS.items() if name == VELOCITY_COMMAND or estimated[name]}
     try:
-        side = PolicySide(description.joint_names, read, loaded.reference, extern, action_limit)
+        wiring = PolicyWiring(description.joint_names, read, loaded.reference, extern, action_limit)
     except FieldError as error:
         raise InputError(f"policy on robot '{description.name}': {error}") from None
 
@@ -129,7 +128,7 @@ def make_setting(
         quaternion = slice(first + 3, first + 7)
     return Setting(
         description=description,
-        side=side,
+        wiring=wiring,
         task=make_task(task, description, read, loaded.reference, standing_height=height, **task_options),
         policy=loaded.policy,
         physics_timestep=timestep,

@@ -15,11 +15,11 @@ from gymnasium.spaces import Box
 
 from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.controllers.observation import ObservationTerm, stack
-from humanoid_sim.envs.policy_side import PolicySide
+from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["action_space", "observation_space"]
+__all__ = ["action_space", "observation_space", "outlier"]
 
 _ROUNDING = 1.001
 """Float32 makes unit vectors a little longer than 1."""
@@ -50,62 +50,71 @@ _MAGNITUDES: Mapping[str, float] = MappingProxyType(
 """Largest magnitude of a term, in its own unit (rad/s, m/s², m/s, m or 1), before clip and scale."""
 
 
-def action_space(side: PolicySide, description: RobotDescription) -> Box:
+def action_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
     """Bounds of the raw action, shape (m,).
 
     Targets from `lower - effort_limit / K_p` to `upper + effort_limit / K_p`, in units of the action; the limit of the
     raw action where a joint has no limits or no stiffness.
     """
-    actions, driven = side.action_map, side.action_map.indices
+    actions, driven = wiring.action_map, wiring.action_map.indices
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = description.effort_limit[driven] / actions.stiffness[driven]
         ends = np.stack([description.lower[driven] - reach, description.upper[driven] + reach])
         raw = np.sort((ends - actions.offset) / actions.scale, axis=0)
-    limit = min(side.action_limit, actions.clip)
+    exact = min(wiring.action_limit, actions.clip)
+    limit = np.float32(exact)
+    if limit > np.float64(exact):  # rounded up: the bound itself would be refused
+        limit = np.nextafter(limit, np.float32(0.0))
     low, high = np.where(np.isfinite(raw), np.clip(raw, -limit, limit), [[-limit], [limit]]).astype(np.float32)
     is_useless = low >= high  # the whole range lies beyond the limit
     return Box(np.where(is_useless, -limit, low), np.where(is_useless, limit, high), dtype=np.float32)
 
 
-def observation_space(side: PolicySide, description: RobotDescription) -> Box:
+def observation_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
     """Bounds of the observation, shape (N,)."""
-    step = np.empty((2, side.layout.step_width), dtype=np.float32)
-    for term in side.layout.terms:
-        ends = np.stack(np.broadcast_arrays(*_bounds(term, side, description), np.empty(term.stop - term.start))[:2])
+    step = np.empty((2, wiring.layout.step_width), dtype=np.float32)
+    for term in wiring.layout.terms:
+        ends = np.stack(np.broadcast_arrays(*_bounds(term, wiring, description), np.empty(term.stop - term.start))[:2])
         step[:, term.start : term.stop] = np.sort(term.term.process(ends * _ROUNDING), axis=0)
-    (low, high), _ = stack(side.layout, step, None)
+    (low, high), _ = stack(wiring.layout, step, None)
     return Box(low, high, dtype=np.float32)
 
 
+def outlier(wiring: PolicyWiring, observation: npt.NDArray[np.float32], inside: npt.NDArray[np.bool_]) -> str:
+    """What lies beyond the bounds in one observation, shape (N,); `inside` says which values do not."""
+    i = int(np.argmin(inside))
+    return f"observation {wiring.layout.locate(i)} is {observation[i]}, beyond any robot's"
+
+
 def _bounds(
-    term: ObservationTerm, side: PolicySide, description: RobotDescription
+    term: ObservationTerm, wiring: PolicyWiring, description: RobotDescription
 ) -> tuple[npt.ArrayLike, npt.ArrayLike]:
-    contract, kind = side.contract, term.term.kind
+    contract, kind = wiring.contract, term.term.kind
     if kind == "command":
         kind = "motion_command" if "motion" in contract.command_names else "velocity_command"
     if kind == "joint_pos":
-        return _joint_bounds(term, side, description)
+        return _joint_bounds(term, wiring, description)
     magnitude: npt.ArrayLike = _MAGNITUDES.get(kind, 1.0)  # other live inputs are keys: pressed or not
     if kind == "actions":
-        magnitude = min(side.action_limit, contract.action_clip)
+        magnitude = min(wiring.action_limit, contract.action_clip)
         if term.term.form == "scaled":
             magnitude = magnitude * np.abs(contract.action_scale)
     elif kind == "motion_command":
-        tables = [side.reference.terms[name] for name in ("reference_joint_pos", "reference_joint_vel")]
+        tables = [wiring.reference.terms[name] for name in ("reference_joint_pos", "reference_joint_vel")]
         magnitude = max(float(np.abs(table).max()) for table in tables) + float(
             np.abs(contract.default_joint_pos).max()
         )
-    elif kind in side.reference.terms:
-        magnitude = max(1.0, float(np.abs(side.reference.terms[kind]).max()))
+    elif kind in wiring.reference.terms:
+        magnitude = max(1.0, float(np.abs(wiring.reference.terms[kind]).max()))
     return np.negative(magnitude), magnitude
 
 
 def _joint_bounds(
-    term: ObservationTerm, side: PolicySide, description: RobotDescription
+    term: ObservationTerm, wiring: PolicyWiring, description: RobotDescription
 ) -> tuple[FloatArray, FloatArray]:
-    names = side.contract.joint_names if term.term.joints is None else term.term.joints
+    names = wiring.contract.joint_names if term.term.joints is None else term.term.joints
     order = joint_indices(names, description.joint_names, "joint_names of the policy")
-    default = side.contract.default_joint_pos[joint_indices(names, side.contract.joint_names, "joint_names")]
+    default = wiring.contract.default_joint_pos[joint_indices(names, wiring.contract.joint_names, "joint_names")]
     if term.term.relative is False:
         default = np.zeros_like(default)
     low, high = description.lower[order] - _BEYOND_STOP, description.upper[order] + _BEYOND_STOP

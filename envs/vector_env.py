@@ -14,15 +14,14 @@ from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
 from humanoid_sim.envs.batch import BatchSimulation, Randomisation
 from humanoid_sim.envs.batch.selection import memory_with, state_rows
 from humanoid_sim.envs.batch.start_numbers import StartNumbers
 from humanoid_sim.envs.inputs import Named
-from humanoid_sim.envs.policy_side import PolicyMemory
 from humanoid_sim.envs.rendering import Pictures
 from humanoid_sim.envs.setting import make_setting
-from humanoid_sim.envs.spaces import action_space, observation_space
+from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.tasks.sample import BaseSample, StepSample
 from humanoid_sim.envs.tasks.task import Judgement
 from humanoid_sim.envs.vector_info import VectorInfo
@@ -122,8 +121,8 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             randomisation=Randomisation.of(randomisation),
         )
         self.num_envs = num_envs
-        self.single_observation_space = bounds = observation_space(setting.side, setting.description)
-        self.single_action_space = action_space(setting.side, setting.description)
+        self.single_observation_space = bounds = observation_space(setting.wiring, setting.description)
+        self.single_action_space = action_space(setting.wiring, setting.description)
         self.observation_space = batch_space(bounds, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.autoreset_mode = autoreset(autoreset_mode)
@@ -180,7 +179,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
 
     def _begin(self, chosen: IndexArray, command: FloatArray | None = None) -> None:
         """Put some environments at the start of an episode, and observe it."""
-        task, side = self.setting.task, self.setting.side
+        task, wiring = self.setting.task, self.setting.wiring
         start = task.start(self._numbers.take(chosen))
         qpos, qvel = self.setting.generalised(start)
         self.simulation.reset(chosen, qpos=qpos, qvel=qvel)
@@ -191,7 +190,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         state = self._with_command(self.simulation.state())
         everyone = len(chosen) == self.num_envs
         rows = state if everyone else state_rows(state, chosen)
-        observation, memory = side.observe(side.activate(rows), rows)
+        observation, memory = wiring.observe(wiring.activate(rows), rows)
         before = None if everyone else self._memory
         self._memory = memory if before is None else memory_with(before, chosen, memory)
         self._observation[chosen] = np.clip(observation, self._low, self._high)
@@ -214,10 +213,10 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         if raw.shape != self.action_space.shape:
             raise InputError(f"actions: have shape {raw.shape}, expected {self.action_space.shape}")
         starting = self._is_over.copy()
-        refused = ~self.setting.side.accepts(raw) & ~starting
+        refused = ~self.setting.wiring.accepts(raw) & ~starting
         before = self._memory
         sound, judgement, faults = self._advance(raw, ~refused & ~starting)
-        faults |= {int(i): self.setting.side.refusal(raw[i]) for i in np.flatnonzero(refused)}
+        faults |= {int(i): self.setting.wiring.action_problem(raw[i]) for i in np.flatnonzero(refused)}
         self.fault_count += len(faults)
 
         reward = np.where(sound, judgement.reward, 0.0)
@@ -250,20 +249,22 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         Returns:
             Shape (N,), which of them are sound afterwards; what the task thinks of all; and the others' faults.
         """
-        side, task, simulation = self.setting.side, self.setting.task, self.simulation
+        wiring, task, simulation = self.setting.wiring, self.setting.task, self.simulation
         assert self._memory is not None
         previous, asked = self._memory.last_action, self._velocity
         action = raw if moving.all() else np.where(moving[:, None], raw, 0.0).astype(np.float32)
-        memory, command = side.act(self._memory, action)
+        memory, command = wiring.act(self._memory, action)
         simulation.step(command, where=None if moving.all() else moving)
         self._steps = self._steps + moving
         self._velocity = task.command(self._commands, self._steps).copy()
-        observation, self._memory = side.observe(memory, self._with_command(simulation.state()))
+        observation, self._memory = wiring.observe(memory, self._with_command(simulation.state()))
         inside = (observation >= self._low) & (observation <= self._high)
         broken = moving & simulation.fault
         sound = moving & ~broken & inside.all(axis=1)
         faults = {int(i): "simulation unstable" for i in np.flatnonzero(broken)}
-        faults |= {int(i): side.outlier(observation[i], inside[i]) for i in np.flatnonzero(moving & ~broken & ~sound)}
+        faults |= {
+            int(i): outlier(wiring, observation[i], inside[i]) for i in np.flatnonzero(moving & ~broken & ~sound)
+        }
         self._observation = np.where(sound[:, None], observation, self._observation)
         position, quaternion = simulation.body_poses(in_base=True)
         sample = StepSample(
@@ -282,7 +283,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         return sound, task.judge(sample), faults
 
     def _with_command(self, state: MITState) -> MITState:
-        if not self.setting.side.takes_command:
+        if not self.setting.wiring.takes_velocity_command:
             return state
         return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self._velocity, 0.0)})
 

@@ -23,6 +23,7 @@ from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController
 from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy
 from humanoid_sim.controllers.reference import (
     MotionReference,
     build_reference,
@@ -30,7 +31,7 @@ from humanoid_sim.controllers.reference import (
     no_reference,
 )
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, Policy, RLPolicyController
+from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.controllers.zero_torque import ZeroTorqueController

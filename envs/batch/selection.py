@@ -8,8 +8,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Alignment
-from humanoid_sim.envs.policy_side import PolicyMemory
 from humanoid_sim.mit import MITState
 
 __all__ = ["memory_with", "state_rows"]

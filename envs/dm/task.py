@@ -39,7 +39,7 @@ class PolicyTask(control.Task):
         self._observation = self._action
         self._reward = 0.0
         self._discount: float | None = None
-        layout = env.setting.side.layout
+        layout = env.setting.wiring.layout
         self._ends = {"observation": layout.width}
         if layout.history_layout == "per_term":
             ends = np.cumsum([term.width for term in layout.terms])

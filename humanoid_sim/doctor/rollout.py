@@ -163,7 +163,7 @@ def _run(robot: MujocoRobot, controller: RLPolicyController, goal: Goal, trial: 
         memory = controller.activate(tick) if memory is None else memory
         if isinstance(memory, Fault):
             return Outcome(time_up, trial.seconds, _NOTHING, memory.message)
-        frame = memory.frame
+        frame = int(memory.policy.frame)
         result = controller.update(memory, tick)
         lost = goal.update(frame, state, robot.base_state)
         if statuses[0].level >= SafetyLevel.FAULT:

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.rl_policy import Policy
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.options import motion_path

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.sources import takes_velocity_command
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.config import PlayConfig

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.motion import Motion
 

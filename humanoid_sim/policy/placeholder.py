@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.robots.description import RobotDescription
 

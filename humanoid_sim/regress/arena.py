@@ -48,7 +48,7 @@ class Arena:
     @property
     def reference(self) -> MotionReference:
         """The motion, cut into terms."""
-        return self.setting.side.reference
+        return self.setting.wiring.reference
 
     @property
     def policy_dt(self) -> float:
@@ -119,12 +119,12 @@ def case_motion(folder: Path, case: Case) -> Motion | None:
 def _steps(setting: Setting, case: Case) -> int:
     if case.duration is not None:
         return max(round(case.duration / setting.contract.policy_dt), 1)
-    return max(setting.side.reference.frame_count - 1, 1)
+    return max(setting.wiring.reference.frame_count - 1, 1)
 
 
 def _joint_reference(setting: Setting, motion: Motion, count: int) -> FloatArray | None:
     """The motion's joints in its first `count` frames; of one that has bodies only, those that bring them there."""
-    description, contract, terms = setting.description, setting.contract, setting.side.reference.terms
+    description, contract, terms = setting.description, setting.contract, setting.wiring.reference.terms
     if "reference_joint_pos" in terms:
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
         return terms["reference_joint_pos"][:count, order].astype(np.float64)

@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.context import VELOCITY_COMMAND
+from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.envs.batch import BatchSimulation, Randomisation
-from humanoid_sim.envs.policy_side import PolicyMemory
 from humanoid_sim.envs.tasks.sample import BaseSample, StepSample
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.regress.arena import Arena
-from humanoid_sim.regress.failures import fault_in_words, loss_in_words
+from humanoid_sim.regress.failures import loss_in_words
 from humanoid_sim.regress.feet import find_feet
 from humanoid_sim.regress.measures import Measures, TrackingMeasures, VelocityMeasures
 from humanoid_sim.regress.metrics import METRICS, summarise
@@ -133,15 +133,15 @@ class EpisodeBatch:
     def run(self, watch: list[Step] | None = None) -> None:
         """All episodes from their start to their end; `watch` is filled with every policy step."""
         arena, simulation = self.arena, self.simulation
-        side, policy = arena.setting.side, arena.subject.policy
+        wiring, policy = arena.setting.wiring, arena.subject.policy
         command = np.array(arena.case.command or (0.0, 0.0, 0.0))
         commands = np.broadcast_to(command, (len(self.seeds), 3))
         self._prepare()
         self._place()
         state = self._commanded(commands)
-        memory = side.activate(state)
+        memory = wiring.activate(state)
         for step in range(arena.steps):
-            observation, memory = side.observe(memory, state)
+            observation, memory = wiring.observe(memory, state)
             action = policy(observation, np.asarray(memory.frame))
             if watch is not None:
                 watch.append(Step(state, action, simulation.qpos.copy(), simulation.qvel.copy()))
@@ -149,7 +149,7 @@ class EpisodeBatch:
             if not self._alive.any():
                 return
             previous = memory.last_action
-            memory, order = side.act(memory, np.where(self._alive[:, None], action, previous))
+            memory, order = wiring.act(memory, np.where(self._alive[:, None], action, previous))
             wrench = None if self._pushes is None else self._pushes.wrench(step)
             simulation.step(order, wrench=wrench, where=self._alive)
             for i in np.flatnonzero(self._alive & simulation.fault).tolist():
@@ -163,10 +163,10 @@ class EpisodeBatch:
 
     def _refuse(self, observation: Float32Array, action: Float32Array) -> None:
         """End the episodes whose observation or action the controller would not take."""
-        side = self.arena.setting.side
-        refused = self._alive & ~(side.accepts(action) & np.isfinite(observation).all(axis=-1))
+        wiring = self.arena.setting.wiring
+        refused = self._alive & ~(wiring.accepts(action) & np.isfinite(observation).all(axis=-1))
         for i in np.flatnonzero(refused).tolist():
-            self._fail(i, "fault", fault_in_words(side, observation[i], action[i]))
+            self._fail(i, "fault", wiring.observation_problem(observation[i]) or wiring.action_problem(action[i]))
 
     def _place(self) -> None:
         """Start every episode where its seed has it."""

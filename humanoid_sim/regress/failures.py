@@ -5,25 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-from humanoid_sim.envs.policy_side import PolicySide
 from humanoid_sim.envs.tasks.sample import StepSample
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.regress.arena import Arena
 
-__all__ = ["fault_in_words", "loss_in_words"]
+__all__ = ["loss_in_words"]
 
 _UPSIDE = math.radians(45.0)
 """rad of tilt from which on a robot that fell is said to have tilted over."""
-
-
-def fault_in_words(side: PolicySide, observation: npt.NDArray[np.float32], action: npt.NDArray[np.float32]) -> str:
-    """What the controller refuses of one robot's observation (N,) and action (m,), as it says so itself."""
-    if not np.isfinite(observation).all():
-        i = int(np.argmax(~np.isfinite(observation)))
-        return f"observation {side.layout.locate(i)} is {observation[i]}, expected a finite number"
-    return side.refusal(action)
 
 
 def loss_in_words(arena: Arena, sample: StepSample, i: int) -> str:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.envs.batch.randomisation import Randomisation
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.sources import RemoteSource

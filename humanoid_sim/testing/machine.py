@@ -8,7 +8,8 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from hypothesis.strategies import DataObject
 
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT, RLPolicyController
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT
+from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand

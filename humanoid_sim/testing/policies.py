@@ -11,7 +11,7 @@ import numpy.typing as npt
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
-from humanoid_sim.controllers.rl_policy import ACTION_LIMIT
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 
 __all__ = ["Misbehaviour", "ScriptedPolicy", "misbehaviours", "policies_that_misbehave", "well_behaved"]
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import joint_indices
-from humanoid_sim.controllers.rl_policy import Policy
+from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import HumanoidSimError
 from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray

@@ -53,7 +53,7 @@ def test_defaults():
     assert rl.action_limit == 100.0
     assert rl.decimation == 2
     assert rl.fallback == "damping_controller"
-    assert rl.layout.width == 3 + 3 + 3 + 2 + 1 + 3
+    assert rl.wiring.layout.width == 3 + 3 + 3 + 2 + 1 + 3
 
 
 # --- observation and action ---

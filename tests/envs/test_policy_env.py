@@ -156,10 +156,10 @@ def test_an_observation_beyond_any_robot_s_is_a_fault(arms: PolicyEnv) -> None:
 
 
 def test_actions_beyond_their_bounds_command_no_more(arms: PolicyEnv) -> None:
-    side, robot = arms.setting.side, arms.setting.description
+    wiring, robot = arms.setting.wiring, arms.setting.description
     state, _ = arms.robot.read()
     for bound, stop, sign in ((arms.action_space.low, robot.upper, -1), (arms.action_space.high, robot.lower, 1)):
-        _, command = side.act(side.activate(state), bound)
+        _, command = wiring.act(wiring.activate(state), bound)
         at_rest = np.zeros(14)
         torque = mit_torque(command, stop, at_rest, robot.effort_limit)
         np.testing.assert_allclose(torque, sign * robot.effort_limit)
@@ -188,8 +188,8 @@ def test_observation_bounds_follow_scale_and_history() -> None:
     np.testing.assert_array_equal(low[14:42], -high[14:42])
     np.testing.assert_allclose(high[42:], 100.0, rtol=0.01)
     observation, _ = env.reset(seed=0)
-    step = env.setting.side.layout.step_width
-    assert stack(env.setting.side.layout, np.zeros(step, dtype=np.float32), None)[0].shape == observation.shape
+    step = env.setting.wiring.layout.step_width
+    assert stack(env.setting.wiring.layout, np.zeros(step, dtype=np.float32), None)[0].shape == observation.shape
 
 
 def test_delays_are_between_robot_and_policy_and_not_in_the_reward() -> None:

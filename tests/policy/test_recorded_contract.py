@@ -106,7 +106,7 @@ def commands(controller: object) -> list[bytes]:
     for tick in ticks():
         memory = controller.activate(tick) if memory is None else memory
         memory, command = controller.update(memory, tick)  # type: ignore[arg-type,misc]
-        found.append(command.position.tobytes() + memory.last_action.tobytes())  # type: ignore[union-attr]
+        found.append(command.position.tobytes() + memory.policy.last_action.tobytes())  # type: ignore[union-attr]
     return found
 
 

@@ -57,7 +57,7 @@ def test_a_misbehaviour_is_a_fault(name, m, limit):
 def test_a_policy_that_behaves_is_none(m):
     result = answer_of(m, well_behaved(m), 1.0)
     assert not isinstance(result, Fault)
-    assert result[0].last_action.shape == (m,)
+    assert result[0].policy.last_action.shape == (m,)
 
 
 @given(policies_that_misbehave(3, 7.0))

@@ -12,7 +12,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import OrientationLayout, Term
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GoldenSamples
-from humanoid_sim.policy.golden.verify import golden_problem, samples_controller
+from humanoid_sim.policy.golden.verify import golden_problem, samples_wiring
 
 __all__ = ["blind_spots"]
 
@@ -70,7 +70,7 @@ def _turned(term: Term, contract: PolicyContract) -> Iterator[tuple[str, dict[st
 
 
 def _silent_terms(checkpoint: Checkpoint, samples: GoldenSamples) -> list[str]:
-    layout = samples_controller(checkpoint, samples).layout
+    layout = samples_wiring(checkpoint, samples).layout
     owner = np.array([layout.locate(i).partition("[")[0] for i in range(layout.width)])
     silent = (np.abs(samples.observation) <= _ZERO).all(axis=0)
     return [

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from humanoid_sim.controllers.action import action_command, resolve_action
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rl_policy import RLPolicyMemory
+from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.golden.run import Recorded, Row, make_controller, roll
+from humanoid_sim.policy.golden.run import Recorded, Row, recorded_wiring, roll
 from humanoid_sim.policy.golden.samples import GoldenSamples
 from humanoid_sim.policy.golden.trace import Trace
 from humanoid_sim.policy.golden.verify import golden_problem
@@ -85,8 +85,8 @@ def _loaded(checkpoint: Checkpoint, motion: Motion | None) -> LoadedPolicy:
 
 def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, name: str) -> list[Row]:
     try:
-        controller = make_controller(checkpoint.contract, recorded.joint_names, loaded.reference, loaded.extern)
-        return roll(controller, recorded)
+        wiring = recorded_wiring(checkpoint.contract, recorded.joint_names, loaded.reference, loaded.extern)
+        return roll(wiring, recorded)
     except (FieldError, ValueError) as error:
         raise InputError(f"{checkpoint.source}: on {name}: {error}") from None
 
@@ -128,7 +128,7 @@ def _histories(rows: list[Row]) -> npt.NDArray[np.float32] | None:
     return np.stack([missing if row.memory.history is None else row.memory.history for row in rows])
 
 
-def _alignment(memory: RLPolicyMemory) -> FloatArray:
+def _alignment(memory: PolicyMemory) -> FloatArray:
     laid = memory.alignment
     return np.full(7, np.nan) if laid is None else np.concatenate([laid.offset, laid.yaw])
 

@@ -1,4 +1,4 @@
-"""A policy's controller outside a session: fed with recorded states, its memory set and read step by step."""
+"""A policy's steps outside a session: on recorded states, its memory set and read step by step."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import Alignment, MotionReference
-from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import PolicyStep, TickInput
+from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.golden.samples import GoldenSamples
 
-__all__ = ["Recorded", "Row", "make_controller", "observe", "roll", "sample_memory", "sample_state"]
+__all__ = ["Recorded", "Row", "observe", "recorded_wiring", "roll", "sample_memory", "sample_state"]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -46,76 +45,66 @@ class Recorded:
 class Row:
     """One step: with what it was entered, and what the policy saw."""
 
-    memory: RLPolicyMemory
+    memory: PolicyMemory
     step: PolicyStep
 
 
-class _Scripted:
-    """A policy that answers what it is told to."""
-
-    def __init__(self) -> None:
-        self.action: Float32Array = np.empty(0, dtype=np.float32)
-
-    def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
-        return self.action
-
-
-def make_controller(
+def recorded_wiring(
     contract: PolicyContract,
     joint_names: tuple[str, ...],
     reference: MotionReference,
     extern: Mapping[str, int] = _NO_EXTERN,
-) -> RLPolicyController:
-    """The controller of a policy that answers what the run says, one inference per tick.
+) -> PolicyWiring:
+    """The wiring of a policy whose actions are those of a run.
 
     Raises:
         FieldError: if the contract does not fit the joints, or a term lacks its source.
     """
-    return RLPolicyController(
-        joint_names, contract, reference, _Scripted(), contract.policy_dt, action_limit=_NO_LIMIT, extern=extern
-    )
+    return PolicyWiring(joint_names, contract, reference, extern, action_limit=_NO_LIMIT)
 
 
-def roll(controller: RLPolicyController, recorded: Recorded) -> list[Row]:
+def roll(wiring: PolicyWiring, recorded: Recorded) -> list[Row]:
     """Go through a run from activation on.
 
     Raises:
-        FieldError: naming the step in which the controller fails, and why.
+        FieldError: naming the step that the controller would refuse, and why.
     """
     rows: list[Row] = []
-    memory = controller.activate(TickInput(recorded.states[0]))
+    memory = wiring.activate(recorded.states[0])
     for k, (state, action) in enumerate(zip(recorded.states, recorded.action, strict=True)):
-        if isinstance(memory, Fault):
-            raise FieldError(f"step {k}: {memory.message}")
-        given = {name: table[k] for name, table in recorded.memory.items()}
-        entered = replace(memory, held_ticks=controller.decimation, **_memory_fields(given))
-        advanced = observe(controller, entered, state, action)
-        if isinstance(advanced, Fault):
-            raise FieldError(f"step {k}: {advanced.message}")
-        assert advanced.policy_step is not None  # every tick infers
-        rows.append(Row(entered, advanced.policy_step))
-        memory = advanced
+        entered = replace(memory, **_memory_fields({name: table[k] for name, table in recorded.memory.items()}))
+        try:
+            step, observed = observe(wiring, entered, state, action)
+        except FieldError as error:
+            raise FieldError(f"step {k}: {error}") from None
+        rows.append(Row(entered, step))
+        memory, _ = wiring.act(observed, action)
     return rows
 
 
 def observe(
-    controller: RLPolicyController, memory: RLPolicyMemory, state: MITState, action: Float32Array
-) -> RLPolicyMemory | Fault:
-    """One step whose policy answers `action`: the memory after it holds the observation and the command."""
-    assert isinstance(controller.policy, _Scripted)  # from make_controller
-    controller.policy.action = action
-    result = controller.update(memory, TickInput(state))
-    return result if isinstance(result, Fault) else result[0]
+    wiring: PolicyWiring, memory: PolicyMemory, state: MITState, action: Float32Array
+) -> tuple[PolicyStep, PolicyMemory]:
+    """One step whose policy answers `action`, and the memory with its observation.
+
+    Raises:
+        FieldError: if the controller would refuse the observation or the action.
+    """
+    observation, observed = wiring.observe(memory, state)
+    problem = wiring.observation_problem(observation) or wiring.action_problem(action)
+    if problem:
+        raise FieldError(problem)
+    return PolicyStep(int(memory.frame), observation, action), observed
 
 
-def sample_memory(samples: GoldenSamples, i: int) -> RLPolicyMemory:
+def sample_memory(samples: GoldenSamples, i: int) -> PolicyMemory:
     """What the policy remembered when it met sample i."""
     table: dict[str, npt.NDArray[np.floating | np.integer]] = {
         name: getattr(samples, name) for name in ("last_action", "frame", "walked", "alignment")
     }
     if samples.history is not None:
         table["history"] = samples.history
-    return RLPolicyMemory(held_ticks=1, **_memory_fields({name: values[i] for name, values in table.items()}))
+    return PolicyMemory(**_memory_fields({name: values[i] for name, values in table.items()}))
 
 
 def sample_state(samples: GoldenSamples, i: int) -> MITState:
@@ -135,7 +124,7 @@ def sample_state(samples: GoldenSamples, i: int) -> MITState:
 
 
 def _memory_fields(given: Mapping[str, npt.NDArray[np.floating | np.integer]]) -> dict[str, Any]:
-    """The recorded memory in the controller's own types; NaN stands for a history or an alignment that is not there."""
+    """The recorded memory in its own types; NaN stands for a history or an alignment that is not there."""
     fields: dict[str, Any] = {}
     if "last_action" in given:
         fields["last_action"] = np.asarray(given["last_action"], dtype=np.float32)

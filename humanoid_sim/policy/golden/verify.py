@@ -9,14 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.action import action_command
-from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.rl_policy import Policy, RLPolicyController
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.golden.run import make_controller, observe, sample_memory, sample_state
+from humanoid_sim.policy.golden.run import observe, recorded_wiring, sample_memory, sample_state
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
 from humanoid_sim.stack import LoadedPolicy, load_policy
 
@@ -25,7 +24,7 @@ __all__ = [
     "OBSERVATION_TOLERANCE",
     "TARGET_TOLERANCE",
     "golden_problem",
-    "samples_controller",
+    "samples_wiring",
     "value_name",
     "verify_golden",
 ]
@@ -77,24 +76,24 @@ def verify_golden(checkpoint: Checkpoint, metadata: Mapping[str, str]) -> str:
 def golden_problem(checkpoint: Checkpoint, samples: GoldenSamples) -> str:
     """What differs between the samples and what the checkpoint makes of their states, '' if nothing does.
 
-    The observation and the targets are computed by the controller that runs on the robot, the action by the model from
+    The observation and the targets are computed by the functions that run on the robot, the action by the model from
     the sample's observation.
     """
     contract = checkpoint.contract
     try:
-        controller = samples_controller(checkpoint, samples)
+        wiring = samples_wiring(checkpoint, samples)
     except (FieldError, InputError) as error:
         return f"cannot be computed: {str(error).removeprefix(f'{checkpoint.source}: ')}"
     return (
-        _width_problem(controller, samples)
-        or _observation_problem(controller, samples)
+        _width_problem(wiring, samples)
+        or _observation_problem(wiring, samples)
         or _action_problem(checkpoint.policy, contract, samples)
-        or _target_problem(controller, samples)
+        or _target_problem(wiring, samples)
     )
 
 
-def _width_problem(controller: RLPolicyController, samples: GoldenSamples) -> str:
-    width, actions = controller.layout.width, controller.contract.action_count
+def _width_problem(wiring: PolicyWiring, samples: GoldenSamples) -> str:
+    width, actions = wiring.layout.width, wiring.contract.action_count
     if samples.observation.shape[1] != width:
         return f"hold observations of {samples.observation.shape[1]} values, the contract's terms make {width}"
     if samples.action.shape[1] != actions:
@@ -102,18 +101,15 @@ def _width_problem(controller: RLPolicyController, samples: GoldenSamples) -> st
     return ""
 
 
-def _observation_problem(controller: RLPolicyController, samples: GoldenSamples) -> str:
-    layout, contract = controller.layout, controller.contract
+def _observation_problem(wiring: PolicyWiring, samples: GoldenSamples) -> str:
+    layout, contract = wiring.layout, wiring.contract
     observation = np.empty_like(samples.observation)
     for i in range(len(samples)):
         try:
-            result = observe(controller, sample_memory(samples, i), sample_state(samples, i), samples.action[i])
+            step, _ = observe(wiring, sample_memory(samples, i), sample_state(samples, i), samples.action[i])
         except (FieldError, ValueError) as error:
             return f"sample {i} cannot be computed: {error}"
-        if isinstance(result, Fault):
-            return f"sample {i} cannot be computed: {result.message}"
-        assert result.policy_step is not None  # every tick infers
-        observation[i] = result.policy_step.observation
+        observation[i] = step.observation
     names = [layout.locate(i).partition("[")[0] for i in range(layout.width)]
     wrong = _compare(observation, samples.observation, OBSERVATION_TOLERANCE, names)
     if wrong is None:
@@ -137,8 +133,8 @@ def _action_problem(policy: Policy, contract: PolicyContract, samples: GoldenSam
     return _sentence("action", f"of {joints[wrong.index]}", wrong, samples, samples.origin, len(joints))
 
 
-def _target_problem(controller: RLPolicyController, samples: GoldenSamples) -> str:
-    position = action_command(controller.action_map, samples.action).position
+def _target_problem(wiring: PolicyWiring, samples: GoldenSamples) -> str:
+    position = action_command(wiring.action_map, samples.action).position
     joints = samples.joint_names
     wrong = _compare(position, samples.target, TARGET_TOLERANCE, joints)
     if wrong is None:
@@ -146,8 +142,8 @@ def _target_problem(controller: RLPolicyController, samples: GoldenSamples) -> s
     return _sentence("target", f"of {joints[wrong.index]}", wrong, samples, samples.target_origin, len(joints))
 
 
-def samples_controller(checkpoint: Checkpoint, samples: GoldenSamples) -> RLPolicyController:
-    """The controller that computes the samples again, with their own rows of the motion if they hold any.
+def samples_wiring(checkpoint: Checkpoint, samples: GoldenSamples) -> PolicyWiring:
+    """The wiring that computes the samples again, with their own rows of the motion if they hold any.
 
     Raises:
         FieldError, InputError: the contract does not fit the samples' joints, or a term lacks its source.
@@ -168,7 +164,7 @@ def samples_controller(checkpoint: Checkpoint, samples: GoldenSamples) -> RLPoli
             checkpoint.observation_width,
             source=checkpoint.source,
         )
-    return make_controller(checkpoint.contract, samples.joint_names, loaded.reference, loaded.extern)
+    return recorded_wiring(checkpoint.contract, samples.joint_names, loaded.reference, loaded.extern)
 
 
 def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) -> str:

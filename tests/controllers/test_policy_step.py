@@ -1,4 +1,4 @@
-"""`PolicySide` against the controller that is deployed: the same observations, commands and memory, bit for bit."""
+"""One policy step: by itself as the controller does it, in a batch as its robots do it, bit for bit."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 from humanoid_sim.controllers.context import ANCHOR_POSE, EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import build_world_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.envs.policy_side import PolicyMemory, PolicySide
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import Extern, FloatArray, MITState
@@ -75,75 +75,68 @@ def row(state: MITState, i: int) -> MITState:
     return MITState(0.0, *arrays, live)
 
 
-def side_of(contract: PolicyContract) -> PolicySide:
+def wiring_of(contract: PolicyContract) -> PolicyWiring:
     reference = build_world_reference(contract, frames(), JOINTS, ("torso",))
-    return PolicySide(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
+    return PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
 
 
 def test_a_robot_by_itself_does_what_the_controller_does() -> None:
-    rng, side, seen = np.random.default_rng(0), side_of(contract()), []
+    rng, wiring, seen = np.random.default_rng(0), wiring_of(contract()), []
 
     def policy(observation: Any, frame: int) -> Any:
         seen.append((observation.copy(), frame))
         return actions[len(seen) - 1]
 
     actions = rng.normal(size=(STEPS, 2)).astype(np.float32)
-    controller = RLPolicyController(JOINTS, side.contract, side.reference, policy, 0.02, extern=EXTERN_WIDTHS)
+    controller = RLPolicyController(JOINTS, wiring.contract, wiring.reference, policy, 0.02, extern=EXTERN_WIDTHS)
     first = states(rng, ())
-    controls, memory = controller.activate(TickInput(first)), side.activate(first)
+    controls, memory = controller.activate(TickInput(first)), wiring.activate(first)
     for step in range(STEPS):
         state = first if step == 0 else states(rng, ())
         assert isinstance(controls, RLPolicyMemory)
         result = controller.update(controls, TickInput(state))
         assert isinstance(result, tuple)
         controls, expected = result
-        observation, memory = side.observe(memory, state)
+        observation, memory = wiring.observe(memory, state)
         assert memory.frame == seen[-1][1]
         assert observation.tobytes() == seen[-1][0].tobytes()
-        memory, command = side.act(memory, actions[step])
+        memory, command = wiring.act(memory, actions[step])
         for name in ("position", "velocity", "effort", "stiffness", "damping"):
             np.testing.assert_array_equal(getattr(command, name), getattr(expected, name))
-        assert (memory.frame, memory.walked) == (controls.frame, controls.walked)
-        np.testing.assert_array_equal(memory.history, controls.history)  # type: ignore[arg-type]
+        assert (memory.frame, memory.walked) == (controls.policy.frame, controls.policy.walked)
+        np.testing.assert_array_equal(memory.history, controls.policy.history)  # type: ignore[arg-type]
     assert len(seen) == STEPS
-    assert controls.frame == 4  # the last frame is held
+    assert controls.policy.frame == 4  # the last frame is held
     assert len({observation.tobytes() for observation, _ in seen}) == STEPS
 
 
 def test_a_batch_does_what_its_robots_do() -> None:
-    rng, side = np.random.default_rng(2), side_of(contract())
+    rng, wiring = np.random.default_rng(2), wiring_of(contract())
     memories: list[PolicyMemory] | None = None
     batch: PolicyMemory | None = None
     for _ in range(STEPS):
         state, actions = states(rng, (ROBOTS,)), rng.normal(size=(ROBOTS, 2)).astype(np.float32)
-        batch = side.activate(state) if batch is None else batch
-        memories = [side.activate(row(state, i)) for i in range(ROBOTS)] if memories is None else memories
-        observations, batch = side.observe(batch, state)
-        batch, commands = side.act(batch, actions)
-        assert observations.shape == (ROBOTS, side.layout.width)
+        batch = wiring.activate(state) if batch is None else batch
+        memories = [wiring.activate(row(state, i)) for i in range(ROBOTS)] if memories is None else memories
+        observations, batch = wiring.observe(batch, state)
+        batch, commands = wiring.act(batch, actions)
+        assert observations.shape == (ROBOTS, wiring.layout.width)
         for i in range(ROBOTS):
-            observation, memory = side.observe(memories[i], row(state, i))
+            observation, memory = wiring.observe(memories[i], row(state, i))
             np.testing.assert_array_equal(observations[i], observation)
-            memories[i], command = side.act(memory, actions[i])
+            memories[i], command = wiring.act(memory, actions[i])
             np.testing.assert_array_equal(commands.position[i], command.position)
             assert batch.frame[i] == memories[i].frame  # type: ignore[index]
 
 
 def test_actions_are_accepted_one_by_one() -> None:
-    side = side_of(contract())
+    wiring = wiring_of(contract())
     actions = np.array([[1.0, -100.0], [1.0, 100.5], [np.nan, 0.0], [0.0, np.inf]], dtype=np.float32)
-    np.testing.assert_array_equal(side.accepts(actions), [True, False, False, False])
-    assert side.accepts(actions[0])
-    assert side.refusal(actions[1]) == "action of c is 100.5, expected a magnitude <= 100"
-    assert side.refusal(actions[2]) == "action of b is nan, expected a magnitude <= 100"
-
-
-def test_what_lies_outside_is_named() -> None:
-    side = side_of(contract())
-    observation = np.zeros(side.layout.width, dtype=np.float32)
-    observation[4] = 7.5
-    message = "observation joint_pos[1] of history step 1 is 7.5, beyond any robot's"
-    assert side.outlier(observation, observation < 5.0) == message
+    np.testing.assert_array_equal(wiring.accepts(actions), [True, False, False, False])
+    assert wiring.accepts(actions[0])
+    assert wiring.action_problem(actions[1]) == "action of c is 100.5, expected a magnitude <= 100"
+    assert wiring.action_problem(actions[2]) == "action of b is nan, expected a magnitude <= 100"
+    assert wiring.action_problem(actions[0]) == ""
 
 
 @pytest.mark.parametrize(
@@ -153,15 +146,17 @@ def test_what_lies_outside_is_named() -> None:
         ({"observation": ("joint_pos",), "phase": None}, False),
         ({"observation": ("joint_pos",)}, True),  # the clock stands while the robot is told to stand
         ({"observation": ("joint_pos", "command_ang_vel"), "phase": None}, True),
+        ({"observation": ("command",), "command_names": ("twist",), "phase": None}, True),
+        ({"observation": ("command",), "command_names": ("motion",), "phase": None}, False),
     ],
 )
 def test_whether_the_velocity_command_is_observed(changes: dict[str, Any], takes: bool) -> None:
-    assert side_of(contract(**changes)).takes_command is takes
+    assert wiring_of(contract(**changes)).takes_velocity_command is takes
 
 
 def test_a_contract_that_does_not_fit_the_robot_is_refused() -> None:
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
     with pytest.raises(FieldError, match="anchor pose"):
-        PolicySide(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
+        PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
     with pytest.raises(FieldError, match="the robot lacks c; the policy lacks d"):
-        PolicySide(("a", "b", "d"), contract(), reference, EXTERN_WIDTHS, 100.0)
+        PolicyWiring(("a", "b", "d"), contract(), reference, EXTERN_WIDTHS, 100.0)
