@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 from typing import TYPE_CHECKING, Any
 
 from humanoid_sim.envs.registration import ENVIRONMENTS
 from humanoid_sim.errors import InputError, MissingPackageError, known_names
+from humanoid_sim.rendering.backend import choose_backend
 
 if TYPE_CHECKING:
     from dm_control.rl import control
@@ -48,8 +51,8 @@ def load(
     except ImportError:
         raise MissingPackageError("dm-control", "dm", "humanoid_sim.envs.dm") from None
 
-    from humanoid_sim.envs.dm.physics import RobotPhysics  # noqa: PLC0415
-    from humanoid_sim.envs.dm.task import PolicyTask  # noqa: PLC0415
+    _settle_opengl()
+    from humanoid_sim.envs.dm.task import PolicyTask, RobotPhysics  # noqa: PLC0415
     from humanoid_sim.envs.policy_env import PolicyEnv  # noqa: PLC0415
 
     env = PolicyEnv(**{**ENVIRONMENTS[NAMES[name]].get("kwargs", {}), **options})
@@ -61,3 +64,25 @@ def load(
         n_sub_steps=env.robot.physics_steps,
         flat_observation=flat_observation,
     )
+
+
+def _settle_opengl() -> None:
+    """Import `dm_control` with an OpenGL that this machine has, or with none: only pictures need it.
+
+    By itself it chooses when it is imported: without a display a GLFW that cannot draw, or a PyOpenGL that fails to
+    load without its library.
+
+    Raises:
+        InputError: what `MUJOCO_GL` asks for cannot be loaded.
+    """
+    request, choice = os.environ.get("MUJOCO_GL"), choose_backend()
+    os.environ["MUJOCO_GL"] = "disable" if choice.opengl == "none" else choice.opengl
+    try:
+        importlib.import_module("dm_control.mujoco")
+    except (AttributeError, ImportError, RuntimeError) as error:  # what PyOpenGL, GLFW and dm_control raise
+        raise InputError(f"dm_control cannot load {choice}: {error}; MUJOCO_GL=disable does without") from None
+    finally:
+        if request is None:
+            del os.environ["MUJOCO_GL"]
+        else:
+            os.environ["MUJOCO_GL"] = request

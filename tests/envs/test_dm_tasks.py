@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import builtins
+import importlib
 import os
 import shutil
 import subprocess
 import sys
 import unittest
 from collections.abc import Iterator
+from types import ModuleType
 from typing import Any
 
 import gymnasium
@@ -126,10 +128,12 @@ def test_the_physics_is_the_robot_s_own_and_can_be_copied() -> None:
     assert ours.physics.time() == pytest.approx(0.02)
 
 
-def test_the_viewer_s_loop_runs_it() -> None:
+def test_the_viewer_s_loop_runs_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """What `dm_control.viewer.launch` does in its window: resets, steps, and mouse perturbations between them."""
-    runtime_module = pytest.importorskip("dm_control.viewer.runtime")
     ours = load("lite_tracking", seed=0)
+    # The loop needs no OpenGL, but is only to be had with its window, which does.
+    monkeypatch.setitem(sys.modules, "dm_control.viewer.gui", ModuleType("gui"))
+    runtime_module = importlib.import_module("dm_control.viewer.runtime")
     runtime = runtime_module.Runtime(ours, lambda _: np.zeros(14, dtype=np.float32))
     errors: list[str] = []
     runtime.on_error += errors.append
@@ -185,6 +189,37 @@ def test_the_viewer_opens_it() -> None:
     assert int(steps) >= 3
     assert float(time) >= 0.04
     assert error == "--"
+
+
+WITHOUT_OPENGL = """
+import ctypes.util
+import os
+ctypes.util.find_library = lambda name: None
+from humanoid_sim.envs import dm
+
+assert dm.load("lite_tracking", seed=0).reset().first()
+print(os.environ.get("MUJOCO_GL"))
+"""
+
+
+@pytest.mark.parametrize(
+    ("mujoco_gl", "expected"),
+    [(None, "None"), ("disable", "disable"), ("osmesa", "dm_control cannot load osmesa (MUJOCO_GL=osmesa): ")],
+)
+def test_without_opengl_it_steps_and_a_mujoco_glstands(mujoco_gl: str | None, expected: str) -> None:
+    """`-W error`: then GLFW without a display does not load either."""
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
+    environ = {name: value for name, value in os.environ.items() if name not in hidden}
+    done = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", "-c", WITHOUT_OPENGL],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=200,
+        env={**environ, "PYOPENGL_PLATFORM": "osmesa"} | ({"MUJOCO_GL": mujoco_gl} if mujoco_gl else {}),
+    )
+    assert expected in (done.stderr if mujoco_gl == "osmesa" else done.stdout)
+    assert (done.returncode == 0) == (mujoco_gl != "osmesa")
 
 
 def test_unknown_names_and_a_missing_package_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
