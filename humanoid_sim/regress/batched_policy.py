@@ -1,13 +1,12 @@
 """Inference for many robots at once, bit for bit what each of them would get alone.
 
-ONNX Runtime has one thread here, as on the robot, so that a result depends neither on the machine's load nor, as is
-tried out when a model is loaded, on how many observations are answered together.
+Exporters often declare a batch of one and compute row by row all the same. Such a model gets its batch declared open,
+in memory. A batch then runs as one inference, unless its answers differ from those of single rows, which is tried out
+when a model is loaded. ONNX Runtime has one thread here, as on the robot: a result depends neither on the machine's
+load nor on how many observations are answered together.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +14,10 @@ import onnx
 
 from humanoid_sim.policy.onnx_model import OnnxModel
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
-from humanoid_sim.regress.batch_axis import with_batch_axis
-from humanoid_sim.regress.free_batch import UnsupportedGraphError, read_graph, with_free_shapes
 
 __all__ = ["BatchedPolicy"]
 
 Float32Array = npt.NDArray[np.float32]
-_Batch = Callable[[Float32Array, npt.NDArray[np.integer]], Float32Array]
 
 _TRIED_SIZES = (67, 2, 5)
 """Batches that must agree with single rows: matrix kernels treat rows in groups, and what is left of them otherwise."""
@@ -31,82 +27,76 @@ class BatchedPolicy:
     """`(observations (B, N), frames (B,)) -> raw actions (B, m)`, float32."""
 
     batching: str
-    """How it is done, for a report: `free batch dimension in memory`, or `row by row` and why."""
+    """How it is done, for a report: `in batches`, or `row by row` and why."""
 
     def __init__(self, policy: OnnxPolicy) -> None:
-        """Try the ways of freeing the model's batch, the fastest first.
+        """Try out whether the model answers a batch as it answers single rows.
 
         Args:
             policy: the checkpoint; answers one observation at a time.
         """
         self._policy = policy
-        self._batch: _Batch | None = None
-        reasons = []
-        for free in (with_batch_axis, with_free_shapes):
-            try:
-                batch = _freed(policy, free)
-                if _agrees(policy, batch):
-                    self._batch, self.batching = batch, "free batch dimension in memory"
-                    return
-                reasons.append("answers of a batch differ from those of single rows")
-            except Exception as error:  # of onnx, its C++ checker or ONNX Runtime: whatever it is, rows remain
-                reasons.append(_reason(error))
-        self.batching = f"row by row: {reasons[0]}"
+        self._model: OnnxModel | None = None
+        try:
+            model = OnnxModel(policy.model.path, _with_open_batch(policy))
+            agrees = self._agrees(model)
+        except Exception:  # of onnx, its C++ checker or ONNX Runtime: whatever it is, rows remain
+            self.batching = "row by row: the model runs on no batch"
+            return
+        self._model = model if agrees else None
+        self.batching = "in batches" if agrees else "row by row: in a batch its answers differ"
 
     def __call__(self, observation: Float32Array, frame: npt.NDArray[np.integer]) -> Float32Array:
         """All actions of one policy step; NaN for the rows of a model that raises."""
-        if self._batch is None:
-            return _row_by_row(self._policy, observation, frame)
+        if self._model is None:
+            return self._row_by_row(observation, frame)
         try:
-            return self._batch(observation, frame)
+            return self._batch(self._model, observation, frame)
         except Exception:  # an operator that fails on one row's values fails on the batch; the others go on
-            return _row_by_row(self._policy, observation, frame)
+            return self._row_by_row(observation, frame)
+
+    def _batch(self, model: OnnxModel, observation: Float32Array, frame: npt.NDArray[np.integer]) -> Float32Array:
+        return model.run([self._policy.action_name], self._policy.inputs(observation, frame))[0]
+
+    def _row_by_row(self, observation: Float32Array, frame: npt.NDArray[np.integer]) -> Float32Array:
+        actions = np.full((len(observation), self._policy.action_width), np.nan, dtype=np.float32)
+        for i in range(len(observation)):
+            try:
+                actions[i] = self._policy(observation[i], int(frame[i]))
+            except Exception:  # of ONNX Runtime; an action that is no number ends this episode, and only this one
+                continue
+        return actions
+
+    def _agrees(self, model: OnnxModel) -> bool:
+        """Whether batches of several sizes give bit for bit what single observations give."""
+        count = max(_TRIED_SIZES)
+        shape = (count, self._policy.observation_width)
+        observation = np.random.default_rng(0).standard_normal(shape).astype(np.float32)
+        frame = np.arange(count)
+        rows = self._row_by_row(observation, frame)
+        parts = [slice(begin, begin + size) for size in _TRIED_SIZES for begin in range(0, count, size)]
+        answers = ((self._batch(model, observation[part], frame[part]), rows[part]) for part in parts)
+        return all(batch.shape == alone.shape and batch.tobytes() == alone.tobytes() for batch, alone in answers)
 
 
-def _row_by_row(policy: OnnxPolicy, observation: Float32Array, frame: npt.NDArray[np.integer]) -> Float32Array:
-    actions = np.full((len(observation), policy.action_width), np.nan, dtype=np.float32)
-    for i in range(len(observation)):
-        try:
-            actions[i] = policy(observation[i], int(frame[i]))
-        except Exception:  # of ONNX Runtime; an action that is no number ends this episode, and only this one
-            continue
-    return actions
+def _with_open_batch(policy: OnnxPolicy) -> bytes:
+    """What the action is computed by, with the first dimension of inputs and action declared open.
 
-
-def _freed(policy: OnnxPolicy, free: Callable[[onnx.ModelProto], onnx.ModelProto]) -> _Batch:
-    output = policy.action_name
-    model = OnnxModel(policy.model.path, free(read_graph(policy.model.path, output)).SerializeToString())
-    present = {tensor.name for tensor in model.inputs}
-
-    def batch(observation: Float32Array, frame: npt.NDArray[np.integer]) -> Float32Array:
-        inputs: dict[str, npt.NDArray[Any]] = policy.inputs(observation, frame)
-        answer = model.run([output], {name: value for name, value in inputs.items() if name in present})[0]
-        if answer.shape != (len(observation), policy.action_width):
-            raise ValueError(f"answers shape {answer.shape}")
-        return answer
-
-    return batch
-
-
-def _agrees(policy: OnnxPolicy, batch: _Batch) -> bool:
-    """Whether batches of several sizes give bit for bit what single observations give."""
-    generator = np.random.default_rng(0)
-    count = max(_TRIED_SIZES)
-    observation = generator.standard_normal((count, policy.observation_width)).astype(np.float32)
-    frame = np.arange(count)
-    rows = _row_by_row(policy, observation, frame)
-    return all(
-        batch(observation[part], frame[part]).tobytes() == rows[part].tobytes()
-        for size in _TRIED_SIZES
-        for part in _parts(count, size)
-    )
-
-
-def _parts(count: int, size: int) -> Iterator[slice]:
-    return (slice(begin, begin + size) for begin in range(0, count, size))
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, UnsupportedGraphError):
-        return f"the model has {error}"
-    return f"{type(error).__name__} while freeing the model's batch"
+    A motion that shares the graph is left out: it costs time at every step, and may not be made for batches.
+    """
+    model = onnx.load(str(policy.model.path))
+    graph, needed = model.graph, {policy.action_name}
+    for node in reversed(list(graph.node)):
+        if needed.isdisjoint(node.output):
+            graph.node.remove(node)
+        else:
+            needed.update(node.input)
+    for value in [value for value in graph.output if value.name != policy.action_name]:
+        graph.output.remove(value)
+    constants = {tensor.name for tensor in graph.initializer}  # old models list them among the inputs
+    for value in [*graph.input, *graph.output]:
+        if value.name not in constants:
+            value.type.tensor_type.shape.dim[0].dim_param = "batch"
+    del graph.value_info[:]
+    serialized: bytes = model.SerializeToString()
+    return serialized

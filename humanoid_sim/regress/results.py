@@ -127,7 +127,7 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     margins: tuple[Margin, ...] = ()
     """Empty without `--margins`."""
     batching: str = ""
-    """How inference was batched: `free batch dimension in memory`, `row by row: …`."""
+    """How inference was batched: `in batches`, or `row by row: …` and why not."""
     versions: Mapping[str, str] = {}
     """Of the packages that the numbers depend on, and of the platform."""
 

@@ -78,17 +78,16 @@ def export_policy(
 
 
 def policy_graph(weights: Mapping[str, npt.NDArray[np.float32]], origin: FloatArray) -> onnx.GraphProto:
-    """`Student` as a graph from `obs` (1, 78) to `actions` (1, 14); see `student.py` for what it computes, and why.
+    """`Student` as a graph from `obs` (B, 78) to `actions` (B, 14); see `student.py` for what it computes, and why.
 
-    Inside, the first axis is the arm: left, then the mirrored right one.
+    Inside, the rows of the first axis are arms, 2 B of them: of each observation the left, then the mirrored right one.
     """
-    g = _Graph(weights)
-    joint_sign = _both_sides(JOINT_SIGN)
-    position = g("Mul", g.reshape(g.columns("obs", 0, 12), 2, 2, 3), g.constant(_both_sides(POSITION_SIGN)[:, None]))
-    columns = g("Mul", g.reshape(g.columns("obs", 12, 36), 2, 2, 3, 2), g.constant(_both_sides(ORIENTATION_SIGN)))
+    g, bodies = _Graph(weights), np.stack([POSITION_SIGN, POSITION_SIGN])
+    obs = g("Mul", "obs", g.constant(_signs(bodies, ORIENTATION_SIGN, JOINT_SIGN, JOINT_SIGN, JOINT_SIGN)))
+    position = g.reshape(g.columns(obs, 0, 12), -1, 2, 3)
+    columns = g.reshape(g.columns(obs, 12, 36), -1, 2, 3, 2)
     joints, velocity, last_action = (
-        g("Mul", g.reshape(g.columns("obs", start, start + 14), 2, ARM_JOINTS), g.constant(joint_sign))
-        for start in (36, 50, 64)
+        g.reshape(g.columns(obs, start, start + 14), -1, ARM_JOINTS) for start in (36, 50, 64)
     )
     rotation = g("Concat", columns, g.cross(columns), axis=-1)
     elbow, hand = g.pick(rotation, 0), g.pick(rotation, 1)
@@ -96,8 +95,8 @@ def policy_graph(weights: Mapping[str, npt.NDArray[np.float32]], origin: FloatAr
     relative = g("MatMul", g("Transpose", elbow, perm=[0, 2, 1]), hand)
 
     first = g.columns(joints, 0, scales.ELBOW_JOINTS)
-    shoulder = g.perceptron("shoulder", g("Concat", offset, g.reshape(elbow, 2, 9), first, axis=-1))
-    wrist = g.perceptron("wrist", g.reshape(relative, 2, 9))
+    shoulder = g.perceptron("shoulder", g("Concat", offset, g.reshape(elbow, -1, 9), first, axis=-1))
+    wrist = g.perceptron("wrist", g.reshape(relative, -1, 9))
     solution = g("Concat", shoulder, wrist, axis=-1)
 
     action_scale = g.constant(scales.ACTION)
@@ -115,12 +114,13 @@ def policy_graph(weights: Mapping[str, npt.NDArray[np.float32]], origin: FloatAr
     largest = g.constant(scales.LARGEST_LEAD)
     lead = g("Mul", g("Tanh", g("Div", g("Sub", command, joints), largest)), largest)
     action = g("Div", g("Add", joints, lead), action_scale)
-    g.reshape(g("Mul", action, g.constant(joint_sign)), 1, 2 * ARM_JOINTS, name="actions")
-    return g.build(obs=(1, 78), actions=(1, 14))
+    g("Mul", g.reshape(action, -1, 2 * ARM_JOINTS), g.constant(_signs(JOINT_SIGN)), name="actions")
+    return g.build(obs=78, actions=14)
 
 
-def _both_sides(right: FloatArray) -> FloatArray:
-    return np.stack([np.ones_like(right), right])
+def _signs(*right: FloatArray) -> FloatArray:
+    """Of terms that hold both arms: ones for the left arm's values, and `right` for those of the other."""
+    return np.concatenate([np.concatenate([np.ones(sign.size), sign.ravel()]) for sign in right])
 
 
 class _Graph:
@@ -153,7 +153,7 @@ class _Graph:
         return self("Gather", value, self.constant(body, dtype=np.int64), axis=1)
 
     def cross(self, columns: str) -> str:
-        """Third columns (2, 2, 3, 1) of rotation matrices from the first two, (2, 2, 3, 2)."""
+        """Third columns (2 B, 2, 3, 1) of rotation matrices from the first two, (2 B, 2, 3, 2)."""
         x, y = (self("Gather", columns, self.constant([i], dtype=np.int64), axis=3) for i in (0, 1))
         forward, backward = (self.constant(order, dtype=np.int64) for order in ([1, 2, 0], [2, 0, 1]))
         plus = self("Mul", self("Gather", x, forward, axis=2), self("Gather", y, backward, axis=2))
@@ -173,8 +173,10 @@ class _Graph:
                 value = self("Mul", value, self("Sigmoid", value))
         return value
 
-    def build(self, **ends: tuple[int, int]) -> onnx.GraphProto:
-        """The graph; `ends` are its input and its output, with their shapes."""
-        (source, sink) = (helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in ends.items())
+    def build(self, **ends: int) -> onnx.GraphProto:
+        """The graph; `ends` are its input and its output, with their widths. How many rows there are is left open."""
+        (source, sink) = (
+            helper.make_tensor_value_info(name, TensorProto.FLOAT, ("batch", width)) for name, width in ends.items()
+        )
         constants = [numpy_helper.from_array(value, name) for name, value in self._constants.items()]
         return helper.make_graph(self._nodes, "lite_tracking", [source], [sink], constants)

@@ -12,15 +12,15 @@ from policies import SAMPLE
 from published import POLICIES, needs_policies
 
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
-from humanoid_sim.regress.batch_axis import with_batch_axis
 from humanoid_sim.regress.batched_policy import BatchedPolicy
-from humanoid_sim.regress.free_batch import UnsupportedGraphError, read_graph
 
-FREE = "free batch dimension in memory"
+BATCHES = "in batches"
 WEIGHTS = np.random.default_rng(3).standard_normal((6, 4)).astype(np.float32)
 
 
-def network(tmp_path: Path, nodes, constants=(), *, rows: int | str = 1, time_step: bool = False) -> OnnxPolicy:
+def network(
+    tmp_path: Path, nodes, constants=(), *, rows: int | str = 1, time_step: bool = False, outputs=()
+) -> OnnxPolicy:
     """A model of 6 observations and 4 actions from a few operators."""
     inputs = [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [rows, 6])]
     if time_step:
@@ -29,7 +29,7 @@ def network(tmp_path: Path, nodes, constants=(), *, rows: int | str = 1, time_st
         [helper.make_node(*node[:3], **node[3]) for node in nodes],
         "network",
         inputs,
-        [helper.make_tensor_value_info("actions", TensorProto.FLOAT, [rows, 4])],
+        [helper.make_tensor_value_info("actions", TensorProto.FLOAT, [rows, 4]), *outputs],
         [numpy_helper.from_array(np.asarray(value), name) for name, value in (*constants, ("w", WEIGHTS))],
     )
     path = tmp_path / "network.onnx"
@@ -47,10 +47,11 @@ def check(policy: OnnxPolicy, batched: BatchedPolicy, count: int = 9) -> None:
     assert batched(observation[3:4], frame[3:4]).tobytes() == alone[3:4].tobytes()
 
 
-def test_the_sample_policy_folds_two_arms_into_the_batch_and_is_freed_all_the_same() -> None:
+def test_the_sample_policy_runs_in_batches_as_it_is() -> None:
     policy = OnnxPolicy(SAMPLE)
+    assert policy.model.inputs[0].shape == ("batch", 78)
     batched = BatchedPolicy(policy)
-    assert batched.batching == FREE
+    assert batched.batching == BATCHES
     check(policy, batched)
 
 
@@ -61,13 +62,15 @@ def test_the_sample_policy_folds_two_arms_into_the_batch_and_is_freed_all_the_sa
         "unitree_g1_velocity_v0/exported/policy.onnx",
         "holosoma_g1_loco/ppo_g1_29dof.onnx",
         "beyondmimic_g1/Waltz.onnx",
+        "berkeley_humanoid_lite_biped_50hz/checkpoints/policy_biped_50hz.onnx",
+        "playground_berkeley_humanoid/bh_policy.onnx",
     ],
 )
-def test_published_policies_all_have_a_batch_of_one_and_are_freed(path: str) -> None:
+def test_published_policies_all_declare_a_batch_of_one_and_run_in_batches(path: str) -> None:
     policy = OnnxPolicy(POLICIES / path)
     assert policy.model.inputs[0].shape[0] == 1
     batched = BatchedPolicy(policy)
-    assert batched.batching == FREE
+    assert batched.batching == BATCHES
     check(policy, batched)
 
 
@@ -99,14 +102,14 @@ SHAPED_CONSTANTS = [
 def test_a_plain_network(tmp_path: Path, rows: int | str) -> None:
     policy = network(tmp_path, MATMUL, rows=rows)
     batched = BatchedPolicy(policy)
-    assert batched.batching == FREE
+    assert batched.batching == BATCHES
     check(policy, batched)
 
 
-def test_operators_that_move_and_mix_axes(tmp_path: Path) -> None:
+def test_row_by_row_where_a_constant_shape_fixes_the_batch(tmp_path: Path) -> None:
     policy = network(tmp_path, SHAPED, SHAPED_CONSTANTS)
     batched = BatchedPolicy(policy)
-    assert batched.batching == FREE
+    assert batched.batching == "row by row: the model runs on no batch"
     check(policy, batched)
 
 
@@ -114,24 +117,38 @@ def test_a_frame_takes_part(tmp_path: Path) -> None:
     nodes = [("MatMul", ["obs", "w"], ["product"], {}), ("Add", ["product", "time_step"], ["actions"], {})]
     policy = network(tmp_path, nodes, time_step=True)
     batched = BatchedPolicy(policy)
-    assert batched.batching == FREE
+    assert batched.batching == BATCHES
     check(policy, batched)
 
 
-def test_what_the_action_does_not_need_is_left_out(tmp_path: Path) -> None:
-    nodes = [*MATMUL, ("Gather", ["w", "row"], ["motion"], {"axis": 0})]
-    policy = network(tmp_path, nodes, [("row", np.array([2]))], time_step=True)
-    assert [node.op_type for node in read_graph(policy.model.path, "actions").graph.node] == ["MatMul"]
-    check(policy, BatchedPolicy(policy))
+def test_what_the_action_does_not_need_keeps_nothing_from_running_in_batches(tmp_path: Path) -> None:
+    """A motion's `Reshape` takes one frame and no more."""
+    nodes = [*MATMUL, ("Reshape", ["time_step", "row"], ["motion"], {})]
+    motion = helper.make_tensor_value_info("motion", TensorProto.FLOAT, [1])
+    policy = network(tmp_path, nodes, [("row", np.array([1]))], time_step=True, outputs=[motion])
+    batched = BatchedPolicy(policy)
+    assert batched.batching == BATCHES
+    check(policy, batched)
 
 
-def test_an_operator_that_is_not_known_is_freed_by_its_shapes(tmp_path: Path) -> None:
+def test_constants_that_an_old_model_lists_among_its_inputs(tmp_path: Path) -> None:
+    nodes = [("Gather", ["obs", "order"], ["chosen"], {"axis": 1}), ("Mul", ["chosen", "scale"], ["actions"], {})]
+    constants = [("order", np.array([5, 0, 1, 3])), ("scale", np.full((1, 4), 0.3, dtype=np.float32))]
+    path = network(tmp_path, nodes, constants).model.path
+    model = onnx.load(str(path))
+    model.graph.input.append(helper.make_tensor_value_info("scale", TensorProto.FLOAT, [1, 4]))
+    onnx.save(model, str(path))
+    policy = OnnxPolicy(path)
+    batched = BatchedPolicy(policy)
+    assert batched.batching == BATCHES
+    check(policy, batched)
+
+
+def test_softmax_keeps_to_its_row(tmp_path: Path) -> None:
     nodes = [("Softmax", ["obs"], ["soft"], {"axis": -1}), ("MatMul", ["soft", "w"], ["actions"], {})]
     policy = network(tmp_path, nodes)
-    with pytest.raises(UnsupportedGraphError, match="operator Softmax"):
-        with_batch_axis(read_graph(policy.model.path, "actions"))
     batched = BatchedPolicy(policy)
-    assert batched.batching == FREE
+    assert batched.batching == BATCHES
     check(policy, batched)
 
 
@@ -143,7 +160,7 @@ def test_row_by_row_where_a_batch_would_mix_its_rows(tmp_path: Path) -> None:
     ]
     policy = network(tmp_path, nodes)
     batched = BatchedPolicy(policy)
-    assert batched.batching == "row by row: the model has operator ReduceMean"
+    assert batched.batching == "row by row: in a batch its answers differ"
     check(policy, batched)
 
 

@@ -116,7 +116,7 @@ def run(behaviour: Behaviour, wanted: tuple[int, ...] = seeds(), with_margins: b
         case_digests=dict.fromkeys(CASES, "ab"),
         episodes=tuple(episode(case, seed, behaviour) for case in CASES for seed in wanted),
         margins=margins() if with_margins else (),
-        batching="free batch dimension in memory",
+        batching="in batches",
         versions={"mujoco": "3.17.0", "onnxruntime": "1.31.1"},
     )
 

@@ -106,8 +106,20 @@ def test_the_shipped_policy_is_one_small_file_for_old_and_new_runtimes():
     assert not any(tensor.external_data for tensor in model.graph.initializer)
     assert model.opset_import[0].version == 17
     (source,), (sink,) = model.graph.input, model.graph.output
-    assert (source.name, [d.dim_value for d in source.type.tensor_type.shape.dim]) == ("obs", [1, 78])
-    assert (sink.name, [d.dim_value for d in sink.type.tensor_type.shape.dim]) == ("actions", [1, 14])
+    for tensor, name, width in ((source, "obs", 78), (sink, "actions", 14)):
+        batch, values = tensor.type.tensor_type.shape.dim
+        assert (tensor.name, batch.dim_param, values.dim_value) == (name, "batch", width)
+
+
+def test_a_batch_of_the_shipped_policy_is_its_rows_bit_for_bit():
+    policy = load_checkpoint(SHIPPED).policy
+    observations = np.random.default_rng(11).normal(size=(131, 78)).astype(np.float32)
+    alone = np.stack([policy(observation, 0) for observation in observations])
+    for size in (1, 2, 3, 4, 5, 8, 13, 64, 131):
+        for begin in range(0, len(observations), size):
+            part = slice(begin, begin + size)
+            (together,) = policy.model.run(["actions"], {"obs": observations[part]})
+            assert together.tobytes() == alone[part].tobytes()
 
 
 def test_the_shipped_policy_treats_both_arms_alike(lite):
