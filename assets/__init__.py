@@ -1,17 +1,39 @@
-"""Robot descriptions, models, sample policies and motions, found with `asset_path`."""
+"""Robot descriptions, models, sample policies and motions that ship with the package."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.files import is_file
 
 if __name__ != "humanoid_sim.assets":
     raise ImportError("import this package as 'humanoid_sim.assets', not as 'assets'")
 
-__all__ = ["ASSETS", "asset_path"]
+__all__ = ["ASSETS", "SAMPLE_MOTION", "SAMPLE_POLICY", "asset_path", "motion_path"]
 
 ASSETS = Path(__file__).parent
+SAMPLE_POLICY = ASSETS / "policies" / "lite_tracking.onnx"
+SAMPLE_MOTION = "wave"
 
 
 def asset_path(*parts: str) -> Path:
     """The path of a file or folder that ships with the package."""
     return ASSETS.joinpath(*parts)
+
+
+def motion_path(name: str) -> Path:
+    """A sample motion by name, else a file by path.
+
+    Raises:
+        InputError: if it is neither.
+    """
+    sample = asset_path("motions", f"{name}.mcap")
+    if is_file(sample):
+        return sample
+    path = Path(name)
+    if not os.path.exists(path):
+        known = ", ".join(sorted(file.stem for file in asset_path("motions").glob("*.mcap")))
+        raise InputError(f"--motion: '{name}' is neither a file nor a sample motion; samples: {known}")
+    return path

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.assets import asset_path
+from humanoid_sim.assets import asset_path, motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.play.options import motion_path
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import load_checkpoint

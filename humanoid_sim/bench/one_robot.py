@@ -16,11 +16,11 @@ import gymnasium
 import mujoco
 import numpy as np
 
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.bench.timing import Row, paired_ratio, row_of, seconds
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput
-from humanoid_sim.play.options import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_policy import load_checkpoint

@@ -10,12 +10,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.errors import InputError
-from humanoid_sim.play.options import motion_path
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription

@@ -10,9 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file
 from humanoid_sim.messages import Intent
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.rendering.backend import has_display
@@ -22,18 +20,12 @@ from humanoid_sim.session.inject import Injection
 from humanoid_sim.session.script import ScriptStep
 
 __all__ = [
-    "SAMPLE_MOTION",
-    "SAMPLE_POLICY",
     "Outputs",
     "choose_outputs",
     "control_rate",
-    "motion_path",
     "no_outputs",
     "refuse_conflicts",
 ]
-
-SAMPLE_POLICY = asset_path("policies", "lite_tracking.onnx")
-SAMPLE_MOTION = "wave"
 
 _RUNS = Path("runs")
 
@@ -191,22 +183,6 @@ def _free(path: Path) -> Path:
         number += 1
         candidate = path.with_name(f"{path.stem}-{number}{path.suffix}")
     return candidate
-
-
-def motion_path(name: str) -> Path:
-    """A sample motion by name, else a file by path.
-
-    Raises:
-        InputError: if it is neither.
-    """
-    sample = asset_path("motions", f"{name}.mcap")
-    if is_file(sample):
-        return sample
-    path = Path(name)
-    if not os.path.exists(path):
-        known = ", ".join(sorted(file.stem for file in asset_path("motions").glob("*.mcap")))
-        raise InputError(f"--motion: '{name}' is neither a file nor a sample motion; samples: {known}")
-    return path
 
 
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.sources import takes_velocity_command
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.config import PlayConfig
-from humanoid_sim.play.options import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime, load_checkpoint, read_contract

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.setting import Setting, make_setting
 from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.play.options import motion_path
 from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.regress.subject import Subject
 from humanoid_sim.regress.suite import Case, Suite

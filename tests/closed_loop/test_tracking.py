@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from drive import Drive
 
-from humanoid_sim.assets import asset_path
+from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.messages import Intent, Mode
-from humanoid_sim.play.options import SAMPLE_POLICY
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.stack import load_policy

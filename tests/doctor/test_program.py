@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.doctor import main, program
 from humanoid_sim.errors import InputError
-from humanoid_sim.play.options import SAMPLE_POLICY
 
 CHECKPOINT = str(SAMPLE_POLICY)
 QUICK = ("--robot", "lite", "--motion", "wave", "--seconds", "0.3", "--pairs", "0")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from examples import tracker
 
+from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.doctor.subject import Subject, breadth_first, load_subject, robot_facts
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.play.options import SAMPLE_POLICY
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model

@@ -13,7 +13,7 @@ import yaml
 from onnx import TensorProto, helper, numpy_helper
 from published import POLICIES, needs_policies
 
-from humanoid_sim.assets import asset_path
+from humanoid_sim.assets import SAMPLE_POLICY, asset_path, motion_path
 from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.envs.episode_robot import PlantState
@@ -21,7 +21,6 @@ from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput, TickRecord
 from humanoid_sim.play import main
-from humanoid_sim.play.options import SAMPLE_POLICY, motion_path
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.recording.reader import open_recording

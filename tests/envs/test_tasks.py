@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
@@ -17,7 +18,6 @@ from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
-from humanoid_sim.play.options import motion_path
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.floating_base import BaseState

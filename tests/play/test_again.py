@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from result import Result
 
+from humanoid_sim.assets import SAMPLE_POLICY, motion_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play.again import again
 from humanoid_sim.play.config import PlayConfig
-from humanoid_sim.play.options import SAMPLE_POLICY, motion_path
 from humanoid_sim.policy.motion import parse_motion, read_motion
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder

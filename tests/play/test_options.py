@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from result import Result
 
+from humanoid_sim.assets import motion_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.config import PlayConfig
-from humanoid_sim.play.options import choose_outputs, control_rate, motion_path, refuse_conflicts
+from humanoid_sim.play.options import choose_outputs, control_rate, refuse_conflicts
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.inject import parse_injections
@@ -276,11 +277,3 @@ def test_the_control_rate_moves_to_a_multiple_of_the_policys(
     assert bool(notice) == moves
     if moves:
         assert f"to {hertz:g} Hz" in notice
-
-
-def test_samples_go_by_name_and_files_by_path(folder: Path) -> None:
-    assert motion_path("wave").name == "wave.mcap"
-    (folder / "mine.mcap").touch()
-    assert motion_path("mine.mcap") == Path("mine.mcap")
-    with pytest.raises(InputError, match="'mine' is neither a file nor a sample motion; samples: circle, "):
-        motion_path("mine")

@@ -13,7 +13,7 @@ import can
 import numpy as np
 from msgspec.structs import replace
 
-from humanoid_sim.assets import asset_path
+from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
 from humanoid_sim.hardware.emulation.plant import PlantTruth
@@ -29,7 +29,6 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
-from humanoid_sim.play.options import SAMPLE_POLICY
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
