@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.envs.tasks.frames import seen_from
-from humanoid_sim.envs.tasks.sample import BaseSample
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
@@ -87,14 +86,6 @@ class EpisodeRobot(MujocoRobot):
     def effort(self) -> FloatArray:
         """Shape (n,), N·m, of the latest physics step, saturated; a view that the next step changes."""
         return self._plant.effort
-
-    @property
-    def base_sample(self) -> BaseSample | None:
-        """Pose and motion of a floating base now; None for a fixed one."""
-        base = self.base_state
-        if base is None:
-            return None
-        return BaseSample(base.position, base.quaternion, base.linear_velocity, base.angular_velocity)
 
 
 class BodyPoses:

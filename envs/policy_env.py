@@ -21,8 +21,8 @@ from humanoid_sim.envs.recorded_start import recorded_start
 from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
 from humanoid_sim.envs.setting import make_setting
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
-from humanoid_sim.envs.tasks.sample import StepSample
 from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
@@ -219,7 +219,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
                 body_position=position,
                 body_quaternion=quaternion,
                 command=asked,
-                base=self.robot.base_sample,
+                base=self.robot.base_state,
                 alignment=memory.alignment,
             )
         )

@@ -123,7 +123,7 @@ def make_setting(
     if description.is_floating:
         base = FloatingBase(plant.model, description, plant.data.qpos)
         base.place(plant.data)
-        height = base.state(plant.data).height
+        height = float(base.state(plant.data).height)
         first = int(plant.model.jnt_qposadr[plant.model.body_jntadr[plant.model.body(description.base.body).id]])
         quaternion = slice(first + 3, first + 7)
     return Setting(

@@ -22,11 +22,11 @@ from humanoid_sim.envs.inputs import Named
 from humanoid_sim.envs.rendering import Pictures
 from humanoid_sim.envs.setting import make_setting
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
-from humanoid_sim.envs.tasks.sample import BaseSample, StepSample
 from humanoid_sim.envs.tasks.task import Judgement
 from humanoid_sim.envs.vector_info import VectorInfo
 from humanoid_sim.envs.vector_options import autoreset, count_option, reset_command, reset_mask, reset_seeds
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
@@ -277,7 +277,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             body_position=position,
             body_quaternion=quaternion,
             command=asked,
-            base=None if simulation.base is None else BaseSample(*simulation.base),
+            base=simulation.base,
             alignment=memory.alignment,
         )
         return sound, task.judge(sample), faults

@@ -23,6 +23,7 @@ from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import delay_steps
+from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 from humanoid_sim.simulation.stability import DampingStability
 
@@ -152,22 +153,15 @@ class BatchSimulation:
         return read_only(self._fault)
 
     @property
-    def base(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
-        """True pose and motion of floating bases; None for fixed ones.
-
-        Position (N, 3), m, and quaternion (N, 4), w x y z, world frame; linear velocity (N, 3), m/s, world frame;
-        angular velocity (N, 3), rad/s, base frame.
-        """
+    def base(self) -> BaseState | None:
+        """True pose and motion of floating bases, shape (N, …); None for fixed ones."""
         if self._placement.base is None:
             return None
         position, orientation, linear, angular = self._placement.base
         quaternion = self._physics.qpos[:, orientation]
         quaternion = quaternion / np.sqrt((quaternion * quaternion).sum(axis=1, keepdims=True))
-        return (
-            self._physics.qpos[:, position].copy(),
-            quaternion,
-            *(self._physics.qvel[:, i].copy() for i in (linear, angular)),
-        )
+        linear_velocity, angular_velocity = (self._physics.qvel[:, i].copy() for i in (linear, angular))
+        return BaseState(self._physics.qpos[:, position].copy(), quaternion, linear_velocity, angular_velocity)
 
     def model(self, i: int) -> mujoco.MjModel:
         """The model of environment i, which others may share."""

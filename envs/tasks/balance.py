@@ -8,8 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from humanoid_sim.envs.tasks.sample import StepSample
-from humanoid_sim.envs.tasks.task import BoolArray, Task, total
+from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.evaluation.errors import total
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import FloatArray
 
 __all__ = ["BalanceTask"]

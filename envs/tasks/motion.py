@@ -12,9 +12,10 @@ from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.rotation import conjugate, multiply
-from humanoid_sim.envs.tasks.sample import StepSample
-from humanoid_sim.envs.tasks.task import BoolArray, Task, total
+from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.evaluation.errors import PoseError, pose_error, total
+from humanoid_sim.evaluation.failure import describe_stray, has_strayed
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -26,10 +27,6 @@ _POSITION_SCALE = 0.3
 """m"""
 _ORIENTATION_SCALE = 0.4
 """rad"""
-_LOST_HEIGHT = 0.35
-"""m between the anchor body and its reference."""
-_LOST_TILT = 1.2
-"""rad between the two, the heading left out."""
 
 
 class MotionTask(Task):
@@ -58,7 +55,8 @@ class MotionTask(Task):
         """As `Task`, with a reference that has `reference_joint_pos`."""
         super().__init__(description, contract, reference, **options)
         self._order = joint_indices(contract.joint_names, description.joint_names, "joint_names of the policy")
-        self._has_anchor = "anchor_pos" in reference.terms and bool(contract.anchor_body)
+        self.has_anchor = "anchor_pos" in reference.terms and bool(contract.anchor_body)
+        """Whether the motion and the contract say where a body is in the world."""
         self._last_frame = reference.frame_count - 1
 
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
@@ -66,18 +64,22 @@ class MotionTask(Task):
         error = sample.state.joint_position[..., self._order] - target
         values = {"joint_position": np.exp((error * error).mean(axis=-1) / -(_JOINT_SCALE**2))}
         nothing = np.zeros_like(values["joint_position"])
-        if not self._has_anchor:
+        if not self.has_anchor:
             return values | {"anchor_position": nothing, "anchor_orientation": nothing}, nothing != 0.0
-        pose = sample.state.extern[ANCHOR_POSE].value
-        position, quaternion = self.reference.anchor(sample.frame, sample.alignment)
-        offset = position - pose[..., :3]
-        relative = multiply(conjugate(pose[..., 3:]), quaternion)
-        w, x, y, z = (relative[..., i] for i in range(4))
-        angle = 2.0 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
-        tilt = 2.0 * np.arcsin(np.minimum(np.sqrt(x * x + y * y), 1.0))
-        values["anchor_position"] = np.exp(total(offset * offset) / -(_POSITION_SCALE**2))
+        posed = self.anchor_error(sample)
+        angle = posed.angle
+        values["anchor_position"] = np.exp(total(posed.offset * posed.offset) / -(_POSITION_SCALE**2))
         values["anchor_orientation"] = np.exp(angle * angle / -(_ORIENTATION_SCALE**2))
-        return values, ~((np.abs(offset[..., 2]) <= _LOST_HEIGHT) & (tilt <= _LOST_TILT))
+        return values, has_strayed(posed)
+
+    def anchor_error(self, sample: StepSample) -> PoseError:
+        """Of the anchor body against the reference as it was laid onto the robot."""
+        return pose_error(
+            sample.state.extern[ANCHOR_POSE].value, *self.reference.anchor(sample.frame, sample.alignment)
+        )
+
+    def _describe_stray(self, sample: StepSample, i: int) -> str:
+        return describe_stray(self.anchor_error(sample), i)
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.frame) >= self._last_frame

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,27 +15,19 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.envs.tasks.sample import StepSample
 from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.evaluation.errors import total
+from humanoid_sim.evaluation.failure import describe_fall, has_fallen
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["BoolArray", "Judgement", "Start", "Task", "total"]
+__all__ = ["BoolArray", "Judgement", "Start", "Task"]
 
 BoolArray = npt.NDArray[np.bool_]
 
 _STOP_MARGIN = 0.05
 """rad from a joint's limit within which it counts as at its stop."""
-_FALLEN_TILT = 1.0
-"""rad, of a floating base."""
-_FALLEN_HEIGHT = 0.6
-"""Share of the height at the start, of a floating base."""
-
-
-def total(values: npt.NDArray[Any]) -> FloatArray:
-    """The sum over the last axis; for one robot in half the time of `values.sum(axis=-1)`."""
-    summed: FloatArray = np.add.reduce(values, axis=-1, dtype=np.float64)
-    return summed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +122,7 @@ class Task(ABC):
         self.episode_steps = max(round(episode_seconds / contract.policy_dt), 1)
         """Policy steps after which an episode is truncated."""
         self._is_floating = description.is_floating
-        self._fallen_height = _FALLEN_HEIGHT * standing_height
+        self._standing_height = standing_height
         self._lower, self._upper = np.array(description.lower), np.array(description.upper)
         self._soft_lower, self._soft_upper = self._lower + _STOP_MARGIN, self._upper - _STOP_MARGIN
         self._inverse_effort = 1.0 / np.array(description.effort_limit)
@@ -173,10 +165,21 @@ class Task(ABC):
         values, terminated = self._measure(sample)
         values |= self._care(sample)
         if self._is_floating:
-            terminated = terminated | self._has_fallen(sample)
+            assert sample.base is not None
+            terminated = terminated | has_fallen(sample.base, self._standing_height)
         terms = {name: self._rate[name] * value for name, value in values.items()}
         reward = sum(terms.values(), start=np.zeros(()))  # one after the other: a batch adds in the same order
         return Judgement(reward, terms, terminated, self._is_over(sample))
+
+    def describe_failure(self, sample: StepSample, i: int) -> str:
+        """Why robot `i` of a batch has failed in a step that `judge` terminated."""
+        if sample.base is not None and np.asarray(has_fallen(sample.base, self._standing_height))[i]:
+            return describe_fall(sample.base, i)
+        return self._describe_stray(sample, i)
+
+    def _describe_stray(self, sample: StepSample, i: int) -> str:
+        """How robot `i`, which has not fallen, has failed at the task."""
+        raise NotImplementedError
 
     @abstractmethod
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
@@ -193,11 +196,6 @@ class Task(ABC):
             "effort": total(share * share),
             "joint_stops": total(beyond),
         }
-
-    def _has_fallen(self, sample: StepSample) -> BoolArray:
-        assert sample.base is not None
-        fallen: BoolArray = (sample.base.tilt > _FALLEN_TILT) | (sample.base.height < self._fallen_height)
-        return fallen
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.step) >= self.episode_steps

@@ -11,8 +11,10 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import Frame, MotionReference
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
-from humanoid_sim.envs.tasks.sample import StepSample
-from humanoid_sim.envs.tasks.task import BoolArray, Task, total
+from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.evaluation.errors import quaternion_angle, total
+from humanoid_sim.evaluation.failure import body_has_strayed, describe_body_stray
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -22,8 +24,6 @@ _POSITION_SCALE = 0.1
 """m"""
 _ORIENTATION_SCALE = 0.4
 """rad"""
-_LOST = 0.3
-"""m between a body and its reference: further off than any policy that still follows."""
 
 
 class TrackingTask(Task):
@@ -64,16 +64,8 @@ class TrackingTask(Task):
         return total(offset * offset)
 
     def orientation_error(self, body_quaternion: FloatArray, frame: Frame) -> FloatArray:
-        """Shape (..., b), rad in [0, π], of body orientations (..., b, 4) against a frame (...).
-
-        From the chord between the two quaternions, 2 sin(θ/4): accurate near zero, unlike the arc cosine of their
-        product.
-        """
-        target = self._quaternion[self.reference.clamp(frame)]
-        side = np.copysign(1.0, total(body_quaternion * target))  # q and -q are the same orientation
-        chord = body_quaternion - side[..., None] * target
-        angle: FloatArray = 4.0 * np.arcsin(np.minimum(0.5 * np.sqrt(total(chord * chord)), 1.0))
-        return angle
+        """Shape (..., b), rad in [0, π], of body orientations (..., b, 4) against a frame (...)."""
+        return quaternion_angle(body_quaternion, self._quaternion[self.reference.clamp(frame)])
 
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         squared = self._squared_distance(sample.body_position, sample.frame)
@@ -83,7 +75,11 @@ class TrackingTask(Task):
             "body_position": np.exp(total(squared) / (-count * _POSITION_SCALE**2)),
             "body_orientation": np.exp(total(angle * angle) / (-count * _ORIENTATION_SCALE**2)),
         }
-        return values, ~(np.maximum.reduce(squared, axis=-1) <= _LOST**2)
+        return values, body_has_strayed(squared)
+
+    def _describe_stray(self, sample: StepSample, i: int) -> str:
+        distance = self.position_error(sample.body_position, sample.frame)[i]
+        return describe_body_stray(distance, self.contract.body_names)
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.frame) >= self._last_frame

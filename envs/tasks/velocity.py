@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.envs.tasks.sample import StepSample
-from humanoid_sim.envs.tasks.task import BoolArray, Task, total
+from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.errors import total
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -95,8 +96,8 @@ class VelocityTask(Task):
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         base = sample.base
         assert base is not None
-        velocity = base.heading_velocity - sample.command[..., :2]
-        turning = base.yaw_rate - sample.command[..., 2]
+        error = base.planar_velocity - sample.command
+        velocity, turning = error[..., :2], error[..., 2]
         gravity, rocking = base.gravity[..., :2], base.angular_velocity[..., :2]
         vertical = base.linear_velocity[..., 2]
         values = {

@@ -11,21 +11,13 @@ from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.controllers.reference import Alignment, MotionReference
-from humanoid_sim.controllers.rotation import conjugate, multiply
+from humanoid_sim.evaluation.errors import pose_error
+from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_strayed
+from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.simulation.floating_base import BaseState
-from humanoid_sim.tracking import TrackingErrors
 
 __all__ = ["BodiesGoal", "Goal", "MotionGoal", "UprightGoal", "VelocityGoal"]
-
-_FALLEN_TILT = 1.0
-"""rad, of a walking robot."""
-_FALLEN_HEIGHT = 0.6
-"""Share of the height at the start."""
-_LOST_HEIGHT = 0.35
-"""m between a body and its reference."""
-_LOST_TILT = 1.2
-"""rad between a body and its reference, the heading left out: a reference that is not aligned is not yet a fall."""
 
 
 class Goal(Protocol):
@@ -50,16 +42,14 @@ class UprightGoal:
     """Nothing is known but that a free base should not fall."""
 
     def __init__(self) -> None:
-        self._start = 0.0
+        self._standing_height = 0.0
 
     def update(self, frame: int, state: MITState, base: BaseState | None) -> str:
         """See `Goal.update`."""
         if base is None:
             return ""
-        self._start = self._start or base.height
-        if base.tilt > _FALLEN_TILT:
-            return f"tilted by {math.degrees(base.tilt):.0f}°"
-        return f"sank to {base.height:.2f} m" if base.height < _FALLEN_HEIGHT * self._start else ""
+        self._standing_height = self._standing_height or float(base.height)
+        return describe_fall(base) if has_fallen(base, self._standing_height) else ""
 
     def parts(self) -> dict[str, float]:
         """See `Goal.parts`."""
@@ -93,11 +83,10 @@ class VelocityGoal:
         """See `Goal.update`."""
         assert base is not None
         self._count += 1
-        self._tilt += base.tilt**2
+        self._tilt += float(base.tilt) ** 2
         if self._count > self._skip:
-            forward, left, _ = base.heading_velocity
-            self._velocity += (forward, left, base.yaw_rate)
-            self._heights.append(base.height)
+            self._velocity += base.planar_velocity
+            self._heights.append(float(base.height))
         return self._upright.update(frame, state, base)
 
     def parts(self) -> dict[str, float]:
@@ -154,15 +143,9 @@ class MotionGoal:
         poses = self._base or self._reference
         if self._alignment is None:
             self._alignment = poses.align(pose)
-        position, quaternion = poses.anchor(frame, self._alignment)
-        offset = position - pose[:3]
-        w, x, y, z = (float(value) for value in multiply(conjugate(pose[3:]), quaternion))
-        angle = 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
-        self._sums[1:] += (math.sqrt(float((offset * offset).sum())), angle)
-        if abs(offset[2]) > _LOST_HEIGHT:
-            return f"{abs(offset[2]):.2f} m off the reference's height"
-        tilt = 2.0 * math.asin(min(math.hypot(x, y), 1.0))
-        return f"tilted by {math.degrees(tilt):.0f}° against the reference" if tilt > _LOST_TILT else ""
+        error = pose_error(pose, *poses.anchor(frame, self._alignment))
+        self._sums[1:] += (error.distance, error.angle)
+        return describe_stray(error) if has_strayed(error) else ""
 
     def _pose(self, state: MITState, base: BaseState | None) -> FloatArray | None:
         """Shape (7,), of the body that is compared; None if there is nothing to compare it with."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
+from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.header import session_header
 from humanoid_sim.play.operators import Operator, drive, open_operators
@@ -17,7 +18,6 @@ from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.session.anchor_errors import AnchorErrors
 from humanoid_sim.session.gravity_source import GravitySource
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.reactivation import Reactivation
@@ -26,7 +26,6 @@ from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import LoopSettings, Session
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import RemoteSource
-from humanoid_sim.tracking import TrackingErrors
 
 __all__ = ["Run", "assemble"]
 

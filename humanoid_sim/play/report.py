@@ -12,14 +12,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.evaluation.base_motion import BaseMotion
+from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
 from humanoid_sim.files import whole_file
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.play.loop_figures import loop_figures, loop_table
-from humanoid_sim.session.anchor_errors import AnchorErrors
-from humanoid_sim.session.base_motion import BaseMotion
 from humanoid_sim.session.session import SessionResult
-from humanoid_sim.tracking import TrackingSummary
 
 __all__ = ["print_report", "summarise", "write_summary"]
 

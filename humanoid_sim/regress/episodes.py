@@ -17,10 +17,9 @@ import numpy.typing as npt
 from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.envs.batch import BatchSimulation, Randomisation
-from humanoid_sim.envs.tasks.sample import BaseSample, StepSample
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.regress.arena import Arena
-from humanoid_sim.regress.failures import loss_in_words
 from humanoid_sim.regress.feet import find_feet
 from humanoid_sim.regress.measures import Measures, TrackingMeasures, VelocityMeasures
 from humanoid_sim.regress.metrics import METRICS, summarise
@@ -194,7 +193,7 @@ class EpisodeBatch:
             body_position=tracked[0],
             body_quaternion=tracked[1],
             command=commands,
-            base=None if simulation.base is None else BaseSample(*simulation.base),
+            base=simulation.base,
             alignment=memory.alignment,
         )
 
@@ -205,7 +204,7 @@ class EpisodeBatch:
         self._steps += self._alive
         lost = self._alive & self.arena.task.judge(sample).terminated
         for i in np.flatnonzero(lost).tolist():
-            self._fail(i, "lost", loss_in_words(self.arena, sample, i))
+            self._fail(i, "lost", self.arena.task.describe_failure(sample, i))
 
     def _fail(self, i: int, kind: str, reason: str) -> None:
         self._alive[i] = False

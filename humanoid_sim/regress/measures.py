@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from humanoid_sim.controllers.context import ANCHOR_POSE
-from humanoid_sim.controllers.rotation import conjugate, multiply
-from humanoid_sim.envs.tasks.sample import StepSample
+from humanoid_sim.envs.tasks.motion import MotionTask
 from humanoid_sim.envs.tasks.tracking import TrackingTask
+from humanoid_sim.evaluation.errors import length, rms
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.regress.arena import Arena
 from humanoid_sim.regress.feet import Feet
@@ -65,9 +65,9 @@ class _Care:
         self._last: FloatArray | None = None
 
     def add(self, table: _Table, step: int, sample: StepSample, command: MITCommand) -> None:
-        table["effort", step] = _rms(sample.torque)
+        table["effort", step] = rms(sample.torque)
         if self._last is not None:
-            table["action_rate", step] = _rms((command.position - self._last) / self._period)
+            table["action_rate", step] = rms((command.position - self._last) / self._period)
         self._last = command.position
 
 
@@ -80,7 +80,6 @@ class TrackingMeasures:
         self._table = _Table(names, arena.steps, count)
         self._arena = arena
         self._care = _Care(arena.policy_dt)
-        self._has_anchor = "anchor_pos" in arena.reference.terms and bool(arena.setting.contract.anchor_body)
 
     def add(self, step: int, sample: StepSample, command: MITCommand, poses: WorldPoses) -> None:
         """See `Measures.add`."""
@@ -88,18 +87,15 @@ class TrackingMeasures:
         arena, table = self._arena, self._table
         task = arena.task
         if isinstance(task, TrackingTask):
-            table["body_position_error", step] = _rms(task.position_error(sample.body_position, sample.frame))
-            table["body_orientation_error", step] = _rms(task.orientation_error(sample.body_quaternion, sample.frame))
-        elif self._has_anchor:
-            pose = sample.state.extern[ANCHOR_POSE].value
-            position, quaternion = arena.reference.anchor(sample.frame, sample.alignment)
-            table["body_position_error", step] = _length(position - pose[..., :3])
-            w, x, y, z = (multiply(conjugate(pose[..., 3:]), quaternion)[..., i] for i in range(4))
-            angle = 2.0 * np.arctan2(np.sqrt(x * x + y * y + z * z), np.abs(w))
-            table["body_orientation_error", step] = angle
+            table["body_position_error", step] = rms(task.position_error(sample.body_position, sample.frame))
+            table["body_orientation_error", step] = rms(task.orientation_error(sample.body_quaternion, sample.frame))
+        elif isinstance(task, MotionTask) and task.has_anchor:
+            error = task.anchor_error(sample)
+            table["body_position_error", step] = error.distance
+            table["body_orientation_error", step] = error.angle
         if arena.joint_reference is not None:
             target = arena.joint_reference[arena.reference.clamp(sample.frame)]
-            table["joint_error", step] = _rms(sample.state.joint_position - target)
+            table["joint_error", step] = rms(sample.state.joint_position - target)
         self._care.add(table, step, sample, command)
 
     def traces(self) -> Mapping[str, FloatArray]:
@@ -126,8 +122,7 @@ class VelocityMeasures:
         base, table = sample.base, self._table
         assert base is not None  # a velocity suite refuses robots with a fixed base
         self._command = sample.command
-        self._velocity[step, :, :2] = base.heading_velocity
-        self._velocity[step, :, 2] = base.yaw_rate
+        self._velocity[step] = base.planar_velocity
         table["tilt", step] = base.tilt
         points = self._feet.place(*poses)
         if self._points is not None:
@@ -141,7 +136,7 @@ class VelocityMeasures:
         error = _trailing_mean(self._velocity, round(_WINDOW / self._period)) - self._command
         error[: self._skip] = np.nan
         return {
-            "velocity_error": _length(error[..., :2]),
+            "velocity_error": length(error[..., :2]),
             "yaw_rate_error": np.abs(error[..., 2]),
             **self._table.rows,
         }
@@ -154,15 +149,3 @@ def _trailing_mean(values: FloatArray, window: int) -> FloatArray:
     steps = np.minimum(np.arange(1, len(values) + 1), window)
     mean: FloatArray = total / steps.reshape(-1, *[1] * (values.ndim - 1))
     return mean
-
-
-def _rms(values: FloatArray) -> FloatArray:
-    """Over the last axis."""
-    result: FloatArray = np.sqrt((values * values).mean(axis=-1))
-    return result
-
-
-def _length(values: FloatArray) -> FloatArray:
-    """Of vectors along the last axis."""
-    result: FloatArray = np.sqrt((values * values).sum(axis=-1))
-    return result

@@ -7,13 +7,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from humanoid_sim.controllers.context import BASE_LINEAR_VELOCITY
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
+from humanoid_sim.evaluation.base_motion import BaseMotion
+from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.messages import Mode, SafetyStatus, TickRecord
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.session.anchor_errors import AnchorErrors
-from humanoid_sim.session.base_motion import BaseMotion
 from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
+from humanoid_sim.simulation.floating_base import BaseState
 
 __all__ = ["ModeSpan", "RunMonitor", "Tracker"]
 
@@ -117,7 +119,9 @@ class RunMonitor(WorkerSink):
             if self._anchor is not None:
                 self._anchor.update(output.policy_step.frame, state)
         if self.base is not None and record.qpos is not None and control.mode in (Mode.LOCOMOTION, Mode.REMOTE):
-            self.base.update(state, float(record.qpos[2]))
+            velocity = state.extern[BASE_LINEAR_VELOCITY].value
+            base = BaseState(record.qpos[:3], state.imu_quaternion, velocity, state.imu_angular_velocity)
+            self.base.update(time, base)
 
     def _note_safety(self, time: float, statuses: tuple[SafetyStatus, ...]) -> None:
         if all(status.is_ok for status in statuses):

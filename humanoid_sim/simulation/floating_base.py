@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from humanoid_sim.controllers.rotation import gravity_direction, rotate
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
@@ -21,47 +22,52 @@ _SUPPORT = "humanoid_sim_support"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseState:
-    """Pose and motion of the base at one instant: the origin and the axes of its MJCF body."""
+    """Pose and motion of one floating base or a batch: the origin and the axes of its MJCF body."""
 
     position: FloatArray
-    """Shape (3,), m, world frame."""
+    """Shape (..., 3), m, world frame."""
     quaternion: FloatArray
-    """Shape (4,), w x y z, base frame in the world frame."""
+    """Shape (..., 4), w x y z, base frame in the world frame."""
     linear_velocity: FloatArray
-    """Shape (3,), m/s, world frame."""
+    """Shape (..., 3), m/s, world frame."""
     angular_velocity: FloatArray
-    """Shape (3,), rad/s, base frame."""
+    """Shape (..., 3), rad/s, base frame."""
 
     @property
-    def height(self) -> float:
-        """m, above the world's origin."""
-        return float(self.position[2])
+    def height(self) -> FloatArray:
+        """Shape (...), m, above the world's origin."""
+        height: FloatArray = self.position[..., 2]
+        return height
 
     @property
-    def tilt(self) -> float:
-        """rad, between the base's z axis and the vertical, 0 to π."""
-        _, x, y, _ = self.quaternion
-        return 2.0 * math.asin(min(math.hypot(x, y), 1.0))
+    def gravity(self) -> FloatArray:
+        """Shape (..., 3), direction of gravity in the base frame; (0, 0, -1) upright."""
+        return gravity_direction(self.quaternion)
 
     @property
-    def yaw(self) -> float:
-        """rad, heading: of the base's x axis in the horizontal plane, -π to π."""
-        w, x, y, z = self.quaternion
-        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    def tilt(self) -> FloatArray:
+        """Shape (...), rad, between the base's z axis and the vertical, 0 to π."""
+        x, y = self.quaternion[..., 1], self.quaternion[..., 2]
+        tilt: FloatArray = 2.0 * np.arcsin(np.minimum(np.sqrt(x * x + y * y), 1.0))
+        return tilt
 
     @property
-    def heading_velocity(self) -> FloatArray:
-        """Shape (3,), m/s: forward, to the left and up, in the frame that is turned by `yaw` only."""
-        vx, vy, vz = self.linear_velocity
-        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        return np.array([cos * vx + sin * vy, cos * vy - sin * vx, vz])
+    def yaw(self) -> FloatArray:
+        """Shape (...), rad, heading: of the base's x axis in the horizontal plane, -π to π."""
+        w, x, y, z = (self.quaternion[..., i] for i in range(4))
+        yaw: FloatArray = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return yaw
 
     @property
-    def yaw_rate(self) -> float:
-        """rad/s, about the vertical."""
-        velocity = np.empty(3)
-        mujoco.mju_rotVecQuat(velocity, self.angular_velocity, self.quaternion)
-        return float(velocity[2])
+    def planar_velocity(self) -> FloatArray:
+        """Shape (..., 3), what a velocity command asks for: m/s, forward and to the left of the heading; the yaw rate.
+
+        The frame is turned by `yaw` only. The yaw rate is about the vertical, rad/s.
+        """
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        vx, vy = self.linear_velocity[..., 0], self.linear_velocity[..., 1]
+        yaw_rate = rotate(self.quaternion, self.angular_velocity)[..., 2]
+        return np.stack([cos * vx + sin * vy, cos * vy - sin * vx, yaw_rate], axis=-1)
 
 
 def add_support(spec: mujoco.MjSpec, body: str) -> None:

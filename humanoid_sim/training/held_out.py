@@ -8,11 +8,11 @@ from itertools import islice
 import mujoco
 import numpy as np
 
+from humanoid_sim.evaluation.tracking import peak_speed
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model, joint_addresses
-from humanoid_sim.tracking import peak_speed
 from humanoid_sim.training.arm import ArmModel
 from humanoid_sim.training.mirror import both_arms
 from humanoid_sim.training.motions import BODIES, POLICY_DT, joint_frames

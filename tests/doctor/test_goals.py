@@ -47,7 +47,8 @@ def state(position: FloatArray | None = None, effort: float = 0.0, anchor: Float
 
 
 @pytest.mark.parametrize(
-    ("height", "pitch", "lost"), [(0.8, 0.0, ""), (0.5, 0.0, ""), (0.47, 0.0, "sank"), (0.8, 1.1, "tilted by 63°")]
+    ("height", "pitch", "lost"),
+    [(0.8, 0.0, ""), (0.5, 0.0, ""), (0.47, 0.0, "fell: sank"), (0.8, 1.1, "fell: tilted by 63°")],
 )
 def test_a_fall_is_a_tilt_or_a_loss_of_height(height: float, pitch: float, lost: str) -> None:
     goal = UprightGoal()
@@ -101,7 +102,12 @@ def test_errors_of_a_motion_are_means() -> None:
 
 @pytest.mark.parametrize(
     ("height", "pitch", "lost"),
-    [(0.5, 0.0, ""), (0.4, 0.0, "0.40 m off"), (1.2, 0.0, "0.40 m off"), (0.8, 1.3, "tilted")],
+    [
+        (0.5, 0.0, ""),
+        (0.4, 0.0, "strayed: 0.40 m off"),
+        (1.2, 0.0, "strayed: 0.40 m off"),
+        (0.8, 1.3, "strayed: tilted"),
+    ],
 )
 def test_a_motion_is_lost_by_height_or_tilt(height: float, pitch: float, lost: str) -> None:
     goal = motion_goal()
@@ -122,7 +128,7 @@ def test_without_a_base_in_the_motion_the_anchor_is_compared() -> None:
     goal = motion_goal(base_known=False)
     at = np.array([3.0, -1.0, 0.8])
     goal.update(0, state(anchor=np.concatenate([at, turned(1.0)])), base())
-    assert "off the reference" in goal.update(
+    assert "off the motion's height" in goal.update(
         1, state(anchor=np.concatenate([at + np.array([0.0, 0.0, 0.5]), turned(1.0)])), base()
     )
 

@@ -12,11 +12,11 @@ from humanoid_sim.envs.tasks.balance import BalanceTask
 from humanoid_sim.envs.tasks.choice import TASKS, make_task
 from humanoid_sim.envs.tasks.frames import seen_from
 from humanoid_sim.envs.tasks.motion import MotionTask
-from humanoid_sim.envs.tasks.sample import BaseSample, StepSample
 from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
@@ -101,7 +101,7 @@ def sample(task: Task, batch: tuple[int, ...] = (), **changes: object) -> StepSa
         "body_position": np.zeros((*batch, 2, 3)),
         "body_quaternion": quaternions,
         "command": np.zeros((*batch, 3)),
-        "base": BaseSample(height, upright, np.zeros((*batch, 3)), np.zeros((*batch, 3))),
+        "base": BaseState(height, upright, np.zeros((*batch, 3)), np.zeros((*batch, 3))),
     }
     return StepSample(**{**fields, **changes})  # type: ignore[arg-type]
 
@@ -198,7 +198,7 @@ def test_velocity_commands_hold_for_five_seconds(velocity: VelocityTask) -> None
 
 def test_walking_at_the_command_earns_the_weights_per_second(velocity: VelocityTask) -> None:
     quaternion = np.array([np.cos(0.5), 0.0, 0.0, np.sin(0.5)])  # turned left by 1 rad
-    base = BaseSample(
+    base = BaseState(
         np.array([5.0, 2.0, 1.0]), quaternion, rotate(quaternion, np.array([0.4, 0.1, 0.0])), np.array([0.0, 0.0, 0.3])
     )
     exact = velocity.judge(sample(velocity, base=base, command=np.array([0.4, 0.1, 0.3])))
@@ -213,24 +213,9 @@ def test_a_fall_is_a_tilt_or_a_low_base(velocity: VelocityTask) -> None:
     position = np.array([[0.0, 0.0, 1.0]] * 3 + [[0.0, 0.0, 0.59]])
     tilt = np.array([0.0, 0.9, 1.1, 0.0])
     quaternion = np.stack([np.cos(tilt / 2), np.sin(tilt / 2), np.zeros(4), np.zeros(4)], axis=-1)
-    judgement = velocity.judge(sample(velocity, (4,), base=BaseSample(position, quaternion, zeros, zeros)))
+    judgement = velocity.judge(sample(velocity, (4,), base=BaseState(position, quaternion, zeros, zeros)))
     np.testing.assert_array_equal(judgement.terminated, [False, False, True, True])
     np.testing.assert_allclose(judgement.terms["upright"], -DT * np.sin(tilt) ** 2, atol=1e-15)
-
-
-def test_base_sample_agrees_with_the_simulation_s_base_state() -> None:
-    rng = np.random.default_rng(5)
-    quaternion = rng.normal(size=(20, 4))
-    quaternion /= np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
-    position, linear, angular = rng.normal(size=(3, 20, 3))
-    batch = BaseSample(position, quaternion, linear, angular)
-    for i in range(20):
-        one = BaseState(position[i], quaternion[i], linear[i], angular[i])
-        assert batch.height[i] == one.height
-        assert batch.tilt[i] == pytest.approx(one.tilt, abs=1e-12)
-        assert batch.yaw_rate[i] == pytest.approx(one.yaw_rate, abs=1e-12)
-        np.testing.assert_allclose(batch.heading_velocity[i], one.heading_velocity[:2], atol=1e-12)
-        np.testing.assert_allclose(rotate(quaternion[i], batch.body_velocity[i]), linear[i], atol=1e-12)
 
 
 def test_following_a_whole_body_motion(biped: RobotDescription) -> None:
@@ -280,10 +265,10 @@ def test_a_batch_gives_bit_for_bit_what_its_robots_give(name: str, request: pyte
     }
     position, motion = 3.0 * rng.normal(size=(5, n)), rng.normal(size=(3, 5, 3))
     batch = task.judge(
-        sample(task, (5,), **arrays, state=state(position), base=BaseSample(motion[0], quaternion, *motion[1:]))
+        sample(task, (5,), **arrays, state=state(position), base=BaseState(motion[0], quaternion, *motion[1:]))
     )
     for i in range(5):
-        base = BaseSample(motion[0, i], quaternion[i], *motion[1:, i])
+        base = BaseState(motion[0, i], quaternion[i], *motion[1:, i])
         one = task.judge(
             sample(task, **{key: value[i] for key, value in arrays.items()}, state=state(position[i]), base=base)
         )

@@ -233,11 +233,22 @@ def test_base_state_in_words() -> None:
     assert state.height == 0.7
     assert state.tilt == pytest.approx(0.4)
     assert state.yaw == pytest.approx(2.0)
-    assert state.heading_velocity == pytest.approx([0.5, 0.0, 0.1])
-    assert state.yaw_rate == pytest.approx(1.0)
+    assert state.planar_velocity == pytest.approx([0.5, 0.0, 1.0])
 
 
 @pytest.mark.parametrize(("quaternion", "tilt"), [([1, 0, 0, 0], 0.0), ([0, 1, 0, 0], math.pi), ([0, 0, 0, 1], 0.0)])
 def test_tilt_from_upright_to_upside_down(quaternion: list[float], tilt: float) -> None:
     state = BaseState(np.zeros(3), np.array(quaternion, dtype=float), np.zeros(3), np.zeros(3))
     assert state.tilt == pytest.approx(tilt)
+
+
+def test_a_batch_of_base_states_is_its_members_bit_for_bit() -> None:
+    rng = np.random.default_rng(5)
+    quaternion = rng.normal(size=(20, 4))
+    quaternion /= np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
+    position, linear, angular = rng.normal(size=(3, 20, 3))
+    batch = BaseState(position, quaternion, linear, angular)
+    for i in range(20):
+        one = BaseState(position[i], quaternion[i], linear[i], angular[i])
+        for name in ("height", "tilt", "yaw", "gravity", "planar_velocity"):
+            np.testing.assert_array_equal(getattr(batch, name)[i], getattr(one, name))

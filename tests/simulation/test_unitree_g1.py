@@ -118,7 +118,7 @@ def test_it_walks_as_published(
         height.append(base.height)
         tilt.append(base.tilt)
         if robot.time >= 2.0:
-            velocity.append(base.heading_velocity)
+            velocity.append(base.planar_velocity)
     assert np.mean(velocity, axis=0)[0] == pytest.approx(0.427, abs=0.015)
     assert np.mean(velocity, axis=0)[1] == pytest.approx(0.0, abs=0.02)
     assert min(height) > 0.775

@@ -3,10 +3,10 @@ import pytest
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.rotation import rotation_angle, rotation_from_6d
+from humanoid_sim.evaluation.tracking import peak_speed
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from humanoid_sim.tracking import peak_speed
 from humanoid_sim.training.held_out import collisions
 from humanoid_sim.training.motions import BODIES, POLICY_DT, SAMPLES, joint_frames, pose_a, sample_motion
 from humanoid_sim.training.trajectory import derivative

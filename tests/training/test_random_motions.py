@@ -3,9 +3,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from humanoid_sim.evaluation.tracking import peak_speed
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.tracking import peak_speed
 from humanoid_sim.training.arm import ArmModel
 from humanoid_sim.training.held_out import collisions, held_out_motions
 from humanoid_sim.training.motions import BODIES, joint_frames, pose_a

@@ -7,17 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.controllers.context import BASE_LINEAR_VELOCITY
-from humanoid_sim.controllers.rotation import conjugate, gravity_direction, rotate, yaw_quaternion
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.evaluation.failure import has_fallen
+from humanoid_sim.simulation.floating_base import BaseState
 
 __all__ = ["BaseMotion", "BaseSummary"]
 
 _SETTLING = 2.0
 """s after release that means leave out: the robot starts from rest."""
-_FALLEN_TILT = math.radians(60.0)
-_FALLEN_HEIGHT = 0.5
-"""Of the height at release."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,29 +51,22 @@ class BaseMotion:
         self._tilt = 0.0
         self._fall: float | None = None
 
-    def update(self, state: MITState, base_height: float) -> None:
-        """Take one tick with a free base.
-
-        Args:
-            state: with `base_linear_velocity` among its live inputs.
-            base_height: m, of the base's origin above the world's.
-        """
-        time = float(state.time)
+    def update(self, time: float, base: BaseState) -> None:
+        """Take one tick with a free base; `time` in s, robot's clock."""
+        height, tilt = float(base.height), float(base.tilt)
         if self._released is None:
-            self._released, self._height_at_release = time, base_height
+            self._released, self._height_at_release = time, height
         if self._fall is not None:
             return
         self._last = time
-        quaternion = state.imu_quaternion
-        tilt = math.acos(min(max(-float(gravity_direction(quaternion)[2]), -1.0), 1.0))
         self._tilt = max(self._tilt, tilt)
         low, total, high = self._height
-        self._height = (min(low, base_height), total + base_height, max(high, base_height))
+        self._height = (min(low, height), total + height, max(high, height))
         self._count += 1
-        if tilt > _FALLEN_TILT or base_height < _FALLEN_HEIGHT * self._height_at_release:
+        if has_fallen(base, self._height_at_release):
             self._fall = time - self._released
         elif time - self._released >= _SETTLING:
-            self._speed_sum += self._speed(state, quaternion)
+            self._speed_sum += base.planar_velocity
             self._speed_count += 1
 
     def summary(self) -> BaseSummary | None:
@@ -95,10 +84,3 @@ class BaseMotion:
             tilt_max=self._tilt,
             fall=self._fall,
         )
-
-    @staticmethod
-    def _speed(state: MITState, quaternion: FloatArray) -> FloatArray:
-        """vx, vy in the heading frame, m/s, and the yaw rate, rad/s."""
-        velocity = rotate(conjugate(yaw_quaternion(quaternion)), state.extern[BASE_LINEAR_VELOCITY].value)
-        yaw_rate = rotate(quaternion, state.imu_angular_velocity)[2]
-        return np.array([velocity[0], velocity[1], yaw_rate])

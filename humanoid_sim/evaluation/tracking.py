@@ -1,4 +1,4 @@
-"""How far a robot's bodies are from the motion they follow: errors accumulated frame by frame.
+"""How well a run follows its motion: errors of the bodies, or of joints and anchor body, accumulated frame by frame.
 
 The convention is strict: the error of frame k is the pose that was read in the very tick in which the policy was shown
 frame k, minus frame k. Nothing is shifted in time. What is kept does not grow with the length of the run.
@@ -11,14 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.context import ANCHOR_POSE
+from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.evaluation.errors import length, pose_error
+from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
-__all__ = ["BodyError", "TrackingErrors", "TrackingSummary", "peak_speed"]
+__all__ = ["AnchorErrors", "AnchorSummary", "BodyError", "TrackingErrors", "TrackingSummary", "peak_speed"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,10 +102,7 @@ class TrackingErrors:
         """
         position, rotation = self._kinematics(joint_position)
         k = min(frame, len(self._position) - 1)
-        offset = position - self._position[k]
-        error = np.stack(
-            [np.sqrt((offset * offset).sum(axis=-1)), rotation_angle(rotation, self._rotation[k])], axis=-1
-        )
+        error = np.stack([length(position - self._position[k]), rotation_angle(rotation, self._rotation[k])], axis=-1)
         self._sum_of_squares += error * error
         np.maximum(self._largest, error, out=self._largest)
         self._samples += 1
@@ -121,5 +122,65 @@ class TrackingErrors:
 
 def peak_speed(position: npt.NDArray[np.floating], period: float) -> float:
     """m/s, the largest difference quotient of points of shape (F, B, 3), m, `period` s apart; 0 for a single frame."""
-    step = np.diff(position, axis=0)
-    return float(np.sqrt((step * step).sum(axis=-1)).max(initial=0.0)) / period
+    return float(length(np.diff(position, axis=0)).max(initial=0.0)) / period
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorSummary:
+    """Errors over the policy steps of a run; of each, the mean and the greatest."""
+
+    samples: int
+    joint_error: tuple[float, float]
+    """rad, of the mean over the joints."""
+    anchor_position: tuple[float, float]
+    """m"""
+    anchor_angle: tuple[float, float]
+    """rad"""
+
+
+class AnchorErrors:
+    """Accumulates errors against the reference, laid onto the robot as the policy's own was at activation."""
+
+    def __init__(
+        self, reference: MotionReference, joint_names: tuple[str, ...], robot_joints: tuple[str, ...], *, align: bool
+    ) -> None:
+        """Look the joints up.
+
+        Args:
+            reference: with joint positions and anchor poses.
+            joint_names: of the policy.
+            robot_joints: order of the state's per-joint arrays.
+            align: whether the policy's reference is laid onto the robot.
+        """
+        self._reference = reference
+        self._order = joint_indices(joint_names, robot_joints, "joint_names of the policy")
+        self._align = align
+        self._alignment: Alignment | None = None
+        self._sum = np.zeros(3)
+        self._largest = np.zeros(3)
+        self._samples = 0
+
+    def update(self, frame: int, state: MITState) -> None:
+        """Compare the state of a policy step with the frame that it was shown."""
+        live = state.extern.get(ANCHOR_POSE)
+        if live is None:
+            return
+        pose = live.value
+        if frame == 0 and self._align:
+            self._alignment = self._reference.align(pose)
+        position, quaternion = self._reference.anchor(frame, self._alignment)
+        joints = self._reference.term("reference_joint_pos", frame)
+        posed = pose_error(pose, position, quaternion)
+        error = np.array([np.abs(state.joint_position[self._order] - joints).mean(), posed.distance, posed.angle])
+        self._sum += error
+        np.maximum(self._largest, error, out=self._largest)
+        self._samples += 1
+
+    def summary(self) -> AnchorSummary | None:
+        """The errors so far; None if nothing was compared."""
+        if not self._samples:
+            return None
+        joint, position, angle = (
+            (float(mean), float(most)) for mean, most in zip(self._sum / self._samples, self._largest, strict=True)
+        )
+        return AnchorSummary(self._samples, joint, position, angle)

@@ -1,0 +1,75 @@
+"""How far robots are from what they should do: element by element, for one or any batch of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.rotation import conjugate, multiply
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["PoseError", "length", "pose_error", "quaternion_angle", "rms", "total"]
+
+
+def total(values: npt.NDArray[Any]) -> FloatArray:
+    """The sum over the last axis; for one robot in half the time of `values.sum(axis=-1)`."""
+    summed: FloatArray = np.add.reduce(values, axis=-1, dtype=np.float64)
+    return summed
+
+
+def length(vectors: FloatArray) -> FloatArray:
+    """Of vectors along the last axis."""
+    result: FloatArray = np.sqrt(total(vectors * vectors))
+    return result
+
+
+def rms(values: FloatArray) -> FloatArray:
+    """Root mean square over the last axis."""
+    result: FloatArray = np.sqrt((values * values).mean(axis=-1))
+    return result
+
+
+def quaternion_angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angle between orientations given as unit quaternions of either sign, (..., 4): shape (...), rad, in [0, π].
+
+    From the chord between the two, 2 sin(angle / 4): accurate near zero, unlike the arc cosine of their product.
+    """
+    side = np.copysign(1.0, total(a * b))  # q and -q are the same orientation
+    chord = a - side[..., None] * b
+    angle: FloatArray = 4.0 * np.arcsin(np.minimum(0.5 * length(chord), 1.0))
+    return angle
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseError:
+    """Where a body should be, seen from where it is."""
+
+    offset: FloatArray
+    """Shape (..., 3), m, world frame."""
+    turn: FloatArray
+    """Shape (..., 4), w x y z, from the body's orientation to the reference's."""
+
+    @property
+    def distance(self) -> FloatArray:
+        """Shape (...), m."""
+        return length(self.offset)
+
+    @property
+    def angle(self) -> FloatArray:
+        """Shape (...), rad, in [0, π]."""
+        angle: FloatArray = 2.0 * np.arctan2(length(self.turn[..., 1:]), np.abs(self.turn[..., 0]))
+        return angle
+
+    @property
+    def tilt(self) -> FloatArray:
+        """Shape (...), rad, in [0, π]: the angle without the heading."""
+        tilt: FloatArray = 2.0 * np.arcsin(np.minimum(length(self.turn[..., 1:3]), 1.0))
+        return tilt
+
+
+def pose_error(pose: FloatArray, position: FloatArray, quaternion: FloatArray) -> PoseError:
+    """The error of poses (..., 7), x y z in m and w x y z, against (..., 3), m, and (..., 4); all world frame."""
+    return PoseError(position - pose[..., :3], multiply(conjugate(pose[..., 3:]), quaternion))

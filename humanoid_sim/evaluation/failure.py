@@ -1,0 +1,89 @@
+"""When a robot is lost: it has fallen, or strayed from the motion that it follows.
+
+The only definition of either, for one robot or a batch: `play`, `doctor`, `regress` and every environment ask here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.evaluation.errors import PoseError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.floating_base import BaseState
+
+__all__ = [
+    "FALLEN_HEIGHT",
+    "FALLEN_TILT",
+    "STRAYED_DISTANCE",
+    "STRAYED_HEIGHT",
+    "STRAYED_TILT",
+    "body_has_strayed",
+    "describe_body_stray",
+    "describe_fall",
+    "describe_stray",
+    "has_fallen",
+    "has_strayed",
+]
+
+BoolArray = npt.NDArray[np.bool_]
+Index = int | tuple[()]
+"""Which robot of a batch; () for the only one."""
+
+FALLEN_TILT = 1.0
+"""rad between a floating base's z axis and the vertical."""
+FALLEN_HEIGHT = 0.6
+"""Share of the height at which the base stands."""
+STRAYED_DISTANCE = 0.3
+"""m between a tracked body and its reference in the base frame: further off than any policy that still follows."""
+STRAYED_HEIGHT = 0.35
+"""m between the anchor body and its reference, along the vertical."""
+STRAYED_TILT = 1.2
+"""rad between the two, the heading left out: a reference that is not aligned is not yet a loss."""
+_TOPPLED = math.radians(45.0)
+"""rad of tilt from which a robot that fell is said to have tilted over."""
+
+
+def has_fallen(base: BaseState, standing_height: FloatArray | float) -> BoolArray:
+    """Whether floating bases have fallen, shape (...).
+
+    Args:
+        base: pose and motion, shape (...).
+        standing_height: shape (...) or scalar, m, of the base's origin where the robot stands.
+    """
+    fallen: BoolArray = (base.tilt > FALLEN_TILT) | (base.height < FALLEN_HEIGHT * standing_height)
+    return fallen
+
+
+def describe_fall(base: BaseState, i: Index = ()) -> str:
+    """How robot `i` fell."""
+    tilt, height = float(np.asarray(base.tilt)[i]), float(np.asarray(base.height)[i])
+    return f"fell: tilted by {math.degrees(tilt):.0f}°" if tilt > _TOPPLED else f"fell: sank to {height:.2f} m"
+
+
+def has_strayed(error: PoseError) -> BoolArray:
+    """Whether anchor bodies are too far from the motion, shape (...); one that is not a number is."""
+    strayed: BoolArray = ~((np.abs(error.offset[..., 2]) <= STRAYED_HEIGHT) & (error.tilt <= STRAYED_TILT))
+    return strayed
+
+
+def describe_stray(error: PoseError, i: Index = ()) -> str:
+    """How robot `i` strayed, by its anchor body."""
+    tilt, height = float(np.asarray(error.tilt)[i]), float(np.asarray(error.offset[..., 2])[i])
+    if abs(height) <= STRAYED_HEIGHT:
+        return f"strayed: tilted by {math.degrees(tilt):.0f}° against the motion"
+    return f"strayed: {abs(height):.2f} m off the motion's height"
+
+
+def body_has_strayed(squared_distance: FloatArray) -> BoolArray:
+    """Whether any tracked body is too far from the motion, shape (...), from squares (..., b), m²; NaN is too far."""
+    strayed: BoolArray = ~(np.maximum.reduce(squared_distance, axis=-1) <= STRAYED_DISTANCE**2)
+    return strayed
+
+
+def describe_body_stray(distance: FloatArray, bodies: tuple[str, ...]) -> str:
+    """How one robot strayed, by the distances of its tracked bodies, shape (b,), m."""
+    worst = int(np.argmax(np.where(np.isnan(distance), np.inf, distance)))
+    return f"strayed: {bodies[worst]} is {distance[worst]:.2f} m from the motion"
