@@ -11,13 +11,11 @@ from humanoid_sim.assets import asset_path, motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
-from humanoid_sim.policy.placeholder import zero_policy
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
-from humanoid_sim.stack import LoadedPolicy, load_policy
 
 __all__ = ["Named", "read_policy", "velocity_option"]
 

@@ -20,8 +20,7 @@ from humanoid_sim.envs.tasks.task import Start, Task
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.robots.contract_gains import with_contract
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
 from humanoid_sim.simulation.floating_base import FloatingBase
 from humanoid_sim.simulation.plant import make_plant
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 from humanoid_sim.errors import InputError, RobotError
 
-__all__ = ["VERBS", "complain", "main", "mute_output", "run_program"]
+__all__ = ["VERBS", "complain", "load_program", "main", "mute_output", "run_program"]
 
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
@@ -27,6 +27,8 @@ VERBS = {
     "training": "make the sample motions and the sample policy again, and measure them",
     "bench": "measure this machine's figures",
 }
+_MODULES = {"policy": "policy_tools"}
+"""Verbs whose program lies beside the library that they are named after."""
 
 _FAULT = 1
 _UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EBADF)
@@ -110,6 +112,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if verb not in VERBS:
         complain(f"error: unknown verb '{verb}'; known: {', '.join(VERBS)}")
         return BAD_INPUT
-    module = importlib.import_module(f"humanoid_sim.{verb}")
+    return run_program(load_program(verb), rest)
+
+
+def load_program(verb: str) -> Callable[[Sequence[str] | None], int]:
+    """The program of a verb, imported now."""
+    module = importlib.import_module(f"humanoid_sim.{_MODULES.get(verb, verb)}")
     program: Callable[[Sequence[str] | None], int] = module.main
-    return run_program(program, rest)
+    return program

@@ -114,7 +114,8 @@ class _Inference:
 
 def _load(recording: Recording, settings: dict[str, Any], path: Path | None) -> Checkpoint:
     """The model to run: the given one, or the one that the recording names."""
-    from humanoid_sim.policy.onnx_policy import OnnxPolicy, load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
+    from humanoid_sim.policy.checkpoint import load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
+    from humanoid_sim.policy.onnx_policy import OnnxPolicy  # noqa: PLC0415 - ONNX Runtime is heavy
     from humanoid_sim.stack import recorded_contract  # noqa: PLC0415
 
     if path is None:

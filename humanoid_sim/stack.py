@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TypeVar
 
 import msgspec
@@ -19,17 +18,9 @@ from humanoid_sim.controllers.base import (
     ZERO_TORQUE,
     Controller,
 )
-from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController
-from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy
-from humanoid_sim.controllers.reference import (
-    MotionReference,
-    build_reference,
-    build_world_reference,
-    no_reference,
-)
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
@@ -38,17 +29,16 @@ from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.metadata import parse_metadata
-from humanoid_sim.policy.motion import ATTACHMENT, Motion, parse_motion
+from humanoid_sim.policy.motion import ATTACHMENT, parse_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import StandbySettings
 
 __all__ = [
     "MOTION_ATTACHMENT",
-    "LoadedPolicy",
     "build_supervisor",
     "header_documents",
-    "load_policy",
     "rebuild_supervisor",
     "recorded_contract",
 ]
@@ -64,96 +54,6 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
 
     remote: bool
     action_limit: float = ACTION_LIMIT
-
-
-@dataclass(frozen=True, slots=True)
-class LoadedPolicy:
-    """A policy with its motion, checked against each other."""
-
-    contract: PolicyContract
-    reference: MotionReference
-    policy: Policy
-    estimates: bool = True
-    """Whether the robot knows its base's velocity and its anchor body's pose, as a simulation does."""
-
-    @property
-    def extern(self) -> Mapping[str, int]:
-        """Name and width of the live inputs: commands and estimates, and pressed keys, as wide as the goal keys."""
-        keys = self.reference.terms.get("target_keys")
-        widths = {name: width for name, width in EXTERN_WIDTHS.items() if self.estimates or name == VELOCITY_COMMAND}
-        return widths if keys is None else {**widths, "key_pressed": keys.shape[1]}
-
-    @property
-    def layout(self) -> ObservationLayout:
-        """The observation in the policy's own joint order; names and widths are the same on every robot."""
-        return resolve_observation(self.contract, self.contract.joint_names, self.reference, self.extern)
-
-
-def load_policy(
-    contract: PolicyContract,
-    policy: Policy,
-    motion: Motion | None,
-    observation_width: int | None = None,
-    *,
-    source: str = "policy",
-    motion_source: str = "motion",
-    estimates: bool = True,
-) -> LoadedPolicy:
-    """Bring a policy and its motion together.
-
-    Args:
-        contract: of the policy.
-        policy: the callable.
-        motion: what it follows; None for a policy that follows none.
-        observation_width: N as the model declares it; None if any will do.
-        source: what to call the policy in messages.
-        motion_source: what to call the motion.
-        estimates: as in `LoadedPolicy`.
-
-    Raises:
-        InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
-    """
-    try:
-        loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy, estimates)
-        layout = loaded.layout
-    except FieldError as error:
-        raise InputError(f"{source}: {error}") from None
-    if observation_width is not None and layout.width != observation_width:
-        terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
-        raise InputError(
-            f"{source}: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
-        )
-    return loaded
-
-
-def _reference(contract: PolicyContract, motion: Motion | None, source: str, motion_source: str) -> MotionReference:
-    if contract.task_type == "locomotion":
-        return no_reference()
-    if motion is None:
-        raise InputError(f"{source}: task_type {contract.task_type} follows a motion, and none is given: use --motion")
-    if motion.task_type and motion.task_type != contract.task_type:
-        raise InputError(
-            f"{motion_source}: is a motion for task_type {motion.task_type}; "
-            f"{source} expects one for {contract.task_type}"
-        )
-    if (
-        motion.layout == "bodies_b"
-        and contract.task_type == "tracking"
-        and motion.body_names
-        and (motion.body_names != contract.body_names)
-    ):
-        raise InputError(
-            f"{motion_source}: describes the bodies {', '.join(motion.body_names)}; "
-            f"{source} expects {', '.join(contract.body_names)}"
-        )
-    if motion.policy_dt and not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
-        raise InputError(
-            f"{motion_source}: has a frame every {motion.policy_dt:g} s, "
-            f"{source} a step every {contract.policy_dt:g} s; resample the motion"
-        )
-    if motion.layout == "joints_bodies_w":
-        return build_world_reference(contract, motion.frames, motion.joint_names, motion.body_names)
-    return build_reference(contract, motion.frames)
 
 
 def build_supervisor(

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import os
 import subprocess
 import sys
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import pytest
 
 from humanoid_sim import __version__
-from humanoid_sim.cli import VERBS, main, run_program
+from humanoid_sim.cli import VERBS, load_program, main, run_program
 from humanoid_sim.errors import InputError, MissingPackageError, RobotError
 
 
@@ -88,7 +88,8 @@ def test_an_unknown_verb(capsys: pytest.CaptureFixture[str]) -> None:
 def test_every_verb_is_a_program_with_help_and_one_line_for_bad_input(
     verb: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert callable(importlib.import_module(f"humanoid_sim.{verb}").main)
+    assert importlib.util.find_spec(f"humanoid_sim.{verb}") is not None  # for `python -m`
+    assert callable(load_program(verb))
     with pytest.raises(SystemExit) as caught:
         main([verb, "--help"])
     assert caught.value.code == 0

@@ -14,17 +14,11 @@ from humanoid_sim.controllers.context import EXTERN_WIDTHS
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
+from humanoid_sim.policy.checkpoint import zero_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, write_motion
-from humanoid_sim.policy.placeholder import zero_policy
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.stack import (
-    MOTION_ATTACHMENT,
-    LoadedPolicy,
-    build_supervisor,
-    header_documents,
-    load_policy,
-    rebuild_supervisor,
-)
+from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents, rebuild_supervisor
 
 sys.path.append(str(Path(__file__).parent / "policy"))
 

@@ -21,15 +21,15 @@ from humanoid_sim.bench.timing import Row, paired_ratio, row_of, seconds
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput
-from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.session import LoopSettings, Session
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
+from humanoid_sim.stack import build_supervisor
 
 __all__ = ["control_tick", "environment_step", "real_time_factor", "recorder_cost", "supervisor_step"]
 

@@ -13,7 +13,7 @@ from humanoid_sim.doctor.report import is_healthy, print_ranking, ranking_docume
 from humanoid_sim.doctor.search import Ranking, make_plan, search
 from humanoid_sim.doctor.subject import Subject, load_subject, robot_facts
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.cli.show import make_console
+from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.velocity import parse_velocity
 

@@ -22,10 +22,10 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.messages import SafetyLevel, TickInput
 from humanoid_sim.mit import Extern
-from humanoid_sim.robots.contract_gains import with_contract
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
+from humanoid_sim.robots.description import with_contract
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.stack import LoadedPolicy
 
 __all__ = ["Outcome", "Rollouts", "Trial"]
 

@@ -16,11 +16,11 @@ from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.stack import LoadedPolicy, load_policy
 
 __all__ = ["Subject", "breadth_first", "load_subject", "robot_facts"]
 

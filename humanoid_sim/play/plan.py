@@ -17,8 +17,7 @@ from humanoid_sim.play.schedule import automatic_script
 from humanoid_sim.play.simulated import simulated_robot
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.robots.contract_gains import with_contract
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
 from humanoid_sim.session.inject import Injector, parse_injections
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.session import Session

@@ -11,12 +11,18 @@ from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.sources import takes_velocity_command
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.config import PlayConfig
-from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.checkpoint import (
+    PLACEHOLDER,
+    Checkpoint,
+    load_checkpoint,
+    placeholder_checkpoint,
+    read_contract,
+    zero_policy,
+)
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.onnx_policy import has_onnxruntime, load_checkpoint, read_contract
-from humanoid_sim.policy.placeholder import PLACEHOLDER, placeholder_checkpoint, zero_policy
+from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.stack import LoadedPolicy, load_policy
 
 __all__ = ["PolicyChoice", "choose_policy"]
 

@@ -21,7 +21,7 @@ from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.pose import MeasuredPose
 from humanoid_sim.play.robot_parts import RobotParts
 from humanoid_sim.play.support import support_listener
-from humanoid_sim.policy.check.gains import motor_findings
+from humanoid_sim.policy.robot_check import motor_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.model import build_model

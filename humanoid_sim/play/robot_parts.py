@@ -11,7 +11,7 @@ import mujoco
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
-from humanoid_sim.robots.interface import Robot
+from humanoid_sim.robots.robot import Robot
 
 __all__ = ["BringUp", "PlayedRobot", "RobotParts"]
 

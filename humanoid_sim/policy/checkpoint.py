@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
+from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
+from humanoid_sim.policy.golden.samples import GOLDEN_KEY
+from humanoid_sim.policy.graph_motion import Progress, has_graph_motion, sweep_motion
 from humanoid_sim.policy.motion import Motion
+from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, first_line, read_header
+from humanoid_sim.policy.readers.contract_yaml import find_contract
+from humanoid_sim.policy.readers.sources import assemble_contract
+from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["Checkpoint", "file_digest"]
+__all__ = [
+    "PLACEHOLDER",
+    "Checkpoint",
+    "file_digest",
+    "load_checkpoint",
+    "placeholder_checkpoint",
+    "read_contract",
+    "zero_policy",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +53,63 @@ class Checkpoint:
     """What the golden vectors that were computed again are worth, in words; empty without any."""
 
 
+def load_checkpoint(
+    path: Path,
+    contract_file: Path | None = None,
+    robot_joints: tuple[str, ...] | None = None,
+    progress: Progress | None = None,
+    *,
+    verify: bool = True,
+) -> Checkpoint:
+    """A checkpoint with its contract complete, its widths checked and its first (slow) inference done.
+
+    Args:
+        path: the model.
+        contract_file: a contract.yaml; None: the one beside the model, if there is one.
+        robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
+        progress: told of each frame while a motion in the graph is read.
+        verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
+
+    Raises:
+        InputError: one line that names the file and what is wrong with it.
+    """
+    model = OnnxModel(path)
+    outputs = [tensor.name for tensor in model.outputs]
+    contract = assemble_contract(path, model.metadata, contract_file, robot_joints, outputs)
+    policy = OnnxPolicy(model, contract.tensors)
+    if policy.action_width != contract.action_count:
+        raise InputError(
+            f"{path}: the model's output is {policy.action_width} wide, "
+            f"expected {contract.action_count}, one for each of action_joint_names"
+        )
+    try:
+        answer = policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
+    except Exception as error:  # onnxruntime's own types: operators that do not fit show only when they run
+        raise InputError(f"{path}: the model fails on an observation of zeros: {first_line(error)}") from None
+    if answer.shape != (contract.action_count,):
+        raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
+    motion = sweep_motion(policy, contract, progress) if has_graph_motion(policy, contract) else None
+    used = find_contract(path) if contract_file is None else contract_file
+    checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
+    if verify and GOLDEN_KEY in model.metadata:
+        from humanoid_sim.policy.golden.verify import verify_golden  # noqa: PLC0415 - only stamped models need it
+
+        return replace(checkpoint, golden=verify_golden(checkpoint, model.metadata))
+    return checkpoint
+
+
+def read_contract(
+    path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
+) -> PolicyContract:
+    """The contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it.
+
+    Raises:
+        InputError: as `load_checkpoint`.
+    """
+    metadata, outputs = read_header(path)
+    return assemble_contract(path, metadata, contract_file, robot_joints, outputs)
+
+
 def file_digest(path: Path) -> str:
     """SHA-256 of a checkpoint: its bytes, followed by those of `<name>.data` if that lies beside it."""
     digest = hashlib.sha256(path.read_bytes())
@@ -41,3 +117,39 @@ def file_digest(path: Path) -> str:
     if is_file(external):
         digest.update(external.read_bytes())
     return digest.hexdigest()
+
+
+PLACEHOLDER = "placeholder"
+
+
+def zero_policy(action_count: int) -> Policy:
+    """A policy that answers zeros of shape (m,), whatever it sees."""
+    action = np.zeros(action_count, dtype=np.float32)
+    action.setflags(write=False)
+
+    def policy(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:  # noqa: ARG001
+        return action
+
+    return policy
+
+
+def placeholder_checkpoint(
+    description: RobotDescription, pose: Literal["a", "b"] = "a", policy_dt: float = 0.02
+) -> Checkpoint:
+    """A zero policy for any robot: it observes the joints and holds the final pose of standby A or B."""
+    joints = description.joint_names
+    standby = description.standby_controller_a if pose == "a" else description.standby_controller_b
+    contract = PolicyContract(
+        task_type="locomotion",
+        joint_names=joints,
+        action_joint_names=joints,
+        joint_stiffness=description.stiffness,
+        joint_damping=description.damping,
+        default_joint_pos=np.asarray(standby.pose_segments[-1]),
+        observation=("joint_pos", "joint_vel", "actions"),
+        command_names=(),
+        action_scale=np.ones(len(joints)),
+        policy_dt=policy_dt,
+        body_names=(),
+    )
+    return Checkpoint(contract, zero_policy(len(joints)), PLACEHOLDER)

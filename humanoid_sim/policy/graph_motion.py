@@ -11,7 +11,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_model import OnnxModel, first_line
+from humanoid_sim.policy.onnx_policy import OnnxModel, first_line
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 
 __all__ = ["GraphPolicy", "Progress", "graph_conventions", "has_graph_motion", "sweep_motion"]

@@ -12,10 +12,12 @@ from typing import get_args
 from humanoid_sim.controllers.contract import PolicyContract, TaskType
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.readers.own_metadata import METADATA_KEYS, read_own
-from humanoid_sim.policy.readers.texts import one_line
+from humanoid_sim.policy.readers import text_values
+from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.text_values import one_line
 
-__all__ = ["METADATA_KEYS", "parse_metadata", "write_metadata"]
+__all__ = ["METADATA_KEYS", "OWN_SOURCE", "is_own", "parse_metadata", "read_own", "write_metadata"]
+
 
 _NAME_LISTS = ("joint_names", "action_joint_names", "observation_names", "command_names", "body_names")
 
@@ -76,3 +78,52 @@ def write_metadata(contract: PolicyContract) -> dict[str, str]:
 
 def _csv(values: FloatArray) -> str:
     return ",".join(repr(float(value)) for value in values)
+
+
+METADATA_KEYS = (
+    "task_type",
+    "joint_names",
+    "action_joint_names",
+    "joint_stiffness",
+    "joint_damping",
+    "default_joint_pos",
+    "observation_names",
+    "command_names",
+    "action_scale",
+    "policy_dt",
+    "body_names",
+    "dataset_repo_id",
+    "lookahead_steps",
+)
+OWN_SOURCE = "metadata"
+_ONLY_HERE = ("task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps")
+
+
+def is_own(metadata: Mapping[str, str]) -> bool:
+    """Whether the metadata has any key that only this dialect has."""
+    return any(key in metadata for key in _ONLY_HERE)
+
+
+def read_own(metadata: Mapping[str, str], where: str) -> PartialContract:
+    """The keys that are there; other keys are not of the contract and are left alone.
+
+    Raises:
+        InputError: naming `where`, the key and its text, if one is malformed.
+    """
+    fields: dict[str, Given] = {}
+    for key in METADATA_KEYS:
+        if key not in metadata:
+            continue
+        text = metadata[key]
+        if key in ("task_type", "dataset_repo_id"):
+            fields[key] = Given(text.strip(), OWN_SOURCE)
+        elif key == "policy_dt":
+            fields[key] = Given(text_values.number(key, text, where), OWN_SOURCE)
+        elif key == "lookahead_steps":
+            fields[key] = Given(text_values.integers(key, text, where), OWN_SOURCE)
+        elif key.endswith("_names"):
+            field = "observation" if key == "observation_names" else key
+            fields[field] = Given(text_values.names(text), OWN_SOURCE)
+        else:
+            fields[key] = text_values.numbers(key, text, where, OWN_SOURCE)
+    return PartialContract(OWN_SOURCE, fields)

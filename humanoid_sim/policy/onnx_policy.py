@@ -1,24 +1,143 @@
-"""A checkpoint that runs: its contract read, its tensors found, one observation in and one action out."""
+"""An ONNX model in ONNX Runtime, and as a policy: one observation in, one action out, on one thread."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.contract import PolicyContract, TensorNames
+from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
-from humanoid_sim.policy.golden.samples import GOLDEN_KEY
-from humanoid_sim.policy.graph_motion import Progress, has_graph_motion, sweep_motion
-from humanoid_sim.policy.onnx_model import OnnxModel, Tensor, first_line, has_onnxruntime, read_header, read_metadata
-from humanoid_sim.policy.readers.contract_yaml import find_contract
-from humanoid_sim.policy.readers.sources import assemble_contract
+from humanoid_sim.files import regular_file
 
-__all__ = ["OnnxPolicy", "has_onnxruntime", "load_checkpoint", "read_contract", "read_metadata"]
+__all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "read_header", "read_metadata"]
+
+
+@dataclass(frozen=True, slots=True)
+class Tensor:
+    """An input or output of a model."""
+
+    name: str
+    type: str
+    """As ONNX Runtime calls it: `tensor(float)`."""
+    shape: tuple[int | str | None, ...]
+    """A text or None stands for a size that is left open."""
+
+    @property
+    def width(self) -> int | None:
+        """Values of one row of a (1, width) tensor of numbers; None for any other tensor."""
+        if len(self.shape) != 2 or (isinstance(self.shape[0], int) and self.shape[0] != 1):
+            return None
+        return self.shape[1] if isinstance(self.shape[1], int) else None
+
+
+class OnnxModel:
+    """A model that is loaded and can be run.
+
+    One thread and sequential execution: results do not depend on the machine's load, and no pool of spinning workers
+    competes with the control loop.
+    """
+
+    def __init__(self, path: Path, graph: bytes | None = None) -> None:
+        """Load a model.
+
+        Args:
+            path: of the file.
+            graph: a model that was made from the file's and is to run in its place; None: the file's own.
+
+        Raises:
+            InputError: if the file is no ONNX model, or its external tensors are missing.
+        """
+        check_file(path)
+        onnxruntime = _onnxruntime()
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+        options.log_severity_level = 4  # what it would log reaches the user through the exception
+        try:
+            source = str(path) if graph is None else graph
+            session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime raises its own types, which differ between builds
+            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}") from None
+        self.path = path
+        self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
+        self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
+        self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
+        self._session = session
+
+    def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[npt.NDArray[np.float32]]:
+        """The values of some outputs; raises whatever ONNX Runtime raises."""
+        values: list[npt.NDArray[np.float32]] = self._session.run(list(outputs), inputs)
+        return values
+
+
+def _onnxruntime() -> Any:
+    """ONNX Runtime, imported when it is first needed, because it is heavy and may be missing.
+
+    By default it keeps a database in the user's home and reports to its makers from a thread of its own: nothing that
+    belongs beside a control loop, on a machine that may be offline.
+    """
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    import onnxruntime  # noqa: PLC0415 - see above
+
+    return onnxruntime
+
+
+def has_onnxruntime() -> bool:
+    """Whether ONNX Runtime can be imported on this machine."""
+    try:
+        _onnxruntime()
+    except ImportError:
+        return False
+    return True
+
+
+def read_metadata(path: Path) -> dict[str, str]:
+    """The metadata of a checkpoint, without ONNX Runtime.
+
+    Raises:
+        InputError: if the file is no ONNX model.
+    """
+    return read_header(path)[0]
+
+
+def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The metadata of a checkpoint and the names of its outputs, without ONNX Runtime.
+
+    Raises:
+        InputError: if the file is no ONNX model.
+    """
+    import onnx  # noqa: PLC0415 - heavy, and only needed where onnxruntime is missing
+
+    check_file(path)
+    try:
+        model = onnx.load(str(path), load_external_data=False)
+    except Exception as error:  # protobuf's exception type is not part of onnx's interface
+        raise InputError(f"{path}: is not an ONNX model: {first_line(error)}") from None
+    metadata = {entry.key: entry.value for entry in model.metadata_props}
+    return metadata, tuple(output.name for output in model.graph.output)
+
+
+def check_file(path: Path) -> None:
+    """Refuse what cannot be an ONNX file.
+
+    Raises:
+        InputError: if there is no such file, or it is empty, a directory, a pipe or a device.
+    """
+    if regular_file(path, "an ONNX file").stat().st_size == 0:
+        raise InputError(f"{path}: is empty, expected an ONNX file")
+
+
+def first_line(error: Exception) -> str:
+    """What an exception says, cut to its first line."""
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+
 
 _ACTIONS = ("actions", "action")
 _TIME_STEP = "time_step"
@@ -88,63 +207,6 @@ class OnnxPolicy:
         if self.has_time_step:
             inputs[self._time_step] = frame.astype(self._frame_type)[:, None]
         return inputs
-
-
-def load_checkpoint(
-    path: Path,
-    contract_file: Path | None = None,
-    robot_joints: tuple[str, ...] | None = None,
-    progress: Progress | None = None,
-    *,
-    verify: bool = True,
-) -> Checkpoint:
-    """A checkpoint with its contract complete, its widths checked and its first (slow) inference done.
-
-    Args:
-        path: the model.
-        contract_file: a contract.yaml; None: the one beside the model, if there is one.
-        robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
-        progress: told of each frame while a motion in the graph is read.
-        verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
-
-    Raises:
-        InputError: one line that names the file and what is wrong with it.
-    """
-    model = OnnxModel(path)
-    outputs = [tensor.name for tensor in model.outputs]
-    contract = assemble_contract(path, model.metadata, contract_file, robot_joints, outputs)
-    policy = OnnxPolicy(model, contract.tensors)
-    if policy.action_width != contract.action_count:
-        raise InputError(
-            f"{path}: the model's output is {policy.action_width} wide, "
-            f"expected {contract.action_count}, one for each of action_joint_names"
-        )
-    try:
-        answer = policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
-    except Exception as error:  # onnxruntime's own types: operators that do not fit show only when they run
-        raise InputError(f"{path}: the model fails on an observation of zeros: {first_line(error)}") from None
-    if answer.shape != (contract.action_count,):
-        raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
-    motion = sweep_motion(policy, contract, progress) if has_graph_motion(policy, contract) else None
-    used = find_contract(path) if contract_file is None else contract_file
-    checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
-    if verify and GOLDEN_KEY in model.metadata:
-        from humanoid_sim.policy.golden.verify import verify_golden  # noqa: PLC0415 - only stamped models need it
-
-        return replace(checkpoint, golden=verify_golden(checkpoint, model.metadata))
-    return checkpoint
-
-
-def read_contract(
-    path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
-) -> PolicyContract:
-    """The contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it.
-
-    Raises:
-        InputError: as `load_checkpoint`.
-    """
-    metadata, outputs = read_header(path)
-    return assemble_contract(path, metadata, contract_file, robot_joints, outputs)
 
 
 def _time_step(path: Path, inputs: tuple[Tensor, ...], name: str) -> Tensor | None:

@@ -11,8 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.onnx_policy import read_contract
+from humanoid_sim.policy.checkpoint import Checkpoint, read_contract
 from humanoid_sim.prepare.report import MotionReport, as_json
 
 __all__ = ["Content", "Outputs", "checkpoint_files", "report_bytes"]

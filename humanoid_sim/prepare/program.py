@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion, motion_bytes
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.prepare.config import PrepareConfig
 from humanoid_sim.prepare.conventions import choose_conventions
 from humanoid_sim.prepare.convert import convert
@@ -28,7 +28,6 @@ from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source import SourceMotion
 from humanoid_sim.prepare.verify import Tolerance, Verifier
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.stack import load_policy
 
 __all__ = ["prepare"]
 

@@ -14,10 +14,10 @@ from humanoid_sim.envs.setting import Setting, make_setting
 from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.regress.subject import Subject
 from humanoid_sim.regress.suite import Case, Suite
-from humanoid_sim.stack import load_policy
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
 
 __all__ = ["Arena", "case_motion", "make_arena"]

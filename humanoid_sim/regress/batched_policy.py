@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import onnx
 
-from humanoid_sim.policy.onnx_model import OnnxModel
-from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 
 __all__ = ["BatchedPolicy"]
 

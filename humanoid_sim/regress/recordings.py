@@ -26,6 +26,7 @@ from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, SessionHeader, TickInput, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import motion_bytes
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.regress.arena import Arena
@@ -33,7 +34,7 @@ from humanoid_sim.regress.episodes import Disturbance, Step, run_episodes
 from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Suite
 from humanoid_sim.robots.schema import RobotDescription, StandbySettings
-from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents, load_policy
+from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents
 
 __all__ = ["choose_failures", "record_episode", "recording_name"]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import msgspec
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.onnx_policy import OnnxPolicy, load_checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.regress.batched_policy import BatchedPolicy
 from humanoid_sim.regress.suite import Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots

@@ -10,10 +10,10 @@ import msgspec
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
-from humanoid_sim.policy.readers.yaml_file import read_yaml
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.suite import AXES, Suite
 from humanoid_sim.regress.suite_checks import draw_problems, suite_problems
+from humanoid_sim.strict_yaml import read_yaml
 
 __all__ = ["load_suite", "shipped_suites"]
 

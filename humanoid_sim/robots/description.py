@@ -9,16 +9,20 @@ from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 import msgspec
+import numpy as np
 import yaml
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.controllers.action import resolve_action
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems
-from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import UNREADABLE, load_strictly
 
-__all__ = ["RobotDescription", "load_robot", "shipped_robots"]
+__all__ = ["RobotDescription", "load_robot", "shipped_robots", "with_contract"]
 
 
 def shipped_robots() -> tuple[str, ...]:
@@ -100,7 +104,6 @@ def _kind(value: object) -> str:
 
 _LONGEST_NUMBER = 1024
 """Bits of a whole number that is shown in a message: more than that a float cannot hold either."""
-
 _ACCEPTED = {
     "`float`": "a number",
     "`float | null`": "a number",
@@ -163,3 +166,47 @@ def _shown(value: object) -> str:
     if isinstance(value, int) and value.bit_length() > _LONGEST_NUMBER:  # Python refuses to write out the longest
         return f"a number of {value.bit_length()} bits"
     return repr(value)
+
+
+def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
+    """The description with the contract's gains, standing in the contract's default pose.
+
+    The joints' K_p and K_d, both standby poses and their gains, the initial position, and the K_d of damping and of the
+    remote controller's passive hold become the contract's. A default pose beyond a joint's limit is moved to it, as the
+    joint's stop would.
+
+    Raises:
+        InputError: the contract's joints are not the robot's.
+    """
+    try:
+        gains = resolve_action(contract, description.joint_names)
+        order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
+    except FieldError as error:
+        raise InputError(f"{description.name}: {error}") from None
+    stiffness, damping = _floats(gains.stiffness), _floats(gains.damping)
+    pose = _floats(np.clip(contract.default_joint_pos[order], description.lower, description.upper))
+    replace = msgspec.structs.replace
+
+    def standby(settings: StandbySettings) -> StandbySettings:
+        return StandbySettings(
+            target_stiffness=stiffness,
+            target_damping=damping,
+            segment_durations=(sum(settings.segment_durations),),
+            pose_segments=(pose,),
+        )
+
+    return replace(
+        description,
+        joints=tuple(
+            replace(joint, stiffness=stiffness[i], damping=damping[i]) for i, joint in enumerate(description.joints)
+        ),
+        initial_position=pose,
+        damping_controller=DampingSettings(damping=damping),
+        standby_controller_a=standby(description.standby_controller_a),
+        standby_controller_b=standby(description.standby_controller_b),
+        remote_policy_controller=replace(description.remote_policy_controller, damping=damping),
+    )
+
+
+def _floats(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import Mode
-from humanoid_sim.robots.interface import Robot
+from humanoid_sim.robots.robot import Robot
 
 __all__ = ["REACTIVATE", "Reactivation", "is_fresh_start", "one_line"]
 

@@ -11,7 +11,7 @@ from humanoid_sim.controllers.base import DAMPING, Controller, Fault
 from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.robots.interface import Robot
+from humanoid_sim.robots.robot import Robot
 
 __all__ = ["RestDetector", "damp_without_supervisor"]
 

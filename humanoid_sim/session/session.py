@@ -26,7 +26,7 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import FloatArray, MITState
-from humanoid_sim.robots.interface import Robot
+from humanoid_sim.robots.robot import Robot
 from humanoid_sim.session.pace import Pace
 from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
 from humanoid_sim.session.realtime import punctual_threads, real_time

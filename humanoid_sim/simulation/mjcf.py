@@ -2,7 +2,7 @@
 
 Read from the model: the actuated hinge joints in its order (all hinge joints, if it has no actuators), their limits,
 effort limits as far as it gives them, the base, and the IMU. Other joints stay passive. Gains are 0: they come from the
-policy's contract, see `humanoid_sim.robots.contract_gains`.
+policy's contract, see `humanoid_sim.robots.description`.
 """
 
 from __future__ import annotations

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.policy.checkpoint import placeholder_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.stack import build_supervisor, load_policy
+from humanoid_sim.stack import build_supervisor
 from humanoid_sim.testing.policies import ScriptedPolicy
 
 __all__ = ["robot_stack"]

@@ -19,10 +19,11 @@ from humanoid_sim.errors import HumanoidSimError
 from humanoid_sim.evaluation.tracking import TrackingErrors, TrackingSummary
 from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
+from humanoid_sim.stack import build_supervisor
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
 
 __all__ = ["Rollout", "TrackingFailedError", "follow", "inverse_kinematics_policy"]

@@ -13,11 +13,10 @@ from rich.table import Table
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
-from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.stack import load_policy
 from humanoid_sim.training.config import EvaluateConfig
 from humanoid_sim.training.evaluate import Rollout, TrackingFailedError, follow, inverse_kinematics_policy
 from humanoid_sim.training.held_out import held_out_motions

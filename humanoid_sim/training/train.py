@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from humanoid_sim.errors import HumanoidSimError, InputError
-from humanoid_sim.policy.onnx_policy import load_checkpoint
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.training.arm import ArmModel
 from humanoid_sim.training.closed_loop import ClosedLoop, train_closed_loop

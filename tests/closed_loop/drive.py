@@ -8,9 +8,10 @@ import numpy as np
 
 from humanoid_sim.messages import Intent, RemoteCommand, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.stack import LoadedPolicy, build_supervisor
+from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.005
 

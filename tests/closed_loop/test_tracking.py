@@ -7,9 +7,9 @@ from drive import Drive
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.messages import Intent, Mode
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
-from humanoid_sim.stack import load_policy
 
 MOTIONS = sorted(path.stem for path in asset_path("motions").glob("*.mcap"))
 

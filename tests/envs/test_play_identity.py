@@ -21,13 +21,14 @@ from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput, TickRecord
 from humanoid_sim.play import main
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.session import LoopSettings, Session
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.stack import build_supervisor, load_policy
+from humanoid_sim.stack import build_supervisor
 
 BIPED_CONTRACT = asset_path("policies", "lite_biped_velocity.contract.yaml")
 

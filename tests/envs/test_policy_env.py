@@ -16,7 +16,7 @@ from humanoid_sim.envs.episode_robot import PlantState
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import mit_torque
-from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.robots.description import load_robot
 
 # Actions are those of the policy, in its own units: nothing to be normalised.

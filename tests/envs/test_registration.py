@@ -11,7 +11,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from humanoid_sim.envs.registration import ENVIRONMENTS, register_environments
-from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.robots.description import load_robot
 
 

@@ -8,7 +8,7 @@ from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.envs.spaces import action_space, outlier
-from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.robots.description import load_robot
 
 

@@ -12,8 +12,7 @@ from published import HOLOSOMA_REST
 
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.terms import TERM_KINDS, Term
-from humanoid_sim.policy.readers.contract_schema import ContractFile, TermOptions
-from humanoid_sim.policy.readers.contract_yaml import parse_contract
+from humanoid_sim.policy.readers.contract_yaml import ContractFile, TermOptions, parse_contract
 from humanoid_sim.policy.readers.merge import merge
 
 PAGE = (Path(__file__).parents[2] / "docs" / "contract.md").read_text(encoding="utf-8")

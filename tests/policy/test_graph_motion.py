@@ -14,11 +14,11 @@ from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.checkpoint import load_checkpoint, zero_policy
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion, read_motion, write_motion
-from humanoid_sim.policy.onnx_policy import OnnxPolicy, load_checkpoint
-from humanoid_sim.policy.placeholder import zero_policy
-from humanoid_sim.stack import load_policy
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
 
 JOINTS = models.JOINTS
 BODIES = ("pelvis", "torso")

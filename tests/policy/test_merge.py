@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.readers.agree import agreed
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
-from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.readers.merge import agreed, merge
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 from humanoid_sim.policy.readers.partial import given as from_source
 

@@ -15,9 +15,9 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import file_digest
+from humanoid_sim.policy.checkpoint import file_digest, load_checkpoint
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.onnx_policy import OnnxPolicy, has_onnxruntime, load_checkpoint, read_metadata
+from humanoid_sim.policy.onnx_policy import OnnxPolicy, has_onnxruntime, read_metadata
 
 
 def test_a_checkpoint_is_loaded_with_all_that_it_says(tmp_path: Path) -> None:
@@ -246,7 +246,7 @@ def test_onnxruntime_keeps_no_files_and_calls_nobody(tmp_path: Path) -> None:
     home.mkdir()
     environ = {k: v for k, v in os.environ.items() if not k.startswith(("XDG", "ORT"))} | {"HOME": str(home)}
     path = str(models.saved(tmp_path / "policy.onnx"))
-    code = f"from humanoid_sim.policy.onnx_policy import *; from pathlib import Path; load_checkpoint(Path({path!r}))"
+    code = f"from humanoid_sim.policy.checkpoint import *; from pathlib import Path; load_checkpoint(Path({path!r}))"
     subprocess.run([sys.executable, "-c", code], check=True, env=environ)
     assert list(home.rglob("*")) == []
 

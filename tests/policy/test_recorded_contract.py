@@ -18,17 +18,11 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.messages import SessionHeader, TickInput
 from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.stack import (
-    MOTION_ATTACHMENT,
-    LoadedPolicy,
-    build_supervisor,
-    header_documents,
-    load_policy,
-    rebuild_supervisor,
-)
+from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents, rebuild_supervisor
 
 LITE: RobotDescription = load_robot("lite")
 JOINTS = LITE.joint_names

@@ -20,12 +20,11 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.messages import PolicyStep, TickInput
 from humanoid_sim.mit import Extern, MITState
-from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import motion_bytes, parse_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.policy.readers.sources import assemble_contract, assumptions
-from humanoid_sim.stack import LoadedPolicy, load_policy
 
 pytestmark = needs_policies
 

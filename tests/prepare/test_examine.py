@@ -11,7 +11,7 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.onnx_policy import read_contract
+from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.prepare.conventions import Conventions
 from humanoid_sim.prepare.examine import INVERSE, Findings, Robot, examine
 from humanoid_sim.prepare.limits import is_upside_down, orders_within_limits, worst_excess

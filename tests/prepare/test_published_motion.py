@@ -9,8 +9,8 @@ import pytest
 from published import POLICIES, needs_policies
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.prepare import main
 
 pytestmark = needs_policies

@@ -15,9 +15,10 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.policy.placeholder import placeholder_checkpoint
+from humanoid_sim.policy.checkpoint import placeholder_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.stack import build_supervisor, header_documents, load_policy
+from humanoid_sim.stack import build_supervisor, header_documents
 
 PERIOD = 0.02
 INTENTS = {

@@ -5,8 +5,7 @@ import pytest
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.contract_gains import with_contract
-from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.description import load_robot, with_contract
 
 ROBOT = load_robot("lite_biped")
 N = ROBOT.joint_count

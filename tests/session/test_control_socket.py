@@ -16,7 +16,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, TickOutput
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.loopback import LoopbackRobot
+from humanoid_sim.robots.robot import LoopbackRobot
 from humanoid_sim.session.control_socket import ControlSocket, running_sessions, send_intent, send_reactivate
 from humanoid_sim.session.reactivation import Reactivation
 

@@ -23,7 +23,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
 from humanoid_sim.mit import Extern
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.loopback import LoopbackRobot
+from humanoid_sim.robots.robot import LoopbackRobot
 from humanoid_sim.session import pace
 from humanoid_sim.session.session import LoopSettings, Session
 from humanoid_sim.stack import build_supervisor

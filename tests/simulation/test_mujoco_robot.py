@@ -8,7 +8,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.robots.interface import Robot
+from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot, StateSampling
 from humanoid_sim.simulation.plant import Actuation, make_plant
 

@@ -17,10 +17,8 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemor
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import Extern
-from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.onnx_policy import load_checkpoint
-from humanoid_sim.robots.contract_gains import with_contract
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
 from humanoid_sim.simulation.imu import Imu
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.assets import asset_path
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training.evaluate import TrackingFailedError, follow, inverse_kinematics_policy
 from humanoid_sim.training.held_out import held_out_motions

@@ -5,8 +5,9 @@ import onnx
 import pytest
 
 from humanoid_sim.assets import asset_path
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.metadata import METADATA_KEYS
-from humanoid_sim.policy.onnx_policy import load_checkpoint, read_metadata
+from humanoid_sim.policy.onnx_policy import read_metadata
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training import scales
 from humanoid_sim.training.export import OBSERVATIONS, export_policy, sample_contract

@@ -6,8 +6,8 @@ import pytest
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion, write_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.training.__main__ import main
 
 

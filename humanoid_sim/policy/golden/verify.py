@@ -17,7 +17,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.run import observe, recorded_wiring, sample_memory, sample_state
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
-from humanoid_sim.stack import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 
 __all__ = [
     "ACTION_TOLERANCE",

@@ -6,11 +6,11 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from humanoid_sim.controllers.terms import TERM_KINDS
 from humanoid_sim.errors import FieldError
-from humanoid_sim.policy.readers.agree import kind_of
 from humanoid_sim.policy.readers.partial import Given
 
-__all__ = ["complete", "missing_fields"]
+__all__ = ["complete", "kind_of", "missing_fields"]
 
 _REQUIRED = (
     "joint_names",
@@ -76,6 +76,12 @@ def missing_fields(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
     if "observation" in known and "command" in known["observation"].value and not _value(known, "command_names"):
         missing.append("command_names")
     return missing
+
+
+def kind_of(name: str) -> str:
+    """What a term means: exporters give the same term different names."""
+    kind = TERM_KINDS.get(name, name)
+    return "velocity_command" if kind == "command" else kind
 
 
 def _value(known: Mapping[str, Given], name: str) -> Any:

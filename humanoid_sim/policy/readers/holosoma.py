@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.readers import csv_values
+from humanoid_sim.policy.readers import text_values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
-from humanoid_sim.policy.readers.texts import cut
+from humanoid_sim.policy.readers.text_values import cut
 
 __all__ = ["HOLOSOMA_SOURCE", "is_holosoma", "read_holosoma"]
 
@@ -56,7 +56,7 @@ def _action_scale(metadata: Mapping[str, str], where: str) -> Given:
     text = metadata["action_scale"].strip().strip('"')
     if text.startswith("["):
         return Given(_numbers("action_scale", metadata, where), HOLOSOMA_SOURCE)
-    return csv_values.numbers("action_scale", text, where, HOLOSOMA_SOURCE)
+    return text_values.numbers("action_scale", text, where, HOLOSOMA_SOURCE)
 
 
 def _parse(key: str, metadata: Mapping[str, str], where: str) -> Any:

@@ -11,14 +11,13 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.contract_json import STAMP_KEY, decode, read_stamp
 from humanoid_sim.policy.graph_motion import graph_conventions
-from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.metadata import METADATA_KEYS, is_own, read_own, write_metadata
 from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contract_file
 from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.mjlab import is_mjlab, read_mjlab
-from humanoid_sim.policy.readers.own_metadata import METADATA_KEYS, is_own, read_own
 from humanoid_sim.policy.readers.partial import PartialContract
-from humanoid_sim.policy.readers.texts import shown
+from humanoid_sim.policy.readers.text_values import shown
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 
 __all__ = ["assemble_contract", "assumptions", "metadata_contract", "source_files"]

@@ -14,8 +14,8 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
-from humanoid_sim.policy.readers.texts import cut, one_line
-from humanoid_sim.policy.readers.yaml_file import read_yaml
+from humanoid_sim.policy.readers.text_values import cut, one_line
+from humanoid_sim.strict_yaml import read_yaml
 
 __all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]
 

@@ -29,12 +29,13 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.session.session import LoopSettings, Session
-from humanoid_sim.stack import LoadedPolicy, build_supervisor, load_policy
+from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.02
 """s, 50 Hz: the rate on hardware."""

@@ -1,0 +1,147 @@
+"""A policy and its motion, checked against each other, and the layout of its observation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
+from humanoid_sim.controllers.policy_step import Policy
+from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.motion import Motion
+
+__all__ = ["LoadedPolicy", "contract_layout", "load_policy"]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedPolicy:
+    """A policy with its motion, checked against each other."""
+
+    contract: PolicyContract
+    reference: MotionReference
+    policy: Policy
+    estimates: bool = True
+    """Whether the robot knows its base's velocity and its anchor body's pose, as a simulation does."""
+
+    @property
+    def extern(self) -> Mapping[str, int]:
+        """Name and width of the live inputs: commands and estimates, and pressed keys, as wide as the goal keys."""
+        keys = self.reference.terms.get("target_keys")
+        widths = {name: width for name, width in EXTERN_WIDTHS.items() if self.estimates or name == VELOCITY_COMMAND}
+        return widths if keys is None else {**widths, "key_pressed": keys.shape[1]}
+
+    @property
+    def layout(self) -> ObservationLayout:
+        """The observation in the policy's own joint order; names and widths are the same on every robot."""
+        return resolve_observation(self.contract, self.contract.joint_names, self.reference, self.extern)
+
+
+def load_policy(
+    contract: PolicyContract,
+    policy: Policy,
+    motion: Motion | None,
+    observation_width: int | None = None,
+    *,
+    source: str = "policy",
+    motion_source: str = "motion",
+    estimates: bool = True,
+) -> LoadedPolicy:
+    """Bring a policy and its motion together.
+
+    Args:
+        contract: of the policy.
+        policy: the callable.
+        motion: what it follows; None for a policy that follows none.
+        observation_width: N as the model declares it; None if any will do.
+        source: what to call the policy in messages.
+        motion_source: what to call the motion.
+        estimates: as in `LoadedPolicy`.
+
+    Raises:
+        InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
+    """
+    try:
+        loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy, estimates)
+        layout = loaded.layout
+    except FieldError as error:
+        raise InputError(f"{source}: {error}") from None
+    if observation_width is not None and layout.width != observation_width:
+        terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
+        raise InputError(
+            f"{source}: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
+        )
+    return loaded
+
+
+def _reference(contract: PolicyContract, motion: Motion | None, source: str, motion_source: str) -> MotionReference:
+    if contract.task_type == "locomotion":
+        return no_reference()
+    if motion is None:
+        raise InputError(f"{source}: task_type {contract.task_type} follows a motion, and none is given: use --motion")
+    if motion.task_type and motion.task_type != contract.task_type:
+        raise InputError(
+            f"{motion_source}: is a motion for task_type {motion.task_type}; "
+            f"{source} expects one for {contract.task_type}"
+        )
+    if (
+        motion.layout == "bodies_b"
+        and contract.task_type == "tracking"
+        and motion.body_names
+        and (motion.body_names != contract.body_names)
+    ):
+        raise InputError(
+            f"{motion_source}: describes the bodies {', '.join(motion.body_names)}; "
+            f"{source} expects {', '.join(contract.body_names)}"
+        )
+    if motion.policy_dt and not np.isclose(motion.policy_dt, contract.policy_dt, rtol=1e-6):
+        raise InputError(
+            f"{motion_source}: has a frame every {motion.policy_dt:g} s, "
+            f"{source} a step every {contract.policy_dt:g} s; resample the motion"
+        )
+    if motion.layout == "joints_bodies_w":
+        return build_world_reference(contract, motion.frames, motion.joint_names, motion.body_names)
+    return build_reference(contract, motion.frames)
+
+
+_LIVE_KEYS = "key_pressed"
+
+
+def contract_layout(contract: PolicyContract, observation_width: int | None = None) -> ObservationLayout:
+    """The observation in the policy's own joint order, with empty tables in the place of the motion.
+
+    Args:
+        contract: of the policy.
+        observation_width: N as the model declares it. It tells how many keys a piano policy sees, which no contract
+            says; None: one key.
+
+    Raises:
+        FieldError: for an unknown term, or one that the contract does not say enough about.
+    """
+    one = _layout(contract, keys=1)
+    if contract.task_type != "piano" or observation_width is None:
+        return one
+    per_key = _layout(contract, keys=2).width - one.width
+    keys, rest = divmod(observation_width - (one.width - per_key), per_key) if per_key else (1, 0)
+    return _layout(contract, keys) if keys > 0 and not rest else one
+
+
+def _layout(contract: PolicyContract, keys: int) -> ObservationLayout:
+    joints, bodies = len(contract.joint_names), len(contract.body_names)
+    widths = {
+        "reference_joint_pos": joints,
+        "reference_joint_vel": joints,
+        "anchor_pos": 3,
+        "anchor_quat": 4,
+        "motion_body_pos_b": 3 * bodies,
+        "motion_body_ori_b": 6 * bodies,
+        "target_keys": keys,
+        "target_keys_future": keys * len(contract.lookahead_steps),
+    }
+    reference = MotionReference(1, {name: np.zeros((1, width), dtype=np.float32) for name, width in widths.items()})
+    extern = {**EXTERN_WIDTHS, _LIVE_KEYS: keys}
+    return resolve_observation(contract, contract.joint_names, reference, extern)

@@ -1,0 +1,250 @@
+"""Whether a contract fits a robot: its joints and bodies, motors, position limits, rate and estimates."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.motors import MOTORS, MotorModel
+from humanoid_sim.robots.schema import MotorDescription
+
+__all__ = [
+    "SEVERITIES",
+    "Finding",
+    "Severity",
+    "body_findings",
+    "estimate_findings",
+    "joint_findings",
+    "motor_findings",
+    "near_miss",
+    "range_findings",
+    "rate_finding",
+    "sorted_findings",
+]
+
+
+Severity = Literal["error", "warning", "info"]
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
+"""The worst first. An error keeps the policy from running as it was meant to; a warning is worth a look."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that a check found."""
+
+    severity: Severity
+    field: str
+    """Of the contract, or `model`, `golden vectors`, `robot`."""
+    message: str
+    """What is, and what was expected."""
+    joint: str = ""
+    value: float | None = None
+    limit: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.field}{f' of {self.joint}' if self.joint else ''}: {self.message}"
+
+
+def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The worst first, otherwise in the order in which they were found."""
+    return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
+
+
+_AFFIXES = re.compile(r"^(joint_)|(_joint|_link|_dof|_motor)$")
+_SIDES = ((r"^l_", "left_"), (r"^r_", "right_"), (r"_l$", "_left"), (r"_r$", "_right"))
+
+
+def joint_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Joints that only the policy or only the robot has."""
+    robot, policy = description.joint_names, contract.joint_names
+    surplus = [name for name in robot if name not in policy]
+    for name in policy:
+        if name not in robot:
+            meant = near_miss(name, surplus)
+            hint = f", which has '{meant}': rename it in a contract.yaml" if meant else ""
+            yield Finding("error", "joint_names", f"is not a joint of '{description.name}'{hint}", joint=name)
+    meant_ones = {near_miss(name, surplus) for name in policy if name not in robot}
+    for name in surplus:
+        if name not in meant_ones:
+            message = f"'{description.name}' has it, the policy does not; its joints have to be the robot's"
+            yield Finding("error", "joint_names", message, joint=name)
+
+
+def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -> Iterator[Finding]:
+    """Bodies of the motion that the robot's model lacks.
+
+    Args:
+        contract: of the policy.
+        bodies: names of all bodies of the model.
+        robot: its name.
+    """
+    named = [("body_names", name) for name in contract.body_names]
+    if contract.anchor_body:
+        named.append(("anchor_body", contract.anchor_body))
+    for field, name in named:
+        if name not in bodies:
+            meant = near_miss(name, bodies)
+            hint = f", which has '{meant}'" if meant else f"; it has: {', '.join(bodies)}"
+            yield Finding("error", field, f"'{name}' is not a body of '{robot}'{hint}")
+    if contract.anchor_body and contract.body_names and contract.anchor_body not in contract.body_names:
+        message = f"'{contract.anchor_body}' is not among body_names: {', '.join(contract.body_names)}"
+        yield Finding("warning", "anchor_body", f"{message}; a motion of those bodies does not tell where it is")
+
+
+def near_miss(name: str, known: Sequence[str]) -> str:
+    """The one of the known names that was probably meant; empty if none is close."""
+    plain = {_plain(other): other for other in known}
+    if _plain(name) in plain:
+        return plain[_plain(name)]
+    close = difflib.get_close_matches(_plain(name), list(plain), n=1, cutoff=0.85)
+    # left_knee and right_knee are close in letters and far in meaning.
+    if close and _side(close[0]) == _side(_plain(name)):
+        return plain[close[0]]
+    return ""
+
+
+def _plain(name: str) -> str:
+    """A name without what exporters add, drop or spell differently."""
+    text = name.rpartition("/")[2].lower().replace("-", "_").replace(" ", "_")
+    text = _AFFIXES.sub("", text)
+    for pattern, side in _SIDES:
+        text = re.sub(pattern, side, text)
+    return text
+
+
+def _side(name: str) -> str:
+    return "left" if "left" in name else "right" if "right" in name else ""
+
+
+_TOLERANCE = 1e-3
+"""rad. Exporters round poses to three decimals."""
+_STUCK = 0.02
+"""rad. A joint that an action of one unit moves by less hardly moves."""
+
+
+def range_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Poses and actions against limits, for joints that the robot has."""
+    limits = {joint.name: (joint.lower, joint.upper) for joint in description.joints}
+    for i, joint in enumerate(contract.joint_names):
+        if joint in limits:
+            yield from _pose(joint, "default_joint_pos", float(contract.default_joint_pos[i]), limits[joint])
+            if joint not in contract.action_joint_names:
+                yield from _pose(joint, "action_joint_names", 0.0, limits[joint], " where it is held")
+    for i, joint in enumerate(contract.action_joint_names):
+        if joint in limits:
+            yield from _action(contract, i, joint, limits[joint])
+
+
+def _pose(joint: str, field: str, value: float, limits: tuple[float, float], where: str = "") -> Iterator[Finding]:
+    lower, upper = limits
+    if lower - _TOLERANCE <= value <= upper + _TOLERANCE:
+        return
+    degrees = lower - _TOLERANCE <= np.deg2rad(value) <= upper + _TOLERANCE and abs(value) > np.pi
+    hint = "; is it in degrees?" if degrees else ""
+    limit = lower if value < lower else upper
+    message = f"is {value:g} rad{where}, beyond the joint's range {lower:.4g} to {upper:.4g}{hint}"
+    yield Finding("error", field, message, joint, value, limit)
+
+
+def _action(contract: PolicyContract, i: int, joint: str, limits: tuple[float, float]) -> Iterator[Finding]:
+    """What an action of one unit reaches: trained policies go further, but rarely by much."""
+    assert contract.action_offset is not None  # filled in at construction
+    scale, offset = abs(float(contract.action_scale[i])), float(contract.action_offset[i])
+    default = float(contract.default_joint_pos[contract.joint_names.index(joint)])
+    lower, upper = limits
+    if abs(offset - default) > _TOLERANCE:
+        yield from _pose(joint, "action_offset", offset, limits)
+    if 0.0 < scale < _STUCK:
+        message = f"is {scale:g} rad: an action of 1 hardly moves the joint"
+        yield Finding("warning", "action_scale", message, joint, scale, _STUCK)
+    if contract.position_clip is not None:
+        low, high = (float(value) for value in contract.position_clip[i])
+        if low < lower - _TOLERANCE or high > upper + _TOLERANCE:
+            message = f"is {low:g} to {high:g} rad, wider than the joint's range {lower:.4g} to {upper:.4g}"
+            yield Finding("warning", "position_clip", message, joint)
+        return
+    low, high = offset - scale, offset + scale
+    if low < lower - _TOLERANCE or high > upper + _TOLERANCE:
+        limit = lower if low < lower - _TOLERANCE else upper
+        message = (
+            f"is {scale:g} rad: actions of -1 to 1 ask for {low:.4g} to {high:.4g}, "
+            f"beyond the joint's range {lower:.4g} to {upper:.4g}"
+        )
+        yield Finding("info", "action_scale", message, joint, scale, limit)
+
+
+_COARSE = 0.02
+"""Relative error at which the rounding of a gain by the motor's format is worth a word."""
+
+
+def motor_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
+    """Gains beyond what the robot's motors can encode, joint by joint."""
+    motors = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
+    if not motors:
+        message = f"'{description.name}' has no motors in its description"
+        yield Finding("error" if hardware else "info", "robot", f"{message}: gains were not compared with their limits")
+        return
+    for i, joint in enumerate(contract.joint_names):
+        motor = motors.get(joint)
+        if motor is None:
+            if hardware and joint in description.joint_names:
+                yield Finding("error", "robot", "has no motor in the robot's description", joint=joint)
+            continue
+        limits = MOTORS.get(motor.model)
+        if limits is None:
+            message = f"motor model '{motor.model}' is not known; known: {', '.join(MOTORS)}"
+            yield Finding("warning", "robot", message, joint=joint)
+            continue
+        yield from _joint_findings(joint, contract, i, motor, limits)
+
+
+def _joint_findings(
+    joint: str, contract: PolicyContract, i: int, motor: MotorDescription, limits: MotorModel
+) -> Iterator[Finding]:
+    for field, value, limit, step in (
+        ("joint_stiffness", float(contract.joint_stiffness[i]), limits.stiffness, limits.stiffness_step),
+        ("joint_damping", float(contract.joint_damping[i]), limits.damping, limits.damping_step),
+    ):
+        if value > limit:
+            message = f"is {value:g}, but motor {motor.model} encodes at most {limit:g}"
+            yield Finding("error", field, message, joint, value, limit)
+        elif 0.0 < value < step / _COARSE:
+            message = f"is {value:g}, which motor {motor.model} encodes in steps of {step:.2g}"
+            yield Finding("warning", field, message, joint, value, step)
+
+
+_ESTIMATES = {
+    "base_lin_vel": "the velocity of the base",
+    "motion_anchor_pos": "the position of the anchor body",
+    "motion_anchor_ori": "the pose of the anchor body",
+}
+_RATE_TOLERANCE = 1e-6
+
+
+def estimate_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
+    """Terms that need an estimator on a robot: an error on hardware, which has none."""
+    for term in contract.terms:
+        what = _ESTIMATES.get(term.kind)
+        if what is None:
+            continue
+        message = f"needs {what}, which a simulation knows and a robot has to estimate"
+        if hardware:
+            yield Finding("error", f"observation term {term.name}", f"{message}; there is no estimator")
+        else:
+            yield Finding("info", f"observation term {term.name}", message)
+
+
+def rate_finding(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Whether the policy's period is a whole number of the real robot's control periods."""
+    frequency = description.hardware.control_frequency
+    ticks = contract.policy_dt * frequency
+    if round(ticks) < 1 or abs(ticks - round(ticks)) > _RATE_TOLERANCE * ticks:
+        message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {1.0 / frequency:g} s"
+        yield Finding("warning", "policy_dt", f"{message}: it has to run at another rate", value=contract.policy_dt)

@@ -1,0 +1,113 @@
+"""`python -m humanoid_sim.policy show|check|stamp|doctor`: look into a checkpoint, check it, complete it.
+
+Nothing heavy is imported here: `--help` must be quick.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, assert_never
+
+import tyro
+
+from humanoid_sim.errors import InputError
+
+__all__ = ["Check", "Doctor", "Show", "Stamp", "main"]
+
+_DOCTOR = "doctor"
+
+
+@dataclass(frozen=True)
+class Show:
+    """Show the contract of a checkpoint: joints, observation, action, and where each field came from."""
+
+    checkpoint: tyro.conf.Positional[Path]
+    """ONNX file."""
+    contract: Path | None = None
+    """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
+    robot: str | None = None
+    """Shipped robot, YAML file or MJCF; only for contracts that name the joints by their places on the robot."""
+    json: bool = False
+    """Print everything as JSON."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check a checkpoint against a robot without running it there. Exit status 1 if anything is an error."""
+
+    checkpoint: tyro.conf.Positional[Path]
+    """ONNX file."""
+    robot: str
+    """Shipped robot (lite, lite_biped), YAML file or MJCF."""
+    contract: Path | None = None
+    """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
+    hardware: bool = False
+    """For the real robot: what only a simulation knows is an error."""
+    physics_timestep: float | None = None
+    """s of the simulation. Default: the robot's."""
+    json: bool = False
+    """Print the findings as JSON."""
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """Write a copy of a checkpoint that holds its contract, its external tensors and golden vectors itself."""
+
+    checkpoint: tyro.conf.Positional[Path]
+    """ONNX file."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """File to write."""
+    contract: Path | None = None
+    """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
+    robot: str | None = None
+    """Shipped robot, YAML file or MJCF: for joints given by place, and for a trace's anchor poses."""
+    trace: Path | None = None
+    """The trainer's run (.npz) to take golden vectors from. Default: the program's own, which only show drift."""
+    motion: Path | None = None
+    """The motion (.mcap) of the trace, or for the program's own vectors, where the model does not carry it."""
+    overwrite: bool = False
+    """Replace the output if it exists."""
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Find out what is wired wrongly in a policy that does not behave; see `doctor --help`."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `policy` with command-line arguments; returns the exit status."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words and words[0] == _DOCTOR:  # a program of its own, with its own options
+        from humanoid_sim.doctor import main as doctor  # noqa: PLC0415 - heavy, like the other commands below
+
+        return doctor(words[1:])
+    command: Show | Check | Stamp | Doctor = tyro.cli(
+        Show | Check | Stamp | Doctor,
+        prog="humanoid_sim.policy",
+        description="Look into a checkpoint, check it against a robot, complete it, or find out what is wrong with it.",
+        args=words,
+    )
+    from humanoid_sim.policy.onnx_policy import has_onnxruntime  # noqa: PLC0415
+
+    if not has_onnxruntime():
+        raise InputError("policy: needs onnxruntime, which cannot be imported: pip install onnxruntime")
+    match command:
+        case Show():
+            from humanoid_sim.policy_tools.show import show  # noqa: PLC0415
+
+            return show(command)
+        case Check():
+            from humanoid_sim.policy_tools.check import check  # noqa: PLC0415
+
+            return check(command)
+        case Stamp():
+            from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
+
+            return stamp_copy(command)
+        case Doctor():  # only its line of help is here: `doctor` was handled above
+            raise AssertionError(_DOCTOR)
+        case _:
+            assert_never(command)

@@ -1,0 +1,236 @@
+"""`policy check`: what is wrong, or looks wrong, with a checkpoint for a robot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from rich.markup import escape
+
+from humanoid_sim.controllers.action import resolve_action
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.files import regular_file
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.golden.verify import verify_golden
+from humanoid_sim.policy.loaded_policy import contract_layout
+from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
+from humanoid_sim.policy.robot_check import (
+    SEVERITIES,
+    Finding,
+    Severity,
+    body_findings,
+    estimate_findings,
+    joint_findings,
+    motor_findings,
+    range_findings,
+    rate_finding,
+    sorted_findings,
+)
+from humanoid_sim.policy.suspicious import suspicious_findings
+from humanoid_sim.policy_tools import Check
+from humanoid_sim.policy_tools.show import make_console
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
+
+__all__ = ["check", "check_checkpoint"]
+
+Float32Array = npt.NDArray[np.float32]
+
+_LARGEST_ACTION = 100.0
+"""The controller's own limit of a raw action."""
+_PROBES = 4
+_STYLES: dict[Severity, str] = {"error": "bold red", "warning": "yellow", "info": "cyan"}
+_PLURALS: dict[Severity, str] = {"error": "error(s)", "warning": "warning(s)", "info": "remark(s)"}
+
+
+def check(options: Check) -> int:
+    """Print the findings; exit status 1 if there is an error among them."""
+    description = load_robot(options.robot)
+    findings = check_checkpoint(
+        options.checkpoint,
+        description,
+        options.contract,
+        hardware=options.hardware,
+        physics_timestep=options.physics_timestep,
+    )
+    counts = {severity: sum(finding.severity == severity for finding in findings) for severity in SEVERITIES}
+    if options.json:
+        document = {
+            "checkpoint": str(options.checkpoint),
+            "robot": description.name,
+            "counts": counts,
+            "findings": [asdict(finding) for finding in findings],
+        }
+        print(json.dumps(document, indent=2))
+    else:
+        _print(findings, counts, f"{options.checkpoint} on '{description.name}'")
+    return int(counts["error"] > 0)
+
+
+def _print(findings: tuple[Finding, ...], counts: dict[Severity, int], what: str) -> None:
+    console = make_console()
+    for finding in findings:
+        style = _STYLES[finding.severity]
+        console.print(f"[{style}]{finding.severity:<8}[/{style}]{escape(str(finding))}", soft_wrap=True)
+    total = ", ".join(f"{counts[severity]} {_PLURALS[severity]}" for severity in SEVERITIES)
+    console.print(f"{escape(what)}: {total}", soft_wrap=True)
+
+
+def check_checkpoint(
+    path: Path,
+    description: RobotDescription,
+    contract_file: Path | None = None,
+    *,
+    hardware: bool = False,
+    physics_timestep: float | None = None,
+) -> tuple[Finding, ...]:
+    """Everything that can be said without running the policy on the robot, the worst first.
+
+    A contract that contradicts itself or is not complete is one finding, and the only one.
+
+    Args:
+        path: the checkpoint.
+        description: the robot.
+        contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
+        hardware: it is for the real robot.
+        physics_timestep: s of the simulation; None: the robot's.
+
+    Raises:
+        InputError: the checkpoint is no model, the contract file is not there, or the robot's MJCF cannot be read.
+    """
+    OnnxModel(path)  # what is no model cannot be checked
+    if contract_file is not None:
+        regular_file(contract_file, "a contract.yaml")
+    try:
+        checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
+    except InputError as error:
+        return (Finding("error", "contract", str(error).removeprefix(f"{path}: ")),)
+    return sorted_findings(_findings(checkpoint, description, hardware, physics_timestep))
+
+
+def _findings(
+    checkpoint: Checkpoint, description: RobotDescription, hardware: bool, physics_timestep: float | None
+) -> Iterator[Finding]:
+    contract = checkpoint.contract
+    joints = tuple(joint_findings(contract, description))
+    yield from joints
+    if contract.body_names or contract.anchor_body:
+        yield from body_findings(contract, _bodies(description), description.name)
+    yield from _model_findings(checkpoint)
+    yield from _golden(checkpoint)
+    yield from motor_findings(contract, description, hardware=hardware)
+    yield from range_findings(contract, description)
+    if not joints:
+        yield from _stability(contract, description, physics_timestep)
+    yield from suspicious_findings(contract, description)
+    yield from estimate_findings(contract, hardware=hardware)
+    if hardware:
+        yield from rate_finding(contract, description)
+
+
+def _golden(checkpoint: Checkpoint) -> Iterator[Finding]:
+    if not isinstance(checkpoint.policy, OnnxPolicy):
+        return
+    try:
+        label = verify_golden(checkpoint, checkpoint.policy.metadata)
+    except (InputError, FieldError) as error:
+        yield Finding("error", "golden vectors", str(error).removeprefix(f"{checkpoint.source}: golden vectors: "))
+        return
+    message = label or "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
+    yield Finding("info", "golden vectors", message)
+
+
+def _bodies(description: RobotDescription) -> tuple[str, ...]:
+    model = build_model(description, scene=False)
+    return tuple(model.body(i).name for i in range(1, model.nbody))
+
+
+def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
+    """Run the model on zeros and on noise; compare the width of its input with the terms'."""
+    width = checkpoint.observation_width
+    try:
+        layout = contract_layout(checkpoint.contract, width)
+    except FieldError as error:
+        yield Finding("error", "observation", str(error))
+        return
+    if width is None:
+        return
+    if layout.width != width:
+        terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
+        message = f"is {layout.width} wide ({terms}), but the model's input has {width}"
+        yield Finding("error", "observation", message, value=layout.width, limit=width)
+        return
+    yield from _answers(checkpoint, width)
+    yield from _deaf(checkpoint, layout)
+
+
+def _answers(checkpoint: Checkpoint, width: int) -> Iterator[Finding]:
+    action = np.abs(_run(checkpoint, np.zeros(width, dtype=np.float32)))
+    joints = checkpoint.contract.action_joint_names
+    if not np.isfinite(action).all():
+        joint = joints[int(np.argmax(~np.isfinite(action)))]
+        yield Finding("error", "model", "answers an observation of zeros with a number that is not finite", joint)
+    elif action.max() > _LARGEST_ACTION:
+        worst = int(np.argmax(action))
+        message = f"answers an observation of zeros with {action[worst]:g}, expected at most {_LARGEST_ACTION:g}"
+        yield Finding("error", "model", message, joints[worst], float(action[worst]), _LARGEST_ACTION)
+
+
+def _deaf(checkpoint: Checkpoint, layout: ObservationLayout) -> Iterator[Finding]:
+    """Terms whose values change nothing in the answer: a normaliser that has never seen them move, or a wrong place."""
+    rng = np.random.default_rng(0)
+    probes = rng.normal(0.0, 1.0, (_PROBES, layout.width)).astype(np.float32)
+    owner = np.array([layout.locate(i).partition("[")[0] for i in range(layout.width)])
+    answers = [_run(checkpoint, probe) for probe in probes]
+    if all(np.array_equal(answer, answers[0]) for answer in answers):
+        yield Finding("warning", "model", "gives the same action whatever it observes")
+        return
+    for term in layout.terms:
+        silent = probes.copy()
+        silent[:, owner == term.name] = 0.0
+        if all(np.array_equal(_run(checkpoint, row), answers[i]) for i, row in enumerate(silent)):
+            message = "has no influence on the model's answer"
+            yield Finding("warning", f"observation term {term.name}", message)
+
+
+def _run(checkpoint: Checkpoint, observation: Float32Array) -> Float32Array:
+    return np.asarray(checkpoint.policy(observation, 0), dtype=np.float32)
+
+
+def _stability(
+    contract: PolicyContract, description: RobotDescription, physics_timestep: float | None
+) -> Iterator[Finding]:
+    """Whether the policy's damping is stable at the physics step: `humanoid_sim.simulation.stability`.
+
+    The joints' names must be the robot's.
+
+    Raises:
+        InputError: the robot's MJCF cannot be simulated.
+    """
+    robot = with_contract(description, contract)
+    model = build_model(robot, physics_timestep=physics_timestep, scene=False)
+    timestep = float(model.opt.timestep)
+    damping = resolve_action(contract, description.joint_names).damping
+    measure = DampingStability(model, robot).measure(damping)
+    if measure.eigenvalue <= WARNED_ABOVE:
+        return
+    joint, value = measure.joint, measure.eigenvalue
+    gain = float(damping[description.joint_names.index(joint)])
+    what = f"is {gain:g}: dt·M⁻¹·K_d reaches {value:.2f} with a physics step of {timestep:g} s"
+    if value > REFUSED_ABOVE:
+        longest = timestep * REFUSED_ABOVE / value
+        message = f"{what}, unstable above {REFUSED_ABOVE:g}"
+        if longest > 0.0:
+            message += f"; a step below {longest:.2g} s works"
+        yield Finding("error", "joint_damping", message, joint, value, REFUSED_ABOVE)
+    else:
+        calm = timestep * WARNED_ABOVE / value
+        message = f"{what}, where the velocity changes sign from step to step; below {calm:.2g} s it does not"
+        yield Finding("warning", "joint_damping", message, joint, value, WARNED_ABOVE)

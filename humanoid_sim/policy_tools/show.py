@@ -1,0 +1,177 @@
+"""`policy show`: the contract as tables, or as JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.describe import contract_document, field_lines, is_assumed, term_lines
+from humanoid_sim.policy.golden.verify import verify_golden
+from humanoid_sim.policy.loaded_policy import contract_layout
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy_tools import Show
+from humanoid_sim.robots.description import load_robot
+
+__all__ = ["make_console", "show"]
+
+
+_PIPE_WIDTH = 150
+"""Columns where no terminal says how many it has."""
+
+
+def show(options: Show) -> int:
+    """Print a checkpoint's contract; exit status 1 if its golden vectors say that it is not wired as it was trained."""
+    joints = None if options.robot is None else load_robot(options.robot).joint_names
+    checkpoint = load_checkpoint(options.checkpoint, options.contract, joints, verify=False)
+    contract = checkpoint.contract
+    try:
+        layout = contract_layout(contract, checkpoint.observation_width)
+    except FieldError as error:
+        raise InputError(f"{options.checkpoint}: {error}") from None
+    golden, problem = _golden(checkpoint)
+    if options.json:
+        print(json.dumps(_document(checkpoint, layout, golden, problem), indent=2, allow_nan=False))
+        return int(bool(problem))
+    console = make_console()
+    console.print(_overview(checkpoint, layout, golden, problem))
+    console.print(_joints(contract))
+    console.print(_observation(contract, layout))
+    console.print(_fields(contract))
+    assumed = [line for line in field_lines(contract) if is_assumed(line.source)]
+    if assumed:
+        listed = "; ".join(f"{line.name} {line.value}" for line in assumed)
+        console.print(f"[yellow]assumed, no source states it: {escape(listed)}[/yellow]", soft_wrap=True)
+    return int(bool(problem))
+
+
+def make_console() -> Console:
+    """Standard output, wide enough for tables where it is not a terminal."""
+    wide = None if sys.stdout.isatty() or "COLUMNS" in os.environ else _PIPE_WIDTH
+    return Console(highlight=False, width=wide)
+
+
+def _golden(checkpoint: Checkpoint) -> tuple[str, str]:
+    """What the golden vectors are worth, and what is wrong with them."""
+    policy = checkpoint.policy
+    if not isinstance(policy, OnnxPolicy):
+        return "", ""
+    try:
+        return verify_golden(checkpoint, policy.metadata), ""
+    except InputError as error:
+        return "", str(error).removeprefix(f"{checkpoint.source}: ")
+
+
+def _overview(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, problem: str) -> Table:
+    contract, policy = checkpoint.contract, checkpoint.policy
+    table = Table(title=escape(checkpoint.source), show_header=False, title_justify="left")
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    width = checkpoint.observation_width
+    fits = "" if width in (None, layout.width) else f" [red]but the model's input has {width}[/red]"
+    rows = {
+        "task": contract.task_type,
+        "rate": f"{1.0 / contract.policy_dt:g} Hz",
+        "joints": f"{len(contract.joint_names)}, of which {contract.action_count} driven",
+        "observation": f"{layout.width} values in {len(contract.terms)} terms{fits}",
+        "command": ", ".join(contract.command_names) or "none",
+        "motion": _motion(checkpoint),
+        "golden vectors": f"[red]REFUSED: {escape(problem)}[/red]" if problem else escape(golden or "none"),
+        "contract file": "none" if checkpoint.contract_file is None else escape(str(checkpoint.contract_file)),
+        "sha256": checkpoint.sha256,
+    }
+    if isinstance(policy, OnnxPolicy):
+        rows["inputs"] = _tensors(policy.model.inputs)
+        rows["outputs"] = _tensors(policy.model.outputs)
+    for name, text in rows.items():
+        table.add_row(name, text)
+    return table
+
+
+def _motion(checkpoint: Checkpoint) -> str:
+    motion = checkpoint.motion
+    if motion is not None:
+        return f"in the model: {len(motion.frames)} frames, {motion.duration:.2f} s"
+    return "follows none" if checkpoint.contract.task_type == "locomotion" else "not in the model: --motion of play"
+
+
+def _tensors(tensors: Any) -> str:
+    return escape(", ".join(f"{tensor.name} {list(tensor.shape)}" for tensor in tensors))
+
+
+def _joints(contract: PolicyContract) -> Table:
+    table = Table(title="joints, in the policy's order", title_justify="left")
+    table.add_column("", justify="right")
+    table.add_column("joint", overflow="fold")
+    for heading in ("default rad", "stiffness N·m/rad", "damping N·m·s/rad", "driven", "scale rad", "offset rad"):
+        table.add_column(heading, justify="right")
+    clip = contract.position_clip
+    if clip is not None:
+        table.add_column("position rad", justify="right")
+    assert contract.action_offset is not None  # filled in at construction
+    for i, name in enumerate(contract.joint_names):
+        row = [str(i), escape(name)]
+        row += [
+            f"{values[i]:g}"
+            for values in (contract.default_joint_pos, contract.joint_stiffness, contract.joint_damping)
+        ]
+        if name in contract.action_joint_names:
+            a = contract.action_joint_names.index(name)
+            row += [f"action {a}", f"{contract.action_scale[a]:g}", f"{contract.action_offset[a]:g}"]
+            row += [] if clip is None else [f"{clip[a][0]:g} to {clip[a][1]:g}"]
+        else:
+            row += ["held at 0"]
+        table.add_row(*row)
+    return table
+
+
+def _observation(contract: PolicyContract, layout: ObservationLayout) -> Table:
+    title = f"observation, {layout.width} values"
+    if layout.history > 1 and layout.history_layout == "per_step":
+        title += f": {layout.history} steps of {layout.step_width} values, each step's terms together"
+    table = Table(title=title, title_justify="left")
+    for heading in ("from", "width"):
+        table.add_column(heading, justify="right")
+    for heading in ("term", "meaning", "differs from the usual", "scale", "history"):
+        table.add_column(heading, overflow="fold")
+    for line in term_lines(contract, layout):
+        cells = (line.name, line.meaning, line.conventions, line.scale, line.history)
+        table.add_row(str(line.start), str(line.width), *(escape(cell) for cell in cells))
+    return table
+
+
+def _fields(contract: PolicyContract) -> Table:
+    table = Table(title="where it came from", title_justify="left")
+    for heading in ("field", "value", "source"):
+        table.add_column(heading, overflow="fold")
+    for line in field_lines(contract):
+        style = "yellow" if is_assumed(line.source) else None
+        table.add_row(escape(line.name), escape(line.value), escape(line.source), style=style)
+    return table
+
+
+def _document(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, problem: str) -> dict[str, Any]:
+    policy = checkpoint.policy
+    tensors: dict[str, Any] = {}
+    if isinstance(policy, OnnxPolicy):
+        for name, group in (("inputs", policy.model.inputs), ("outputs", policy.model.outputs)):
+            tensors[name] = [{"name": t.name, "type": t.type, "shape": list(t.shape)} for t in group]
+    motion = checkpoint.motion
+    return {
+        "checkpoint": checkpoint.source,
+        "sha256": checkpoint.sha256,
+        "contract_file": None if checkpoint.contract_file is None else str(checkpoint.contract_file),
+        "model": {**tensors, "observation_width": checkpoint.observation_width},
+        "motion": None if motion is None else {"frames": len(motion.frames), "bodies": list(motion.body_names)},
+        "golden": {"label": golden, "problem": problem},
+        "contract": contract_document(checkpoint.contract, layout),
+    }

@@ -1,0 +1,236 @@
+"""`policy stamp`: a copy of a checkpoint that holds its contract and golden vectors, and needs no other file."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+from rich.markup import escape
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.files import whole_file
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.golden.make import blind_spots, own_samples, trainer_samples
+from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples, encode_samples
+from humanoid_sim.policy.golden.trace import BodyReader, read_trace
+from humanoid_sim.policy.golden.verify import verify_golden
+from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
+from humanoid_sim.policy_tools import Stamp
+from humanoid_sim.policy_tools.show import make_console
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.floating_base import FloatingBase
+from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.senses import BodySenses
+
+__all__ = ["StampResult", "add_metadata", "body_reader", "stamp", "stamp_copy"]
+
+_PROBES = 8
+"""Observations, beside the golden ones, on which the copy must answer bit for bit what the original does."""
+
+
+@dataclass(frozen=True, slots=True)
+class StampResult:
+    """What was written."""
+
+    output: Path
+    size: int
+    """bytes"""
+    samples: GoldenSamples
+    blind_spots: tuple[str, ...]
+    """Mistakes that the samples could not show; empty for samples that are drift only anyway."""
+
+
+def stamp(
+    path: Path,
+    output: Path,
+    *,
+    contract_file: Path | None = None,
+    description: RobotDescription | None = None,
+    trace: Path | None = None,
+    motion: Path | None = None,
+    overwrite: bool = False,
+) -> StampResult:
+    """Stamp a copy of a checkpoint.
+
+    The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
+    the trace; or else those of a trainer's run that the checkpoint has already; or else ones of this program, which
+    are drift only. Whatever other metadata the checkpoint has stays. The copy is loaded, and its contract and actions
+    compared with the original's, before a file takes the name `output`.
+
+    Args:
+        path: the checkpoint.
+        output: the copy.
+        contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
+        description: the robot, for contracts that name joints by place, and for traces whose anchor poses follow from
+            `qpos`.
+        trace: a trainer's run, see `humanoid_sim.policy.golden.trace`.
+        motion: what the policy follows, where the model does not carry it.
+        overwrite: replace `output` if it exists.
+
+    Raises:
+        InputError: the checkpoint, its contract or the trace is refused, or the copy cannot be written.
+    """
+    _check_output(path, output, overwrite)
+    joints = None if description is None else description.joint_names
+    checkpoint = load_checkpoint(path, contract_file, joints, verify=False)
+    samples = _samples(checkpoint, _metadata(checkpoint), description, trace, motion)
+    try:
+        metadata = {
+            **write_metadata(checkpoint.contract),
+            STAMP_KEY: encode(checkpoint.contract),
+            GOLDEN_KEY: encode_samples(samples),
+        }
+    except FieldError as error:
+        raise InputError(f"{path}: {str(error).removeprefix('PolicyContract.')}") from None
+    data = add_metadata(path, metadata)
+    _check_copy(checkpoint, data, samples)
+    with whole_file(output) as file:
+        file.write(data)
+    unseen = blind_spots(checkpoint, samples) if samples.origin == "trainer" else ()
+    return StampResult(output, len(data), samples, unseen)
+
+
+def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
+    """The model with its external tensors inside, and with metadata added to, or in the place of, its own.
+
+    Raises:
+        InputError: the file is no ONNX model, its external tensors are missing, or it is larger than one file can be.
+    """
+    import onnx  # noqa: PLC0415 - heavy, and only needed here
+
+    try:
+        model = onnx.load(str(path), load_external_data=True)
+    except Exception as error:  # protobuf's exception types are not part of onnx's interface
+        raise InputError(f"{path}: cannot be read as an ONNX model: {first_line(error)}") from None
+    onnx.helper.set_model_props(model, {entry.key: entry.value for entry in model.metadata_props} | dict(metadata))
+    try:
+        data: bytes = model.SerializeToString()
+    except Exception as error:  # likewise: more than the 2 GiB that protobuf can hold
+        raise InputError(f"{path}: cannot be written as one file: {first_line(error)}") from None
+    return data
+
+
+def _check_output(path: Path, output: Path, overwrite: bool) -> None:
+    if output.is_dir():
+        raise InputError(f"{output}: is a directory, expected the name of a file to write")
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: its folder does not exist")
+    if output.exists() and path.exists() and output.samefile(path):
+        raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
+    if output.exists() and not overwrite:
+        raise InputError(f"{output}: exists already; --overwrite replaces it")
+
+
+def _metadata(checkpoint: Checkpoint) -> Mapping[str, str]:
+    policy = checkpoint.policy
+    return policy.metadata if isinstance(policy, OnnxPolicy) else MappingProxyType({})
+
+
+def _samples(
+    checkpoint: Checkpoint,
+    metadata: Mapping[str, str],
+    description: RobotDescription | None,
+    trace: Path | None,
+    motion_file: Path | None,
+) -> GoldenSamples:
+    motion = None if motion_file is None else read_motion(motion_file)
+    if trace is not None:
+        bodies = None if description is None else body_reader(description, checkpoint.contract.anchor_body)
+        return trainer_samples(checkpoint, read_trace(trace, checkpoint.contract, bodies), motion)
+    if GOLDEN_KEY in metadata:
+        samples = decode_samples(metadata[GOLDEN_KEY], checkpoint.source)
+        if samples.origin == "trainer":
+            verify_golden(checkpoint, metadata)
+            return samples
+    return own_samples(checkpoint, motion)
+
+
+def _check_copy(original: Checkpoint, data: bytes, samples: GoldenSamples) -> None:
+    """Load the copy where no other file is near, and compare."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "copy.onnx"
+        path.write_bytes(data)
+        try:
+            copy = load_checkpoint(path)
+        except InputError as error:
+            problem = str(error).removeprefix(f"{path}: ")
+            raise InputError(f"{original.source}: a stamped copy would not load: {problem}") from None
+    different = _different_field(original.contract, copy.contract)
+    if different:
+        raise InputError(f"{original.source}: {different} would read back differently from a stamped copy")
+    probes = np.random.default_rng(0).normal(0.0, 1.0, (_PROBES, samples.observation.shape[1])).astype(np.float32)
+    for frame, observation in enumerate([*samples.observation, *probes]):
+        if not np.array_equal(original.policy(observation, frame), copy.policy(observation, frame)):
+            raise InputError(f"{original.source}: a stamped copy would answer other actions; nothing was written")
+
+
+def _different_field(a: PolicyContract, b: PolicyContract) -> str:
+    """Name of the first field that is not bit for bit the same; provenance may differ."""
+    first, second = (json.loads(encode(replace(contract, provenance={}))) for contract in (a, b))
+    return next((name for name in first if json.dumps(first[name]) != json.dumps(second.get(name))), "")
+
+
+def stamp_copy(options: Stamp) -> int:
+    """Write the copy, and say what its golden vectors are worth."""
+    result = stamp(
+        options.checkpoint,
+        options.output,
+        contract_file=options.contract,
+        description=None if options.robot is None else load_robot(options.robot),
+        trace=options.trace,
+        motion=options.motion,
+        overwrite=options.overwrite,
+    )
+    console = make_console()
+    console.print(f"{escape(str(result.output))}: {result.size / 1e6:.2f} MB, contract inside", soft_wrap=True)
+    console.print(f"golden vectors: {escape(result.samples.label)}", soft_wrap=True)
+    if result.samples.origin == "own":
+        console.print("  --trace FILE with the trainer's run makes vectors that show wrong wiring as well")
+    for unseen in result.blind_spots:
+        console.print(f"  not seen by them: {escape(unseen)}", soft_wrap=True)
+    return 0
+
+
+def body_reader(description: RobotDescription, anchor_body: str) -> BodyReader:
+    """Reads traces of this robot; the anchor body is left out where the policy has none.
+
+    Raises:
+        InputError: the robot's model lacks the anchor body.
+    """
+    model = build_model(description, scene=False)
+    data = mujoco.MjData(model)
+    base = FloatingBase(model, description, data.qpos.copy()) if description.is_floating else None
+    senses = BodySenses(model, description, base, anchor_body)
+
+    def read(qpos: FloatArray, qvel: FloatArray, joint_names: tuple[str, ...]) -> Mapping[str, FloatArray]:
+        addresses = joint_addresses(model, joint_names)
+        free = 7 if description.is_floating else 0
+        if qpos.shape[1] != free + len(joint_names):
+            whose = "a free joint" if free else "no free joint"
+            raise InputError(
+                f"trace: qpos is {qpos.shape[1]} wide, expected {free + len(joint_names)}: robot has {whose}"
+            )
+        rows: list[dict[str, FloatArray]] = []
+        for position, velocity in zip(qpos, qvel, strict=True):
+            if base is not None:
+                joint = int(model.body_jntadr[model.body(description.base.body).id])
+                start, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+                data.qpos[start : start + 7], data.qvel[dof : dof + 6] = position[:7], velocity[:6]
+            data.qpos[addresses.qpos], data.qvel[addresses.dof] = position[free:], velocity[max(free - 1, 0) :]
+            sample = senses.read(data)
+            imu = {"imu_quaternion": sample.imu.quaternion, "imu_angular_velocity": sample.imu.angular_velocity}
+            rows.append({**imu, **sample.live})
+        return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+    return read

@@ -1,0 +1,204 @@
+"""Golden vectors: a checkpoint that is wired differently than where it was trained is refused at load."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from trainer import JOINTS, Run, contract, save_checkpoint, save_trace, terms
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.golden.make import blind_spots, own_samples, trainer_samples
+from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples, encode_samples
+from humanoid_sim.policy.golden.trace import read_trace
+from humanoid_sim.policy.golden.verify import golden_problem
+from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.policy.onnx_policy import read_metadata
+from humanoid_sim.policy_tools.stamp import add_metadata
+
+
+def rewired(stamped: Path, wiring: PolicyContract) -> Path:
+    """The same file with another contract stamped into it."""
+    path = stamped.with_name("rewired.onnx")
+    path.write_bytes(add_metadata(stamped, {**write_metadata(wiring), STAMP_KEY: encode(wiring)}))
+    return path
+
+
+MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
+    "permuted joints": (
+        {"joint_names": (JOINTS[1], JOINTS[0], *JOINTS[2:])},
+        "joint_pos_rel[0] of history step 0 (right_hip)",
+    ),
+    "forgotten observation scale": (
+        {"observation": terms(joint_vel_rel={"scale": 1.0})},
+        "joint_vel_rel[0] (left_hip)",
+    ),
+    "gravity sign": ({"observation": terms(projected_gravity={"scale": -1.0})}, "projected_gravity[0]"),
+    "world frame": ({"observation": terms(base_ang_vel={"frame": "world"})}, "base_ang_vel[0]"),
+    "absolute positions": (
+        {"observation": terms(joint_pos_rel={"relative": False})},
+        "joint_pos_rel[0] of history step 0",
+    ),
+    "history order": (
+        {"observation": terms(joint_pos_rel={"history_order": "newest_first"})},
+        "joint_pos_rel[0] of history",
+    ),
+    "scaled last action": ({"observation": terms(last_action={"form": "scaled"})}, "last_action[0] (right_knee)"),
+    "zeroed term": ({"observation": terms(velocity_commands={"scale": 0.0})}, "velocity_commands[0]"),
+    "term order": ({"observation": terms()[::-1]}, "cos_phase[0]"),
+    "default pose": ({"default_joint_pos": [-0.2, 0.1, 0.6, 0.4]}, "joint_pos_rel[3] of history step 0 (right_knee)"),
+    "phase period": ({"phase": PhaseRule(1.0)}, "sin_phase[0]"),
+    "phase one step late": ({"phase": PhaseRule(0.8, advance_first=False)}, "sin_phase[0]"),
+    "command ranges": ({"command_ranges": [[-0.1, 0.1], [-0.5, 0.5], [-1.0, 1.0]]}, "velocity_commands[0]"),
+    "action scale": ({"action_scale": 1.0}, "target of left_hip"),
+    "action order": ({"action_joint_names": ("left_hip", "right_knee", "right_hip")}, "target of left_hip"),
+    "action offset": ({"action_offset": [0.5, -0.2, 0.2]}, "target of right_hip"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_wrong_wiring_is_refused_at_load(stamped: Path, mistake: str) -> None:
+    changes, named = MISTAKES[mistake]
+    wrong = rewired(stamped, contract(**changes))
+    with pytest.raises(InputError) as refusal:
+        load_checkpoint(wrong)
+    message = str(refusal.value)
+    assert message.startswith(f"{wrong}: golden vectors: sample ")
+    assert named in message, message
+    assert "the trainer's is" in message
+    assert "\n" not in message
+    assert load_checkpoint(wrong, verify=False).golden == ""
+
+
+def test_right_wiring_loads(stamped: Path) -> None:
+    assert load_checkpoint(stamped).golden == "8 samples of the trainer's run (trace.npz)"
+    assert load_checkpoint(rewired(stamped, contract())).golden
+
+
+def test_an_override_beside_the_checkpoint_is_refused_too(stamped: Path) -> None:
+    stamped.with_name("contract.yaml").write_text("override: {action_scale: 1.0}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="target of"):
+        load_checkpoint(stamped)
+
+
+def test_another_model_is_refused_by_its_action(stamped: Path) -> None:
+    model = onnx.load(str(stamped))
+    weights = np.frombuffer(model.graph.initializer[0].raw_data, dtype=np.float32).copy()
+    weights[::3] *= 1.01  # the weights towards the first action
+    model.graph.initializer[0].raw_data = weights.tobytes()
+    onnx.save(model, str(stamped))
+    with pytest.raises(InputError, match=r"action of right_knee is .*, the trainer's is .* \(1 of 3 values differ"):
+        load_checkpoint(stamped)
+
+
+def test_own_samples_catch_change(walker: Path) -> None:
+    checkpoint = load_checkpoint(walker)
+    samples = own_samples(checkpoint)
+    assert golden_problem(checkpoint, samples) == ""
+    problem = golden_problem(
+        replace(checkpoint, contract=contract(observation=terms(last_action={"form": "scaled"}))), samples
+    )
+    assert "last_action" in problem
+    assert "changed since it was stamped" in problem
+    assert "trainer" not in problem
+
+
+def test_every_convention_is_seen_by_a_good_trace(walker: Path, trace: Path) -> None:
+    checkpoint = load_checkpoint(walker)
+    samples = trainer_samples(checkpoint, read_trace(trace, checkpoint.contract))
+    assert blind_spots(checkpoint, samples) == (
+        "joint_stiffness, joint_damping and policy_dt: nothing in a sample depends on them",
+    )
+
+
+def test_a_run_at_heading_zero_cannot_tell_frames_apart(tmp_path: Path) -> None:
+    """The classic: upright, heading 0, no roll or pitch: body and world frame are the same."""
+    run = Run(5)
+    run.qpos[:, 3:7] = [1.0, 0.0, 0.0, 0.0]
+    run._act(run.qpos[:, 7:][:, [0, 2, 1, 3]], run.qvel[:, 6:][:, [0, 2, 1, 3]], run.qpos[:, 3:7])
+    checkpoint = load_checkpoint(save_checkpoint(tmp_path / "walker.onnx"))
+    trace = read_trace(save_trace(tmp_path / "upright.npz", run), checkpoint.contract)
+    assert "base_ang_vel: frame (body)" in blind_spots(checkpoint, trainer_samples(checkpoint, trace))
+
+
+def test_samples_survive_their_encoding(walker: Path, trace: Path) -> None:
+    checkpoint = load_checkpoint(walker)
+    samples = trainer_samples(checkpoint, read_trace(trace, checkpoint.contract))
+    text = encode_samples(samples)
+    again = decode_samples(text, "x")
+    assert encode_samples(again) == text
+    assert again.joint_position.dtype == np.float64
+    assert not again.observation.flags.writeable
+    np.testing.assert_array_equal(again.extern["velocity_command"], samples.extern["velocity_command"])
+    assert again.history is not None
+    assert np.isnan(again.history[0]).all()  # at activation there is none
+    assert len(text) < 30_000
+
+
+def test_broken_stamps_are_one_line(stamped: Path) -> None:
+    document = json.loads(read_metadata(stamped)[GOLDEN_KEY])
+    broken: dict[str, Any] = {
+        "no JSON": "{",
+        "a list": "[]",
+        "nothing": "",
+        "another version": {**document, "version": 7},
+        "no arrays": {**document, "arrays": {}},
+        "arrays is a list": {**document, "arrays": [1]},
+        "unknown array": {**document, "arrays": {**document["arrays"], "tail": document["arrays"]["frame"]}},
+        "no base64": _with(document, "action", data="!"),
+        "too short": _with(document, "action", data=document["arrays"]["action"]["data"][:-8]),
+        "negative": _with(document, "action", shape=[-1, -24]),
+        "huge": _with(document, "action", shape=[10**9, 10**9]),
+        "other width": _with(document, "imu_quaternion", shape=[4, 8]),
+        "origin": {**document, "origin": "oracle"},
+        "no joints": {**document, "joint_names": []},
+        "other joints": {**document, "joint_names": ["a", "b", "c", "d"]},
+        "frames": {**document, "frame_count": "many"},
+    }
+    for name, content in broken.items():
+        text = content if isinstance(content, str) else json.dumps(content)
+        path = stamped.with_name("broken.onnx")
+        path.write_bytes(add_metadata(stamped, {GOLDEN_KEY: text}))
+        with pytest.raises(InputError) as refusal:
+            load_checkpoint(path)
+        assert "golden vectors" in str(refusal.value), name
+        assert "\n" not in str(refusal.value), name
+
+
+def _with(document: dict[str, Any], array: str, **changes: Any) -> dict[str, Any]:
+    arrays = document["arrays"]
+    return {**document, "arrays": {**arrays, array: {**arrays[array], **changes}}}
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_fuzzed_samples_never_raise_anything_else(walker: Path, data: st.DataObject) -> None:
+    checkpoint = load_checkpoint(walker)
+    document = json.loads(encode_samples(own_samples(checkpoint, count=2)))
+    places = [*document, *(f"arrays/{name}" for name in document["arrays"])]
+    for place in data.draw(st.lists(st.sampled_from(places), min_size=1, max_size=3)):
+        json_value = st.recursive(
+            st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+            lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["shape", "data", "x"]), inner),
+            max_leaves=5,
+        )
+        value = data.draw(json_value)
+        owner, _, name = place.rpartition("/")
+        target = document.get("arrays") if owner else document
+        if isinstance(target, dict):
+            target[name] = value
+    with suppress(InputError):
+        problem = golden_problem(checkpoint, decode_samples(json.dumps(document), "fuzz"))
+        assert "\n" not in problem

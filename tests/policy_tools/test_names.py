@@ -1,0 +1,64 @@
+"""Joints and bodies that the robot lacks, and which ones were meant."""
+
+from __future__ import annotations
+
+import pytest
+from findings import found
+from trainer import JOINTS, contract
+
+from humanoid_sim.policy.robot_check import body_findings, joint_findings, near_miss
+from humanoid_sim.robots.description import RobotDescription
+
+
+def test_a_missing_suffix_is_recognised(robot: RobotDescription) -> None:
+    wiring = contract(
+        joint_names=[f"{name}_joint" for name in JOINTS], action_joint_names=["left_hip_joint"], action_scale=[0.3]
+    )
+    findings = tuple(joint_findings(wiring, robot))
+    assert len(findings) == 4
+    assert "has 'left_knee'" in found(findings, "error", "joint_names", "left_knee_joint").message
+
+
+def test_joints_of_only_one_side(robot: RobotDescription) -> None:
+    wiring = contract(
+        joint_names=("left_hip", "right_hip", "left_knee", "tail"), action_joint_names=("tail",), action_scale=0.3
+    )
+    findings = tuple(joint_findings(wiring, robot))
+    assert "is not a joint of 'walker'" in found(findings, "error", "joint_names", "tail").message
+    assert "the policy does not" in found(findings, "error", "joint_names", "right_knee").message
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "meant"),
+    [
+        ("left_knee", ["right_knee", "left_knee_joint"], "left_knee_joint"),
+        ("LeftKnee", ["left_ankle"], ""),
+        ("robot/left_knee", ["left_knee"], "left_knee"),
+        ("l_knee", ["right_knee", "left_knee"], "left_knee"),
+        ("left_knee", ["right_knee"], ""),
+        (
+            "left_shoulder_pich_joint",
+            ["left_shoulder_pitch_joint", "right_shoulder_pitch_joint"],
+            "left_shoulder_pitch_joint",
+        ),
+        ("torso", ["torso_link"], "torso_link"),
+        ("x", [], ""),
+    ],
+)
+def test_near_misses(name: str, known: list[str], meant: str) -> None:
+    assert near_miss(name, known) == meant
+
+
+def test_bodies_of_the_motion() -> None:
+    wiring = contract(
+        task_type="tracking",
+        command_names=("motion",),
+        body_names=("pelvis", "left_foot"),
+        anchor_body="torso",
+        phase=None,
+        observation=("command", "motion_anchor_ori_b"),
+    )
+    findings = tuple(body_findings(wiring, ("pelvis", "left_foot_link", "torso_link"), "g"))
+    assert "has 'left_foot_link'" in found(findings, "error", "body_names").message
+    assert "has 'torso_link'" in found(findings, "error", "anchor_body").message
+    assert "is not among body_names" in found(findings, "warning", "anchor_body").message

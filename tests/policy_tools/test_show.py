@@ -1,0 +1,201 @@
+"""`policy show`: the whole contract, readable and as JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import onnx
+import pytest
+from published import HOLOSOMA_REST, POLICIES, needs_policies
+from trainer import JOINTS, contract, save_checkpoint, terms
+
+from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.describe import field_lines, term_lines
+from humanoid_sim.policy.loaded_policy import contract_layout
+from humanoid_sim.policy_tools.stamp import add_metadata
+
+G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
+
+
+def test_tables(cli, stamped: Path) -> None:
+    status, out, error = cli("show", stamped)
+    assert (status, error) == (0, "")
+    assert "32 values in 8 terms" in out
+    assert "8 samples of the trainer's run (trace.npz)" in out
+    lines = {
+        line.split("│")[2].strip(): line for line in out.splitlines() if line.startswith("│") and line.count("│") > 4
+    }
+    assert "held at 0" in lines["left_knee"]
+    assert [cell.strip() for cell in lines["right_knee"].split("│")[3:-1]] == [
+        "0.5",
+        "51",
+        "2.1",
+        "action 0",
+        "0.25",
+        "0.5",
+    ]
+    assert "3 steps, oldest first" in out
+    assert "period 0.8 s" in out
+    assert "vx -1 to 1, vy -0.5 to 0.5" in out
+
+
+def test_json_is_complete(cli, stamped: Path) -> None:
+    status, out, _ = cli("show", stamped, "--json")
+    assert status == 0
+    document = json.loads(out, parse_constant=pytest.fail)  # no Infinity, no NaN: other programs read it
+    wiring = document["contract"]
+    assert wiring["joint_names"] == list(JOINTS)
+    assert wiring["action_clip"] is None
+    places = {term["name"]: (term["start"], term["width"]) for term in wiring["observation"]}
+    assert places["joint_pos_rel"] == (9, 12)
+    assert places["cos_phase"] == (30, 2)
+    assert wiring["observation_width"] == 32 == document["model"]["observation_width"]
+    assert wiring["phase"]["period"] == 0.8
+    assert wiring["provenance"]
+    assert document["golden"] == {"label": "8 samples of the trainer's run (trace.npz)", "problem": ""}
+    assert document["model"]["inputs"] == [{"name": "obs", "type": "tensor(float)", "shape": [1, 32]}]
+
+
+def test_a_refused_checkpoint_is_shown_with_its_problem(cli, stamped: Path) -> None:
+    wrong = stamped.with_name("wrong.onnx")
+    wiring = contract(observation=terms(projected_gravity={"scale": -1.0}))
+    wrong.write_bytes(add_metadata(stamped, {STAMP_KEY: encode(wiring)}))
+    status, out, _ = cli("show", wrong)
+    assert status == 1
+    assert "REFUSED" in out
+    assert "projected_gravity[0]" in out
+    status, out, _ = cli("show", wrong, "--json")
+    assert status == 1
+    assert "projected_gravity[0]" in json.loads(out)["golden"]["problem"]
+
+
+def test_conventions_that_differ_are_named() -> None:
+    wiring = contract(
+        observation=terms(
+            base_ang_vel={"frame": "world", "clip": (-5.0, 5.0)},
+            joint_pos_rel={"relative": False, "joints": ("left_hip", "left_knee")},
+            last_action={"form": "scaled"},
+        )
+    )
+    lines = {line.name: line for line in term_lines(wiring, contract_layout(wiring))}
+    assert lines["base_ang_vel"].conventions == "frame world, clip -5 to 5"
+    assert lines["joint_pos_rel"].conventions == "joints left_hip, left_knee"
+    assert lines["joint_pos_rel"].meaning.endswith("absolute")
+    assert lines["joint_pos_rel"].width == 6
+    assert lines["last_action"].conventions == "form scaled"
+    assert lines["projected_gravity"].conventions == ""
+
+
+def test_steps_that_lie_together_start_within_the_first() -> None:
+    names = [term.name for term in terms()]
+    wiring = contract(history_layout="per_step", observation=terms(**{name: {"history": 2} for name in names}))
+    lines = term_lines(wiring, contract_layout(wiring))
+    assert [line.start for line in lines] == [0, 3, 6, 9, 13, 17, 20, 22]
+    assert sum(line.width for line in lines) == 48
+
+
+def test_sources_and_assumptions() -> None:
+    wiring = contract(
+        provenance={
+            "policy_dt": "assumed (mjlab)",
+            **{f"observation.{term.name}.scale": "deploy.yaml" for term in terms()},
+            "observation.last_action.form": "contract.yaml",
+        }
+    )
+    lines = {line.name: line for line in field_lines(wiring)}
+    assert lines["policy_dt"].source == "assumed (mjlab)"
+    assert lines["terms' scale"].value == "of every term"
+    assert lines["terms' form"].value == "of last_action"
+    assert lines["anchor_body"].source == "default"
+
+
+@needs_policies
+def test_published_policies(cli, tmp_path: Path) -> None:
+    rest = tmp_path / "rest.yaml"
+    rest.write_text(HOLOSOMA_REST, encoding="utf-8")
+    for arguments, texts in (
+        (("unitree_g1_velocity_v0/exported/policy.onnx", "--robot", G1), ("deploy.yaml and the robot", "vx -0.5 to 1")),
+        (
+            ("beyondmimic_g1/Waltz.onnx",),
+            ("assumed (mjlab)", "in the model: 945 frames", "torso_link", "policy_dt 0.02 s (50 Hz)"),
+        ),
+        (("holosoma_g1_loco/ppo_g1_29dof.onnx", "--contract", rest), ("holosoma metadata", "rest.yaml")),
+    ):
+        status, out, error = cli("show", POLICIES / arguments[0], *arguments[1:])
+        assert (status, error) == (0, "")
+        for text in texts:
+            assert text in out
+
+
+@needs_policies
+def test_joints_by_place_need_the_robot(cli) -> None:
+    status, _, error = cli("show", POLICIES / "unitree_g1_velocity_v0/exported/policy.onnx")
+    assert status == 2
+    assert "name the robot" in error
+
+
+def test_bad_input_is_one_line(cli, tmp_path: Path, walker: Path) -> None:
+    text = tmp_path / "text.onnx"
+    text.write_text("no model")
+    bare = tmp_path / "bare.onnx"
+    model = onnx.load(str(walker))
+    del model.metadata_props[:]
+    onnx.save(model, str(bare))
+    for path in (tmp_path / "missing.onnx", tmp_path, text, bare):
+        for verb in (["show"], ["stamp", "-o", tmp_path / "out.onnx"]):
+            status, out, error = cli(verb[0], path, *verb[1:])
+            assert (status, out) == (2, "")
+            assert error.startswith(f"error: {path}: ")
+            assert error.count("\n") == 1
+
+
+def test_keys_of_a_piano_policy_follow_from_the_models_input() -> None:
+    wiring = contract(
+        task_type="piano",
+        observation=("joint_pos", "target_keys", "target_keys_future", "key_pressed"),
+        lookahead_steps=(1, 2, 5),
+        phase=None,
+    )
+    assert contract_layout(wiring, 4 + 88 * 5).width == 4 + 88 * 5
+    assert contract_layout(wiring).width == 4 + 5
+    assert contract_layout(wiring, 17).width == 9  # no whole number of keys: the check of widths says so
+
+
+def test_help_and_unknown_options(cli) -> None:
+    status, out, _ = cli("--help")
+    assert status == 0
+    for verb in ("show", "check", "stamp", "doctor"):
+        assert verb in out
+    assert cli("show", "x.onnx", "--colour")[0] == 2
+    assert cli("look", "x.onnx")[0] == 2
+
+
+def test_a_complete_checkpoint_shows_the_same_from_its_thirteen_keys(cli, tmp_path: Path) -> None:
+    """What the keys say is read alike with and without the stamp."""
+    plain = contract(observation=("joint_pos", "joint_vel", "actions", "twist"), phase=None, command_ranges=None)
+    outputs = []
+    for complete in (False, True):
+        path = save_checkpoint(tmp_path / f"{complete}.onnx", plain, complete=complete)
+        status, out, error = cli("show", path, "--json")
+        assert status == 0, error
+        wiring = json.loads(out)["contract"]
+        del wiring["provenance"], wiring["assumed"]
+        outputs.append(wiring)
+    assert outputs[0] == outputs[1]
+    np.testing.assert_array_equal(outputs[0]["joint_damping"], plain.joint_damping)
+
+
+def test_doctor_is_a_program_of_its_own(cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = []
+
+    def doctor(arguments: list[str]) -> int:
+        heard.append(arguments)
+        return 3
+
+    monkeypatch.setitem(sys.modules, "humanoid_sim.doctor", SimpleNamespace(main=doctor))
+    assert cli("doctor", "--anything", "x.onnx")[0] == 3
+    assert heard == [["--anything", "x.onnx"]]

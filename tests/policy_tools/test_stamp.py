@@ -1,0 +1,200 @@
+"""A stamped copy needs no other file, and answers bit for bit what the original does."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from published import HOLOSOMA_REST, POLICIES, needs_policies
+from trainer import Run, contract, save_checkpoint, save_trace
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.contract_json import STAMP_KEY
+from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples
+from humanoid_sim.policy.golden.verify import golden_problem
+from humanoid_sim.policy.metadata import METADATA_KEYS, parse_metadata, write_metadata
+from humanoid_sim.policy.onnx_policy import read_metadata
+from humanoid_sim.policy_tools.stamp import add_metadata
+from humanoid_sim.robots.description import load_robot
+
+G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
+PUBLISHED = {
+    "unitree": ("unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz", ""),
+    "waltz": ("beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz", ""),
+    "holosoma": ("holosoma_g1_loco/ppo_g1_29dof.onnx", "holosoma_g1_loco/trace_ppo.npz", HOLOSOMA_REST),
+}
+
+
+@needs_policies
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_published_policy(cli, tmp_path: Path, name: str) -> None:
+    model, trace, rest = PUBLISHED[name]
+    extra: list[object] = []
+    if rest:
+        file = tmp_path / "rest.yaml"
+        file.write_text(rest, encoding="utf-8")
+        extra = ["--contract", file]
+    folder = tmp_path / "alone"
+    folder.mkdir()
+    output = folder / "stamped.onnx"
+    arguments = ["stamp", POLICIES / model, "-o", output, "--robot", G1, "--trace", POLICIES / trace, *extra]
+    status, out, error = cli(*arguments)
+    assert status == 0, error
+    assert "trainer's run" in out
+    assert [path.name for path in folder.iterdir()] == ["stamped.onnx"]
+
+    joints = load_robot(str(G1)).joint_names
+    original = load_checkpoint(POLICIES / model, extra[1] if extra else None, joints)
+    copy = load_checkpoint(output)  # no robot, no contract, no tensors beside it
+    assert "trainer's run" in copy.golden
+    rng = np.random.default_rng(3)
+    with np.load(POLICIES / trace) as file:
+        observations = [*file["obs"], *rng.normal(size=(50, original.observation_width)).astype(np.float32)]
+    for frame, observation in enumerate(observations):
+        np.testing.assert_array_equal(copy.policy(observation, frame), original.policy(observation, frame))
+    for field in ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale", "action_offset"):
+        np.testing.assert_array_equal(getattr(copy.contract, field), getattr(original.contract, field))
+    assert copy.contract.joint_names == original.contract.joint_names
+    assert copy.contract.observation_names == original.contract.observation_names
+    assert dict(copy.contract.provenance).get("policy_dt") == original.contract.provenance["policy_dt"]
+
+    # Stamped again, without the trace, it keeps the trainer's samples.
+    again = folder / "again.onnx"
+    status, out, error = cli("stamp", output, "-o", again)
+    assert status == 0, error
+    assert read_metadata(again)[GOLDEN_KEY] == read_metadata(output)[GOLDEN_KEY]
+    assert load_checkpoint(again).golden == copy.golden
+
+
+def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped: Path) -> None:
+    metadata = read_metadata(stamped)
+    assert set(metadata) == {*METADATA_KEYS, STAMP_KEY, GOLDEN_KEY}
+    thirteen = parse_metadata(metadata, "stamped")
+    assert thirteen.joint_names == contract().joint_names
+    np.testing.assert_array_equal(thirteen.joint_damping, contract().joint_damping)
+    samples = decode_samples(metadata[GOLDEN_KEY], "stamped")
+    assert (samples.origin, samples.target_origin, samples.source, len(samples)) == (
+        "trainer",
+        "trainer",
+        "trace.npz",
+        8,
+    )
+
+
+def test_keeps_other_metadata(cli, walker: Path, tmp_path: Path) -> None:
+    model = onnx.load(str(walker))
+    entry = model.metadata_props.add()
+    entry.key, entry.value = "run_path", "team/walk/17"
+    onnx.save(model, str(walker))
+    output = tmp_path / "out.onnx"
+    assert cli("stamp", walker, "-o", output)[0] == 0
+    assert read_metadata(output)["run_path"] == "team/walk/17"
+
+
+def test_without_a_trace_the_samples_only_show_drift(cli, walker: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.onnx"
+    status, out, _ = cli("stamp", walker, "-o", output)
+    assert status == 0
+    assert "drift only" in out
+    assert "drift only" in load_checkpoint(output).golden
+    assert "drift only" in cli("show", output)[1]
+
+
+def test_external_tensors_move_into_the_copy(cli, walker: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "external"
+    folder.mkdir()
+    model = folder / "policy.onnx"
+    arguments = {"save_as_external_data": True, "location": "policy.onnx.data", "size_threshold": 0}
+    onnx.save(onnx.load(str(walker)), str(model), **arguments)
+    assert (folder / "policy.onnx.data").is_file()
+    output = tmp_path / "out.onnx"
+    assert cli("stamp", model, "-o", output)[0] == 0
+    expected = load_checkpoint(model)
+    shutil.rmtree(folder)
+    observation = np.linspace(-1.0, 1.0, expected.observation_width, dtype=np.float32)
+    np.testing.assert_array_equal(load_checkpoint(output).policy(observation, 0), expected.policy(observation, 0))
+
+
+def test_missing_external_tensors_are_one_line(cli, walker: Path, tmp_path: Path) -> None:
+    model = tmp_path / "policy.onnx"
+    arguments = {"save_as_external_data": True, "location": "policy.onnx.data", "size_threshold": 0}
+    onnx.save(onnx.load(str(walker)), str(model), **arguments)
+    (tmp_path / "policy.onnx.data").unlink()
+    status, _, error = cli("stamp", model, "-o", tmp_path / "out.onnx")
+    assert status == 2
+    assert error.startswith(f"error: {model}: ")
+    assert error.count("\n") == 1
+
+
+def test_refuses_to_overwrite(cli, walker: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.onnx"
+    output.write_text("mine")
+    status, _, error = cli("stamp", walker, "-o", output)
+    assert (status, error) == (2, f"error: {output}: exists already; --overwrite replaces it\n")
+    assert output.read_text() == "mine"
+    assert cli("stamp", walker, "-o", output, "--overwrite")[0] == 0
+    assert load_checkpoint(output).golden
+
+
+@pytest.mark.parametrize("where", ["itself", "folder", "nowhere"])
+def test_refuses_an_output_that_is_no_new_file(cli, walker: Path, tmp_path: Path, where: str) -> None:
+    output = {"itself": walker, "folder": tmp_path, "nowhere": tmp_path / "no" / "out.onnx"}[where]
+    before = walker.read_bytes()
+    status, _, error = cli("stamp", walker, "-o", output, "--overwrite")
+    assert status == 2
+    assert str(output) in error
+    assert walker.read_bytes() == before
+
+
+def test_a_wrongly_wired_checkpoint_is_not_stamped(cli, tmp_path: Path) -> None:
+    wrong = save_checkpoint(tmp_path / "wrong.onnx", contract(default_joint_pos=[0.1, -0.2, 0.6, 0.5]))
+    trace = save_trace(tmp_path / "trace.npz", Run())
+    output = tmp_path / "out.onnx"
+    status, _, error = cli("stamp", wrong, "-o", output, "--trace", trace)
+    assert status == 2
+    assert "joint_pos_rel[0] of history step 0 (left_hip)" in error
+    assert "the trainer's is" in error
+    assert not output.exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["trace.npz", "wrong.onnx"]
+
+
+def test_says_what_the_samples_cannot_show(cli, walker: Path, tmp_path: Path) -> None:
+    run = Run()
+    trace = save_trace(tmp_path / "bare.npz", run, target=None)
+    _, out, _ = cli("stamp", walker, "-o", tmp_path / "out.onnx", "--trace", trace)
+    unseen = [line.partition("not seen by them: ")[2] for line in out.splitlines() if "not seen" in line]
+    assert unseen == [
+        "action scale, offset and clip: the samples hold no targets of the trainer's",
+        "joint_stiffness, joint_damping and policy_dt: nothing in a sample depends on them",
+    ]
+
+
+def test_a_key_changed_after_stamping_is_refused(stamped: Path) -> None:
+    """The thirteen keys and the stamped contract say the same; neither may silently win over the other."""
+    slower = write_metadata(contract(policy_dt=0.04))["policy_dt"]
+    stamped.write_bytes(add_metadata(stamped, {"policy_dt": slower}))
+    with pytest.raises(InputError, match=r"policy_dt is 0.04 in its metadata, 0.02 in its stamped contract"):
+        load_checkpoint(stamped)
+
+
+def test_a_motion_from_a_file_goes_into_the_samples(cli, tmp_path: Path) -> None:
+    policy, motion = asset_path("policies", "lite_tracking.onnx"), asset_path("motions", "wave.mcap")
+    output = tmp_path / "out.onnx"
+    status, _, error = cli("stamp", policy, "-o", output)
+    assert status == 2
+    assert "--motion" in error
+    status, _, error = cli("stamp", policy, "-o", output, "--motion", motion)
+    assert status == 0, error
+    checkpoint = load_checkpoint(output)  # without the motion
+    assert "drift only" in checkpoint.golden
+    samples = decode_samples(read_metadata(output)[GOLDEN_KEY], "x")
+    assert {"motion_body_pos_b", "motion_body_ori_b"} == set(samples.reference)
+    shifted = replace(checkpoint, contract=replace(checkpoint.contract, default_joint_pos=np.full(14, 0.1)))
+    assert "joint_pos[0] (left_shoulder_pitch)" in golden_problem(shifted, samples)
+    assert cli("show", output)[0] == 0

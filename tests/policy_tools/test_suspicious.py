@@ -1,0 +1,94 @@
+"""Values that look like a slip, and those that do not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from findings import found, lite_contract
+from trainer import contract
+
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.policy.suspicious import suspicious_findings
+from humanoid_sim.robots.description import RobotDescription
+
+SUSPICIOUS: dict[str, tuple[dict[str, Any], str, str, str]] = {
+    "kp 1": ({"joint_stiffness": 1.0, "joint_damping": 0.1}, "warning", "joint_stiffness", "placeholder"),
+    "all equal": ({"joint_stiffness": 30.0}, "info", "joint_stiffness", "for all 4 joints"),
+    "swapped": (
+        {"joint_stiffness": [1.5, 1.6, 2.0, 2.1], "joint_damping": [40.0, 41.0, 50.0, 51.0]},
+        "error",
+        "joint_damping",
+        "swapped",
+    ),
+    "slow": ({"policy_dt": 0.2}, "warning", "policy_dt", "unusual"),
+    "rounded rate": ({"policy_dt": 0.017}, "warning", "policy_dt", "58.82"),
+    "scale 1": ({"action_scale": 1.0}, "warning", "action_scale", "forgotten"),
+    "zero pose": ({"default_joint_pos": 0.0}, "warning", "default_joint_pos", "0 for every joint"),
+    "assumed": ({"provenance": {"policy_dt": "assumed (mjlab)"}}, "warning", "policy_dt", "assumed (mjlab)"),
+}
+
+
+@pytest.mark.parametrize("name", SUSPICIOUS)
+def test_suspicious_values(name: str) -> None:
+    changes, severity, field, text = SUSPICIOUS[name]
+    assert text in found(suspicious_findings(contract(**changes)), severity, field).message
+
+
+def test_the_sound_contract_is_not_suspicious() -> None:
+    assert tuple(suspicious_findings(contract())) == ()
+
+
+def test_suspicious_joints() -> None:
+    wiring = contract(
+        joint_stiffness=[0.0, 41.0, 50.0, 51.0], joint_damping=[1.5, 0.0, 30.0, 2.1], action_scale=[0.25, 0.0, -0.1]
+    )
+    findings = tuple(suspicious_findings(wiring))
+    assert "cannot move" in found(findings, "error", "joint_stiffness", "left_hip").message
+    assert "nothing brakes" in found(findings, "warning", "joint_damping", "right_hip").message
+    assert "ratio of 0.6 s" in found(findings, "warning", "joint_damping", "left_knee").message
+    assert found(findings, "error", "action_scale", "left_hip").value == 0.0
+    assert "negative" in found(findings, "warning", "action_scale", "right_hip").message
+
+
+def test_a_joint_whose_damping_stands_out() -> None:
+    wiring = contract(joint_stiffness=[40.0, 40.0, 40.0, 40.0], joint_damping=[1.0, 1.0, 1.0, 15.0])
+    assert (
+        "the other joints' is about"
+        in found(suspicious_findings(wiring), "warning", "joint_damping", "right_knee").message
+    )
+
+
+def test_suspicious_terms() -> None:
+    wiring = contract(
+        observation=[
+            Term("base_ang_vel", scale=0.0),
+            Term("projected_gravity", scale=-1.0),
+            Term("joint_pos", clip=(0.5, 1.0)),
+            Term("joint_vel", scale=1e4),
+        ]
+    )
+    findings = tuple(suspicious_findings(wiring))
+    assert "sees zeros" in found(findings, "warning", "observation term base_ang_vel").message
+    assert "negative" in found(findings, "warning", "observation term projected_gravity").message
+    assert "does not hold 0" in found(findings, "warning", "observation term joint_pos").message
+    assert "10000" in found(findings, "warning", "observation term joint_vel").message
+
+
+def test_three_decimals_of_an_exporter() -> None:
+    rounded = {"joint_stiffness": [40.179, 99.098, 14.251, 28.501], "joint_damping": [0.051, 0.907, 1.8, 2.5]}
+    sources = {"joint_stiffness": "mjlab metadata", "joint_damping": "mjlab metadata"}
+    findings = tuple(suspicious_findings(contract(**rounded, provenance=sources)))
+    assert "0.0035 % for left_knee" in found(findings, "info", "joint_stiffness").message
+    assert "0.98 % for left_hip" in found(findings, "warning", "joint_damping").message
+    by_hand = dict.fromkeys(sources, "contract.yaml")
+    fields = [
+        finding.field for finding in suspicious_findings(contract(**rounded, provenance=by_hand)) if not finding.joint
+    ]
+    assert fields == []
+
+
+def test_the_robots_own_gains_are_not_suspicious(lite: RobotDescription) -> None:
+    findings = suspicious_findings(lite_contract(lite), lite)
+    assert [finding for finding in findings if finding.field.startswith("joint_")] == []
+    assert found(suspicious_findings(lite_contract(lite)), "info", "joint_stiffness").value == 50.0

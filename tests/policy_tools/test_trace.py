@@ -1,0 +1,198 @@
+"""Traces: the trainer's run in a file, with what it may leave out, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from trainer import DRIVEN, HISTORY, JOINTS, MJCF, ROBOT_JOINTS, Run, contract, save_checkpoint, save_trace
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import InputError
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.golden.make import trainer_samples
+from humanoid_sim.policy.golden.trace import read_trace
+from humanoid_sim.policy_tools.stamp import body_reader
+from humanoid_sim.robots.description import load_robot
+
+
+@pytest.fixture
+def checkpoint(tmp_path: Path) -> Checkpoint:
+    return load_checkpoint(save_checkpoint(tmp_path / "walker.onnx"))
+
+
+def fits(checkpoint: Checkpoint, path: Path) -> None:
+    trainer_samples(checkpoint, read_trace(path, checkpoint.contract))
+
+
+def test_reads_states_without_qpos(checkpoint: Checkpoint, tmp_path: Path) -> None:
+    run = Run()
+    fits(
+        checkpoint,
+        save_trace(
+            tmp_path / "t.npz",
+            run,
+            qpos=None,
+            qvel=None,
+            joint_names=np.array(ROBOT_JOINTS),
+            joint_position=run.qpos[:, 7:],
+            joint_velocity=run.qvel[:, 6:],
+            imu_quaternion=run.qpos[:, 3:7],
+            imu_angular_velocity=run.qvel[:, 3:6],
+        ),
+    )
+
+
+def test_other_names_and_a_command_per_step(checkpoint: Checkpoint, tmp_path: Path) -> None:
+    run = Run()
+    changes = {"obs": None, "action": None, "cmd": None, "observation": run.obs, "actions": run.action}
+    changes["velocity_command"] = np.tile(run.cmd, (run.steps, 1))
+    changes["joint_names"] = np.array(ROBOT_JOINTS)  # without the free joint
+    fits(checkpoint, save_trace(tmp_path / "t.npz", run, **changes))
+
+
+def test_joints_that_the_policy_lacks_are_left_out(checkpoint: Checkpoint, tmp_path: Path) -> None:
+    run = Run()
+    trace = read_trace(
+        save_trace(
+            tmp_path / "t.npz",
+            run,
+            qpos=np.insert(run.qpos, 9, 0.4, axis=1),
+            qvel=np.insert(run.qvel, 8, 0.1, axis=1),
+            target=np.insert(run.target, 2, 0.0, axis=1),
+            joint_names=np.array(["root", *ROBOT_JOINTS[:2], "waist", *ROBOT_JOINTS[2:]]),
+        ),
+        checkpoint.contract,
+    )
+    assert trace.recorded.joint_names == ROBOT_JOINTS
+    assert trainer_samples(checkpoint, trace).target_origin == "trainer"
+
+
+def test_a_run_that_does_not_start_at_activation_gives_its_memory(checkpoint: Checkpoint, tmp_path: Path) -> None:
+    run, start = Run(), 7
+    arrays = {name: table[start:] for name, table in run.arrays().items() if len(table) == run.steps}
+    late = save_trace(tmp_path / "late.npz", run, **arrays)
+    with pytest.raises(InputError, match=r"joint_pos_rel|last_action|sin_phase"):
+        fits(checkpoint, late)
+    before = np.arange(start, run.steps)[:, None] - np.arange(HISTORY, 0, -1)
+    history = run_steps(run)[before]
+    memory = {
+        "last_action": run.action[start - 1 : -1],
+        "frame": np.zeros(run.steps - start),
+        "walked": 2.0 * np.pi * 0.02 / 0.8 * np.arange(start, run.steps),
+        "history": history,
+    }
+    fits(checkpoint, save_trace(tmp_path / "whole.npz", run, **arrays, **memory))
+
+
+def run_steps(run: Run) -> np.ndarray:
+    """What each step alone shows: the observation with the newest of the joint positions only."""
+    newest = 9 + 4 * (HISTORY - 1)
+    return np.concatenate([run.obs[:, :9], run.obs[:, newest:]], axis=1)
+
+
+def test_a_robots_model_tells_imu_and_anchor(tmp_path: Path) -> None:
+    mjcf = tmp_path / "walker.xml"
+    mjcf.write_text(MJCF, encoding="utf-8")
+    run = Run(3)
+    path = save_trace(tmp_path / "t.npz", run)
+    robot = load_robot(str(mjcf))
+    trace = read_trace(path, contract(), body_reader(robot, "left_thigh"))
+    state = trace.recorded.states[1]
+    np.testing.assert_allclose(state.imu_angular_velocity, run.qvel[1, 3:6], atol=1e-12)
+    np.testing.assert_allclose(state.extern["base_linear_velocity"].value, run.qvel[1, :3], atol=1e-12)
+    pose = state.extern["anchor_pose"].value
+    assert pose.shape == (7,)
+    assert np.linalg.norm(pose[:3] - run.qpos[1, :3]) == pytest.approx(0.1)
+    with pytest.raises(InputError, match="left_shin"):
+        body_reader(robot, "left_shin")
+
+
+BROKEN: dict[str, tuple[Callable[[Run], dict[str, np.ndarray | None]], str]] = {
+    "no action": (lambda _: {"action": None}, "action is missing"),
+    "no observation": (lambda _: {"obs": None}, "observation is missing"),
+    "no names": (lambda _: {"joint_names": None}, "joint_names is missing"),
+    "numbers as names": (lambda _: {"joint_names": np.arange(5)}, "joint_names has shape"),
+    "a name twice": (
+        lambda _: {"joint_names": np.array(["root", "a", "a", "b", "c"])},
+        "joint_names names a joint twice",
+    ),
+    "a joint missing": (
+        lambda _: {"joint_names": np.array(["root", "left_hip", "x", "right_hip", "right_knee"])},
+        "joint_names lacks left_knee",
+    ),
+    "no state": (lambda _: {"qpos": None}, "joint_position is missing"),
+    "no qvel": (lambda _: {"qvel": None}, "qvel is missing"),
+    "short qpos": (lambda run: {"qpos": run.qpos[:5]}, "qpos has shape"),
+    "narrow qpos": (lambda run: {"qpos": run.qpos[:, :-1]}, "qpos has shape"),
+    "narrow action": (lambda run: {"action": run.action[:, :2]}, "action has shape"),
+    "flat observation": (lambda run: {"obs": run.obs.ravel()}, "observation has shape"),
+    "text": (lambda run: {"obs": run.obs.astype(str)}, "observation has type"),
+    "not finite": (lambda run: {"obs": np.where(run.obs > 0.9, np.nan, run.obs)}, "observation is not finite"),
+    "no command": (lambda _: {"cmd": None}, "velocity_command is missing"),
+    "wide command": (lambda _: {"cmd": np.zeros(4)}, "velocity_command has shape"),
+    "frame": (lambda _: {"frame": np.zeros((2, 2))}, "frame has shape"),
+    "history": (lambda _: {"history": np.zeros(3)}, "history has shape"),
+    "no steps": (lambda run: {"action": run.action[:0]}, "action has shape"),
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_broken_traces_are_one_line(tmp_path: Path, what: str) -> None:
+    change, expected = BROKEN[what]
+    run = Run(10)
+    path = save_trace(tmp_path / "t.npz", run, **change(run))
+    with pytest.raises(InputError) as refusal:
+        read_trace(path, contract())
+    assert str(refusal.value).startswith(f"{path}: {expected}")
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_observation_of_another_width_is_named(checkpoint: Checkpoint, tmp_path: Path) -> None:
+    run = Run(10)
+    path = save_trace(tmp_path / "t.npz", run, obs=run.obs[:, :-1])
+    with pytest.raises(InputError, match="31 values, the contract's terms make 32"):
+        fits(checkpoint, path)
+
+
+def test_files_that_are_no_trace(tmp_path: Path) -> None:
+    texts = {"text.npz": b"hello", "empty.npz": b"", "zip.npz": b"PK\x03\x04 and no more"}
+    paths = [tmp_path / "missing.npz", tmp_path]
+    for name, content in texts.items():
+        (tmp_path / name).write_bytes(content)
+        paths.append(tmp_path / name)
+    np.savez_compressed(tmp_path / "cut.npz", action=np.arange(1000.0))
+    whole = (tmp_path / "cut.npz").read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[:60] + bytes(40) + whole[100:])
+    paths.append(tmp_path / "cut.npz")
+    np.save(tmp_path / "one.npy", np.zeros(3))
+    np.savez(tmp_path / "objects.npz", action=np.array([{"a": 1}], dtype=object))
+    for path in (*paths, tmp_path / "one.npy", tmp_path / "objects.npz"):
+        with pytest.raises(InputError) as refusal:
+            read_trace(path, contract())
+        assert str(refusal.value).startswith(f"{path}: ")
+        assert "\n" not in str(refusal.value)
+
+
+def test_terms_that_the_trace_says_nothing_about(tmp_path: Path) -> None:
+    def wants(*observation: str) -> PolicyContract:
+        return contract(observation=observation)
+
+    path = save_trace(tmp_path / "t.npz", Run(3))
+    for term, array in {
+        "imu_linear_acceleration": "imu_linear_acceleration",
+        "motion_anchor_pos_b": "anchor_pose",
+        "key_pressed": "key_pressed",
+    }.items():
+        with pytest.raises(InputError, match=f"{array} is missing.*{term}"):
+            read_trace(path, wants("joint_pos", term))
+
+
+def test_the_rig_is_not_trivial() -> None:
+    assert [JOINTS.index(name) for name in ROBOT_JOINTS] != [0, 1, 2, 3]
+    assert DRIVEN != JOINTS
+    run = Run()
+    assert np.abs(run.action).max() < 10.0
+    assert np.abs(np.diff(run.action, axis=0)).max(axis=0).min() > 0.01
