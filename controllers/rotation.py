@@ -21,6 +21,7 @@ __all__ = [
     "rotation_6d",
     "rotation_angle",
     "rotation_from_6d",
+    "seen_from",
     "slerp",
     "yaw_quaternion",
 ]
@@ -57,6 +58,24 @@ def rotate(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
 def rotate_inverse(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
     """`R(q)ᵀ v`: a vector given in the world frame, in the body frame."""
     return rotate(conjugate(quaternion), vector)
+
+
+def seen_from(
+    base_position: FloatArray, base_quaternion: FloatArray, position: FloatArray, quaternion: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Poses of bodies in the frame of a base.
+
+    Args:
+        base_position: shape (..., 3), m, world frame.
+        base_quaternion: shape (..., 4), w x y z, base frame in the world frame.
+        position: shape (..., b, 3), m, world frame.
+        quaternion: shape (..., b, 4), body frames in the world frame.
+
+    Returns:
+        Shape (..., b, 3), m, and (..., b, 4), both in the base frame.
+    """
+    turn = base_quaternion[..., None, :]
+    return rotate_inverse(turn, position - base_position[..., None, :]), multiply(conjugate(turn), quaternion)
 
 
 def gravity_direction(quaternion: FloatArray) -> FloatArray:

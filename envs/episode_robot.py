@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from humanoid_sim.envs.tasks.frames import seen_from
+from humanoid_sim.controllers.rotation import seen_from
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription

@@ -15,21 +15,21 @@ from gymnasium.vector.utils import batch_space
 from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
-from humanoid_sim.envs.batch import BatchSimulation, Randomisation
-from humanoid_sim.envs.batch.selection import memory_with, state_rows
-from humanoid_sim.envs.batch.start_numbers import StartNumbers
 from humanoid_sim.envs.inputs import Named
 from humanoid_sim.envs.rendering import Pictures
 from humanoid_sim.envs.setting import make_setting
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
+from humanoid_sim.envs.start_numbers import StartNumbers
 from humanoid_sim.envs.tasks.task import Judgement
 from humanoid_sim.envs.vector_info import VectorInfo
 from humanoid_sim.envs.vector_options import autoreset, count_option, reset_command, reset_mask, reset_seeds
+from humanoid_sim.envs.vector_rows import memory_with, state_rows
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 
 __all__ = ["PolicyVectorEnv"]
 
@@ -40,7 +40,7 @@ Step = tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
 class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
-    """N `PolicyEnv`s with the affine plant in one: `humanoid_sim.envs.batch` steps them, arrays do the rest.
+    """N `PolicyEnv`s with the affine plant in one: `humanoid_sim.simulation.batch` steps them, arrays do the rest.
 
     Seeded with the same numbers, and given the same actions, every environment does what a `PolicyEnv` does: the same
     starts, states equal to 1e-9 per step, the same faults. A fault ends the episode of its environment and touches no

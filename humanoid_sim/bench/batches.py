@@ -15,13 +15,13 @@ from mujoco import rollout
 from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.bench.timing import Row, paired_ratio
 from humanoid_sim.controllers.action import action_command
-from humanoid_sim.envs.batch import BatchSimulation
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.episodes import Disturbance, EpisodeBatch, Step
 from humanoid_sim.regress.runner import prepare_contest
 from humanoid_sim.regress.subject import load_subject, suite_robot
 from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.simulation.batch import BatchSimulation
 
 __all__ = ["regress_speed", "vector_step"]
 

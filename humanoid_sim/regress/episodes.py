@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.policy_step import PolicyMemory
-from humanoid_sim.envs.batch import BatchSimulation, Randomisation
 from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.regress.arena import Arena
@@ -27,6 +26,7 @@ from humanoid_sim.regress.pushes import PushSchedule
 from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Pushes, Suite
 from humanoid_sim.regress.traces import thinned
+from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 
 __all__ = ["Disturbance", "EpisodeBatch", "Step", "episode_keys", "run_episodes"]
 

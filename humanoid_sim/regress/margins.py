@@ -7,7 +7,6 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from humanoid_sim.envs.batch import Randomisation
 from humanoid_sim.regress.arena import Arena
 from humanoid_sim.regress.episodes import Disturbance
 from humanoid_sim.regress.jobs import Executor, Job, Progress
@@ -15,6 +14,7 @@ from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.results import Episode, Margin, MarginComparison
 from humanoid_sim.regress.suite import AXES, Margins, Pushes, Suite, Sweep
 from humanoid_sim.regress.words import quantity
+from humanoid_sim.simulation.batch import Randomisation
 
 __all__ = ["compare_margins", "disturbance_at", "measure_margins"]
 

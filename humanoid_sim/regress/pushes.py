@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.batch import BatchSimulation
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.suite import Pushes
+from humanoid_sim.simulation.batch import BatchSimulation
 
 __all__ = ["PushSchedule"]
 

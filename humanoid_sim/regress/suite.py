@@ -12,10 +12,10 @@ from typing import Any, Literal
 import msgspec
 
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
-from humanoid_sim.envs.batch.randomisation import Randomisation
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName
 from humanoid_sim.regress.results import MetricInfo
+from humanoid_sim.simulation.batch.randomisation import Randomisation
 
 __all__ = ["AXES", "Axis", "Case", "Margins", "Pushes", "Start", "Suite", "Sweep", "Tolerance"]
 
@@ -122,7 +122,7 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Of the bootstrap."""
     start: Start = Start()
     randomisation: Mapping[str, float | tuple[float, float]] = {}
-    """Fields of `humanoid_sim.envs.batch.Randomisation`."""
+    """Fields of `humanoid_sim.simulation.batch.Randomisation`."""
     pushes: Pushes | None = None
     settle: float = 1.0
     """s at the start of a velocity episode that its errors do not count: the robot begins at rest."""

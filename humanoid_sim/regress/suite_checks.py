@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 from itertools import pairwise
 
-from humanoid_sim.envs.batch.randomisation import Randomisation
 from humanoid_sim.errors import known_names
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.suite import AXES, Suite, Sweep
+from humanoid_sim.simulation.batch.randomisation import Randomisation
 
 __all__ = ["draw_problems", "suite_problems"]
 

@@ -9,6 +9,7 @@ from humanoid_sim.controllers.rotation import (
     rotation_6d,
     rotation_angle,
     rotation_from_6d,
+    seen_from,
     slerp,
 )
 
@@ -71,3 +72,10 @@ def test_six_d_is_the_first_two_columns_row_by_row() -> None:
     rotation = np.arange(9.0).reshape(3, 3)
     assert rotation_6d(rotation).tolist() == [0, 1, 3, 4, 6, 7]
     assert rotation_6d(np.stack([rotation] * 4).reshape(2, 2, 3, 3)).shape == (2, 2, 6)
+
+
+def test_poses_seen_from_a_base() -> None:
+    base = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # looks along +y
+    position, quaternion = seen_from(np.array([1.0, 0.0, 0.5]), base, np.array([[1.0, 2.0, 0.5]]), base[None])
+    np.testing.assert_allclose(position, [[2.0, 0.0, 0.0]], atol=1e-15)
+    np.testing.assert_allclose(quaternion, [[1.0, 0.0, 0.0, 0.0]], atol=1e-15)

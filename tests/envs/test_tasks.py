@@ -10,7 +10,6 @@ from humanoid_sim.controllers.reference import MotionReference, build_reference,
 from humanoid_sim.controllers.rotation import multiply, rotate
 from humanoid_sim.envs.tasks.balance import BalanceTask
 from humanoid_sim.envs.tasks.choice import TASKS, make_task
-from humanoid_sim.envs.tasks.frames import seen_from
 from humanoid_sim.envs.tasks.motion import MotionTask
 from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
@@ -280,13 +279,6 @@ def test_a_batch_gives_bit_for_bit_what_its_robots_give(name: str, request: pyte
     numbers = rng.random((5, task.draws))
     np.testing.assert_array_equal(task.start(numbers[2]).commands, task.start(numbers).commands[2])
     np.testing.assert_array_equal(task.start(numbers[2]).joint_position, task.start(numbers).joint_position[2])
-
-
-def test_poses_seen_from_a_base() -> None:
-    base = np.array([HALF_TURN, 0.0, 0.0, HALF_TURN])  # looks along +y
-    position, quaternion = seen_from(np.array([1.0, 0.0, 0.5]), base, np.array([[1.0, 2.0, 0.5]]), base[None])
-    np.testing.assert_allclose(position, [[2.0, 0.0, 0.0]], atol=1e-15)
-    np.testing.assert_allclose(quaternion, [[1.0, 0.0, 0.0, 0.0]], atol=1e-15)
 
 
 def test_the_task_that_a_contract_was_made_for(lite: RobotDescription, biped: RobotDescription) -> None:

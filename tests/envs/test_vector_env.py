@@ -15,12 +15,12 @@ import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.envs.batch import Randomisation
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.batch import Randomisation
 
 LITE = "humanoid_sim/LiteTracking-v0"
 BIPED = "humanoid_sim/BipedVelocity-v0"

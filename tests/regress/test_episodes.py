@@ -11,7 +11,6 @@ from msgspec.structs import replace
 from policies import SAMPLE, failing_copy, swapped_copy
 from regress_runs import standing_policy, yaml_suite
 
-from humanoid_sim.envs.batch import Randomisation
 from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.regress.arena import Arena
 from humanoid_sim.regress.episodes import Disturbance, EpisodeBatch, Step, episode_keys, run_episodes
@@ -20,6 +19,7 @@ from humanoid_sim.regress.runner import Contest, prepare_contest
 from humanoid_sim.regress.subject import load_subject, suite_robot
 from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance
 from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.simulation.batch import Randomisation
 
 QUIET = Disturbance(Randomisation())
 

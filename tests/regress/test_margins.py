@@ -9,7 +9,6 @@ import pytest
 from policies import SAMPLE
 from regress_runs import episode, yaml_suite
 
-from humanoid_sim.envs.batch import Randomisation
 from humanoid_sim.regress.arena import Arena
 from humanoid_sim.regress.jobs import Job, LocalExecutor, Progress
 from humanoid_sim.regress.margins import compare_margins, disturbance_at, measure_margins
@@ -18,6 +17,7 @@ from humanoid_sim.regress.runner import Contest, prepare_contest
 from humanoid_sim.regress.subject import load_subject, suite_robot
 from humanoid_sim.regress.suite import Pushes, Suite, Sweep
 from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.simulation.batch import Randomisation
 
 
 @pytest.fixture(scope="module")

@@ -8,20 +8,20 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.batch.body_tree import BodyTree, body_ids
-from humanoid_sim.envs.batch.counter_random import seed_keys
-from humanoid_sim.envs.batch.models import ModelPool
-from humanoid_sim.envs.batch.motors import BatchMotors, MotorDifferences
-from humanoid_sim.envs.batch.physics import BatchPhysics, usable_processors
-from humanoid_sim.envs.batch.placement import Placement
-from humanoid_sim.envs.batch.randomisation import Randomisation, vary_models
-from humanoid_sim.envs.batch.rows import read_only
-from humanoid_sim.envs.batch.sensors import BatchSensors
-from humanoid_sim.envs.tasks.frames import seen_from
+from humanoid_sim.controllers.rotation import seen_from
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.simulation.batch.body_tree import BodyTree, body_ids
+from humanoid_sim.simulation.batch.counter_random import seed_keys
+from humanoid_sim.simulation.batch.models import ModelPool
+from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
+from humanoid_sim.simulation.batch.physics import BatchPhysics, usable_processors
+from humanoid_sim.simulation.batch.placement import Placement
+from humanoid_sim.simulation.batch.randomisation import Randomisation, vary_models
+from humanoid_sim.simulation.batch.rows import read_only
+from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses

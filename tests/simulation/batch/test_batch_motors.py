@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from humanoid_sim.envs.batch.counter_random import seed_keys
-from humanoid_sim.envs.batch.models import ModelPool
-from humanoid_sim.envs.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.batch.counter_random import seed_keys
+from humanoid_sim.simulation.batch.models import ModelPool
+from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.simulation.model import build_model
 
 ROBOT = load_robot("lite")

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.batch.counter_random import Words, uniforms
-from humanoid_sim.envs.batch.models import ModelPool
-from humanoid_sim.envs.batch.randomisation import Randomisation
 from humanoid_sim.mit import FloatArray, MITCommand, affine_law
+from humanoid_sim.simulation.batch.counter_random import Words, uniforms
+from humanoid_sim.simulation.batch.models import ModelPool
+from humanoid_sim.simulation.batch.randomisation import Randomisation
 
 __all__ = ["BatchMotors", "MotorDifferences"]
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from mujoco import rollout
 
-from humanoid_sim.envs.batch.models import ModelPool
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch.models import ModelPool
 
 __all__ = ["BatchPhysics", "usable_processors"]
 

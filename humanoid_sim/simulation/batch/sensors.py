@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS
 from humanoid_sim.controllers.rotation import multiply
-from humanoid_sim.envs.batch.body_tree import BodyTree, body_ids
-from humanoid_sim.envs.batch.counter_random import Words, normals
-from humanoid_sim.envs.batch.imu import BatchImu
-from humanoid_sim.envs.batch.randomisation import Randomisation
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.batch.body_tree import BodyTree, body_ids
+from humanoid_sim.simulation.batch.counter_random import Words, normals
+from humanoid_sim.simulation.batch.imu import BatchImu
+from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.model import JointAddresses
 
 __all__ = ["BatchSensors"]

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.envs.batch.body_tree import BodyTree, body_ids
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.batch.body_tree import BodyTree, body_ids
 from humanoid_sim.simulation.model import build_model
 
 EVERY_JOINT = """

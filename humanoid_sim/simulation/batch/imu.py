@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from humanoid_sim.envs.batch.body_tree import BodyTree
-from humanoid_sim.envs.batch.rows import column, cross, multiply, normalize, rotate, rotate_inverse
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch.body_tree import BodyTree
+from humanoid_sim.simulation.batch.rows import column, cross, multiply, normalize, rotate, rotate_inverse
 
 __all__ = ["BatchImu", "ImuReading"]
 

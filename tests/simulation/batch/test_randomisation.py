@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.envs.batch import BatchSimulation, Randomisation
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 
 ROBOT = load_robot("lite")
 PERIOD = 0.02

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.envs.batch.imu import BatchImu
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.batch.imu import BatchImu
 from humanoid_sim.simulation.imu import Imu
 from humanoid_sim.simulation.model import build_model
 

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from humanoid_sim.envs.batch.counter_random import normals, philox, seed_keys, uniforms
+from humanoid_sim.simulation.batch.counter_random import normals, philox, seed_keys, uniforms
 
 FULL = 0xFFFFFFFF
 

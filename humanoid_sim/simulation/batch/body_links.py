@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from humanoid_sim.envs.batch.rows import column, multiply, normalize, rotate
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch.rows import column, multiply, normalize, rotate
 
 __all__ = ["BALL", "FREE", "SLIDE", "Body", "BodyPose", "Joint", "place", "read_body", "turn"]
 

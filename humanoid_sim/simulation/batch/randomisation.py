@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.batch.counter_random import Words, uniforms
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch.counter_random import Words, uniforms
 
 __all__ = ["Randomisation", "Range", "vary_models"]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.envs.batch.body_links import BALL, FREE, SLIDE, Body, BodyPose, place, turn
-from humanoid_sim.envs.batch.rows import cross, multiply, rotate
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch.body_links import BALL, FREE, SLIDE, Body, BodyPose, place, turn
+from humanoid_sim.simulation.batch.rows import cross, multiply, rotate
 
 __all__ = ["BodyMotion", "move", "rest"]
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from humanoid_sim.envs.batch.body_levels import BodyLevels
-from humanoid_sim.envs.batch.body_links import BodyPose, read_body
-from humanoid_sim.envs.batch.body_motion import BodyMotion, move, rest
-from humanoid_sim.envs.batch.rows import column
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch.body_levels import BodyLevels
+from humanoid_sim.simulation.batch.body_links import BodyPose, read_body
+from humanoid_sim.simulation.batch.body_motion import BodyMotion, move, rest
+from humanoid_sim.simulation.batch.rows import column
 
 __all__ = ["BodyTree", "body_ids"]
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.batch.body_links import BALL, FREE, SLIDE, Body, BodyPose, place
-from humanoid_sim.envs.batch.rows import multiply, rotate
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch.body_links import BALL, FREE, SLIDE, Body, BodyPose, place
+from humanoid_sim.simulation.batch.rows import multiply, rotate
 
 __all__ = ["BodyLevels"]
 
