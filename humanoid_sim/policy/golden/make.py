@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, get_args
 
@@ -13,15 +13,15 @@ import numpy.typing as npt
 from humanoid_sim.controllers.action import action_command, resolve_action
 from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import PolicyMemory
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.terms import OrientationLayout, Term
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.messages import PolicyStep
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.golden.run import Recorded, Row, recorded_wiring, roll
-from humanoid_sim.policy.golden.samples import GoldenSamples
-from humanoid_sim.policy.golden.trace import Trace
-from humanoid_sim.policy.golden.verify import golden_problem, samples_wiring
+from humanoid_sim.policy.golden.samples import GoldenSamples, recorded_state
+from humanoid_sim.policy.golden.trace import Recorded, Trace
+from humanoid_sim.policy.golden.verify import golden_problem, memory_fields, observe, recorded_wiring, samples_wiring
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 
@@ -31,6 +31,14 @@ __all__ = ["SAMPLE_COUNT", "blind_spots", "own_samples", "trainer_samples"]
 SAMPLE_COUNT = 8
 _OWN_STEPS = 64
 """Steps of a made-up run, long enough to fill any usual history."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Row:
+    """One step: with what it was entered, and what the policy saw."""
+
+    memory: PolicyMemory
+    step: PolicyStep
 
 
 def trainer_samples(
@@ -85,15 +93,34 @@ def _loaded(checkpoint: Checkpoint, motion: Motion | None) -> LoadedPolicy:
     )
 
 
-def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, name: str) -> list[Row]:
+def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, name: str) -> list[_Row]:
     try:
         wiring = recorded_wiring(checkpoint.contract, recorded.joint_names, loaded.reference, loaded.extern)
-        return roll(wiring, recorded)
+        return _roll(wiring, recorded)
     except (FieldError, ValueError) as error:
         raise InputError(f"{checkpoint.source}: on {name}: {error}") from None
 
 
-def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, rows: list[Row]) -> GoldenSamples:
+def _roll(wiring: PolicyWiring, recorded: Recorded) -> list[_Row]:
+    """Go through a run from activation on.
+
+    Raises:
+        FieldError: naming the step that the controller would refuse, and why.
+    """
+    rows: list[_Row] = []
+    memory = wiring.activate(recorded.states[0])
+    for k, (state, action) in enumerate(zip(recorded.states, recorded.action, strict=True)):
+        entered = replace(memory, **memory_fields({name: table[k] for name, table in recorded.memory.items()}))
+        try:
+            step, observed = observe(wiring, entered, state, action)
+        except FieldError as error:
+            raise FieldError(f"step {k}: {error}") from None
+        rows.append(_Row(entered, step))
+        memory, _ = wiring.act(observed, action)
+    return rows
+
+
+def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, rows: list[_Row]) -> GoldenSamples:
     states, reference = recorded.states, loaded.reference
     frames = np.array([row.step.frame for row in rows], dtype=np.int64)
     tables = {} if checkpoint.motion is not None else dict(reference.terms)
@@ -121,7 +148,7 @@ def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, r
     )
 
 
-def _histories(rows: list[Row]) -> npt.NDArray[np.float32] | None:
+def _histories(rows: list[_Row]) -> npt.NDArray[np.float32] | None:
     """Shape (S, h, w); NaN where there was no step before. None for a policy that shows only the present."""
     known = next((row.memory.history for row in rows if row.memory.history is not None), None)
     if known is None:
@@ -153,11 +180,17 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
     contract, steps = checkpoint.contract, _OWN_STEPS
     rng = np.random.default_rng(0)
     joints = len(contract.joint_names)
-    position = contract.default_joint_pos + rng.normal(0.0, 0.2, (steps, joints))
-    velocity = rng.normal(0.0, 1.0, (steps, joints))
+    state = {
+        "joint_position": contract.default_joint_pos + rng.normal(0.0, 0.2, (steps, joints)),
+        "joint_velocity": rng.normal(0.0, 1.0, (steps, joints)),
+    }
     quaternion = np.array([0.5, 0.1, -0.1, 0.8]) + rng.normal(0.0, 0.05, (steps, 4))
     quaternion /= np.sqrt((quaternion**2).sum(axis=1, keepdims=True))
-    gyro, acceleration = rng.normal(0.0, 0.5, (steps, 3)), np.array([0.0, 0.0, 9.81]) + rng.normal(0.0, 1.0, (steps, 3))
+    state |= {
+        "imu_quaternion": quaternion,
+        "imu_angular_velocity": rng.normal(0.0, 0.5, (steps, 3)),
+        "imu_linear_acceleration": np.array([0.0, 0.0, 9.81]) + rng.normal(0.0, 1.0, (steps, 3)),
+    }
     live = {
         VELOCITY_COMMAND: rng.uniform(*_command_bounds(contract), (steps, 3)),
         BASE_LINEAR_VELOCITY: rng.normal(0.0, 0.5, (steps, 3)),
@@ -166,23 +199,9 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
     keys = loaded.extern.get("key_pressed")
     if keys is not None:
         live["key_pressed"] = rng.integers(0, 2, (steps, keys)).astype(np.float64)
-    zeros = np.zeros(joints)
-    states = [
-        MITState(
-            time=0.0,
-            joint_position=position[i],
-            joint_velocity=velocity[i],
-            joint_effort=zeros,
-            joint_age=zeros,
-            imu_quaternion=quaternion[i],
-            imu_angular_velocity=gyro[i],
-            imu_linear_acceleration=acceleration[i],
-            extern={name: Extern(table[i], 0.0) for name, table in live.items()},
-        )
-        for i in range(steps)
-    ]
+    states = tuple(recorded_state({**state, **live}, live, i) for i in range(steps))
     actions = rng.normal(0.0, 0.5, (steps, contract.action_count)).astype(np.float32)
-    return Recorded(contract.joint_names, tuple(states), actions)
+    return Recorded(contract.joint_names, states, actions)
 
 
 def _command_bounds(contract: PolicyContract) -> tuple[FloatArray, FloatArray]:

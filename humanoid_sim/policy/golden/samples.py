@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import prod
 from types import MappingProxyType
@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import Extern, FloatArray, MITState
 
-__all__ = ["GOLDEN_KEY", "GoldenSamples", "Origin", "decode_samples", "encode_samples"]
+__all__ = ["GOLDEN_KEY", "GoldenSamples", "Origin", "decode_samples", "encode_samples", "recorded_state"]
 
 GOLDEN_KEY = "humanoid_sim_golden"
 """Metadata key of the samples."""
@@ -31,6 +31,7 @@ _LARGEST = 10_000_000
 _LARGEST_MOTION = 50_000_000
 """Values of one table of a motion."""
 _EXTERN, _REFERENCE = "extern/", "reference/"
+_STATE = ("joint_position", "joint_velocity", "imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +114,11 @@ class GoldenSamples:
         if self.reference and not ((self.frame >= 0) & (self.frame < self.frame_count)).all():
             raise FieldError(f"frame: goes beyond the {self.frame_count} frames of the motion")
 
+    def state(self, i: int) -> MITState:
+        """What the robot reported in sample i."""
+        arrays = {name: getattr(self, name) for name in _STATE}
+        return recorded_state({**arrays, **self.extern}, self.extern, i)
+
     def __len__(self) -> int:
         return len(self.frame)
 
@@ -123,6 +129,30 @@ class GoldenSamples:
             return f"{len(self)} samples, drift only: made by this program, they show change, not wrong wiring"
         targets = "" if self.target_origin == "trainer" else "; its joint targets: drift only"
         return f"{len(self)} samples of the trainer's run ({self.source}){targets}"
+
+
+def recorded_state(arrays: Mapping[str, FloatArray], live: Iterable[str], i: int) -> MITState:
+    """What the robot reported in row i of a run.
+
+    Args:
+        arrays: `joint_position`, `joint_velocity`, `imu_quaternion`, `imu_angular_velocity` and the live inputs, each
+            with one row per step; where `imu_linear_acceleration` is not known, it is zero.
+        live: names of the live inputs.
+        i: the row.
+    """
+    zeros = np.zeros(arrays["joint_position"].shape[1])
+    acceleration = arrays.get("imu_linear_acceleration")
+    return MITState(
+        time=0.0,
+        joint_position=arrays["joint_position"][i],
+        joint_velocity=arrays["joint_velocity"][i],
+        joint_effort=zeros,
+        joint_age=zeros,
+        imu_quaternion=arrays["imu_quaternion"][i],
+        imu_angular_velocity=arrays["imu_angular_velocity"][i],
+        imu_linear_acceleration=np.zeros(3) if acceleration is None else acceleration[i],
+        extern={name: Extern(arrays[name][i], 0.0) for name in live},
+    )
 
 
 def encode_samples(samples: GoldenSamples) -> str:

@@ -26,8 +26,9 @@ from __future__ import annotations
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -37,10 +38,10 @@ from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
-from humanoid_sim.mit import Extern, FloatArray, MITState
-from humanoid_sim.policy.golden.run import Recorded
+from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.policy.golden.samples import recorded_state
 
-__all__ = ["BodyReader", "Trace", "read_trace"]
+__all__ = ["BodyReader", "Recorded", "Trace", "read_trace"]
 
 BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, FloatArray]]
 """`(qpos (F, nq), qvel (F, nv), names of its joints) -> arrays` of what a robot's model knows beside its joints."""
@@ -70,6 +71,20 @@ _DAMAGE = (
 )
 """What NumPy and zipfile raise over files that are damaged, or of another kind."""
 _LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, "key_pressed")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """The robot's side of a run, F policy steps one after the other from activation on, and what is known beside it."""
+
+    joint_names: tuple[str, ...]
+    states: tuple[MITState, ...]
+    """F of them."""
+    action: npt.NDArray[np.float32]
+    """Shape (F, m), raw."""
+    memory: Mapping[str, npt.NDArray[np.floating | np.integer]] = field(default_factory=lambda: MappingProxyType({}))
+    """`last_action`, `frame`, `walked`, `history`, `alignment`, one row per step, as far as the source gives them; what
+    it does not follows from the steps before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,10 +123,8 @@ class _Reader:
 
     def trace(self) -> Trace:
         action = self.table("action", self.contract.action_count)
-        assert action is not None
         self.steps = len(action)
         observation = self.table("observation")
-        assert observation is not None
         names = self.names()
         known = {**self.live(), **self.states(names)}
         joints = tuple(name for name in self.hinges(names) if name in self.contract.joint_names)
@@ -120,12 +133,14 @@ class _Reader:
             raise self.wrong("joint_names", f"lacks {', '.join(missing)}", "every joint of the policy")
         columns = [self.hinges(names).index(name) for name in joints]
         self.check_needs(known)
-        target = self.table("target", len(self.hinges(names)), required=False)
+        target = self.optional("target", len(self.hinges(names)))
+        live = [name for name in _LIVE if name in known]
+        known |= {name: known[name][:, columns] for name in ("joint_position", "joint_velocity")}
         return Trace(
             name=self.path.name,
             recorded=Recorded(
                 joint_names=joints,
-                states=tuple(self.state(known, columns, i) for i in range(self.steps)),
+                states=tuple(recorded_state(known, live, i) for i in range(self.steps)),
                 action=action.astype(np.float32),
                 memory=self.memory(),
             ),
@@ -159,12 +174,9 @@ class _Reader:
         if "qpos" not in self.arrays:
             known = {name: self.table(name, joints) for name in ("joint_position", "joint_velocity")}
             known |= {"imu_quaternion": self.table("imu_quaternion", 4)}
-            known |= {"imu_angular_velocity": self.table("imu_angular_velocity", 3)}
-            return {name: table for name, table in known.items() if table is not None}
+            return known | {"imu_angular_velocity": self.table("imu_angular_velocity", 3)}
         free = 7 if self.is_floating(names) else 0
         qpos, qvel = self.table("qpos", free + joints), self.table("qvel", max(free - 1, 0) + joints)
-        assert qpos is not None
-        assert qvel is not None
         found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
         if self.bodies is not None:
             found |= self.bodies(qpos, qvel, self.hinges(names))
@@ -175,29 +187,14 @@ class _Reader:
             found |= {"imu_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (self.steps, 1))}
             found |= {"imu_angular_velocity": np.zeros((self.steps, 3))}
         # What the file says itself comes before what follows from its qpos.
-        stated = {name: self.table(name, required=False) for name in (*_LIVE, "imu_quaternion", "imu_angular_velocity")}
+        stated = {name: self.optional(name) for name in (*_LIVE, "imu_quaternion", "imu_angular_velocity")}
         return found | {name: table for name, table in stated.items() if table is not None}
 
     def live(self) -> dict[str, FloatArray]:
         widths = {VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7, "imu_linear_acceleration": 3}
-        tables = {name: self.table(name, width, required=False) for name, width in widths.items()}
-        tables["key_pressed"] = self.table("key_pressed", required=False)
+        tables = {name: self.optional(name, width) for name, width in widths.items()}
+        tables["key_pressed"] = self.optional("key_pressed")
         return {name: table for name, table in tables.items() if table is not None}
-
-    def state(self, known: Mapping[str, FloatArray], columns: list[int], i: int) -> MITState:
-        zeros = np.zeros(len(columns))
-        acceleration = known.get("imu_linear_acceleration")
-        return MITState(
-            time=0.0,
-            joint_position=known["joint_position"][i, columns],
-            joint_velocity=known["joint_velocity"][i, columns],
-            joint_effort=zeros,
-            joint_age=zeros,
-            imu_quaternion=known["imu_quaternion"][i],
-            imu_angular_velocity=known["imu_angular_velocity"][i],
-            imu_linear_acceleration=np.zeros(3) if acceleration is None else acceleration[i],
-            extern={name: Extern(known[name][i], 0.0) for name in _LIVE if name in known},
-        )
 
     def check_needs(self, known: Mapping[str, FloatArray]) -> None:
         for term in self.contract.terms:
@@ -227,7 +224,10 @@ class _Reader:
             found[name] = table
         return found
 
-    def table(self, name: str, width: int | None = None, *, required: bool = True) -> FloatArray | None:
+    def optional(self, name: str, width: int | None = None) -> FloatArray | None:
+        return None if self.numbers(name) is None else self.table(name, width)
+
+    def table(self, name: str, width: int | None = None) -> FloatArray:
         """Shape (F, width), float64; one row for all steps is spread out.
 
         Raises:
@@ -236,8 +236,6 @@ class _Reader:
         values = self.numbers(name)
         expected = f"({self.steps or 'F'}, {'width' if width is None else width}), finite numbers"
         if values is None:
-            if not required:
-                return None
             raise self.wrong(name, "is missing", expected)
         if values.ndim == 1 and self.steps and name in _LIVE:
             values = np.broadcast_to(values, (self.steps, len(values)))
@@ -266,9 +264,8 @@ class _Reader:
 def _load(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Every array of the file; none of them may need code to be read."""
     try:
-        with regular_file(path, "an .npz file").open(
-            "rb"
-        ) as stream:  # NumPy leaves a file open that turns out to be none of its own
+        # NumPy leaves a file open that turns out to be none of its own.
+        with regular_file(path, "an .npz file").open("rb") as stream:
             file = np.load(stream, allow_pickle=False)
             if not isinstance(file, np.lib.npyio.NpzFile):
                 raise InputError(f"{path}: holds one array, expected an .npz file of several")

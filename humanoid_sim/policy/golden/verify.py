@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,11 +12,12 @@ import numpy.typing as npt
 from humanoid_sim.controllers.action import action_command
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
-from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
-from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring
+from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.messages import PolicyStep
+from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.golden.run import observe, recorded_wiring, sample_memory, sample_state
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 
@@ -24,6 +26,9 @@ __all__ = [
     "OBSERVATION_TOLERANCE",
     "TARGET_TOLERANCE",
     "golden_problem",
+    "memory_fields",
+    "observe",
+    "recorded_wiring",
     "samples_wiring",
     "value_name",
     "verify_golden",
@@ -36,6 +41,8 @@ ACTION_TOLERANCE = 1e-3
 TARGET_TOLERANCE = 1e-4
 """Likewise of the commanded positions, in rad."""
 
+_NO_LIMIT = 1e9
+"""A recorded action is what it is."""
 _SHOWN = 4
 """Names of terms or joints in one message."""
 
@@ -106,7 +113,7 @@ def _observation_problem(wiring: PolicyWiring, samples: GoldenSamples) -> str:
     observation = np.empty_like(samples.observation)
     for i in range(len(samples)):
         try:
-            step, _ = observe(wiring, sample_memory(samples, i), sample_state(samples, i), samples.action[i])
+            step, _ = observe(wiring, _memory(samples, i), samples.state(i), samples.action[i])
         except (FieldError, ValueError) as error:
             return f"sample {i} cannot be computed: {error}"
         observation[i] = step.observation
@@ -165,6 +172,66 @@ def samples_wiring(checkpoint: Checkpoint, samples: GoldenSamples) -> PolicyWiri
             source=checkpoint.source,
         )
     return recorded_wiring(checkpoint.contract, samples.joint_names, loaded.reference, loaded.extern)
+
+
+def recorded_wiring(
+    contract: PolicyContract,
+    joint_names: tuple[str, ...],
+    reference: MotionReference,
+    extern: Mapping[str, int],
+) -> PolicyWiring:
+    """The wiring of a policy whose actions are those of a run.
+
+    Raises:
+        FieldError: if the contract does not fit the joints, or a term lacks its source.
+    """
+    return PolicyWiring(joint_names, contract, reference, extern, action_limit=_NO_LIMIT)
+
+
+def observe(
+    wiring: PolicyWiring, memory: PolicyMemory, state: MITState, action: npt.NDArray[np.float32]
+) -> tuple[PolicyStep, PolicyMemory]:
+    """One step whose policy answers `action`, and the memory with its observation.
+
+    Raises:
+        FieldError: if the controller would refuse the observation or the action.
+    """
+    observation, observed = wiring.observe(memory, state)
+    problem = wiring.observation_problem(observation) or wiring.action_problem(action)
+    if problem:
+        raise FieldError(problem)
+    return PolicyStep(int(memory.frame), observation, action), observed
+
+
+def _memory(samples: GoldenSamples, i: int) -> PolicyMemory:
+    """What the policy remembered when it met sample i."""
+    table: dict[str, npt.NDArray[np.floating | np.integer]] = {
+        name: getattr(samples, name) for name in ("last_action", "frame", "walked", "alignment")
+    }
+    if samples.history is not None:
+        table["history"] = samples.history
+    return PolicyMemory(**memory_fields({name: values[i] for name, values in table.items()}))
+
+
+def memory_fields(given: Mapping[str, npt.NDArray[np.floating | np.integer]]) -> dict[str, Any]:
+    """The recorded memory in its own types; NaN stands for a history or an alignment that is not there."""
+    fields: dict[str, Any] = {}
+    if "last_action" in given:
+        fields["last_action"] = np.asarray(given["last_action"], dtype=np.float32)
+    if "frame" in given:
+        fields["frame"] = int(given["frame"])
+    if "walked" in given:
+        fields["walked"] = float(given["walked"])
+    if "history" in given:
+        history = np.asarray(given["history"], dtype=np.float32)
+        fields["history"] = None if np.isnan(history).any() else history
+    if "alignment" in given:
+        fields["alignment"] = _alignment(np.asarray(given["alignment"], dtype=np.float64))
+    return fields
+
+
+def _alignment(values: FloatArray) -> Alignment | None:
+    return None if np.isnan(values).any() else Alignment(yaw=values[3:], offset=values[:3])
 
 
 def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) -> str:
