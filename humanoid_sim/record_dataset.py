@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _record_dataset(config: RecordDataset) -> int:
-    from humanoid_sim.prepare.lerobot_library import import_lerobot  # noqa: PLC0415 - brings PyTorch
+    from humanoid_sim.prepare.lerobot_dataset import import_lerobot  # noqa: PLC0415 - brings PyTorch
     from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
 
     if config.output.exists():

@@ -3,18 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
-__all__ = ["main"]
+import tyro
+
+__all__ = ["PrepareOptions", "main"]
+
+
+@dataclass(frozen=True)
+class PrepareOptions:
+    """Make a motion file from a motion that was made elsewhere, checked on the robot, and fetch the checkpoint.
+
+    The motion is a LeRobot dataset (v3.0), an mjlab or whole_body_tracking .npz, or a .csv. Forward kinematics on the
+    robot must put every body where the motion has it; if not, nothing is written, and the message says what would fit.
+    """
+
+    policy: Annotated[str | None, tyro.conf.arg(aliases=["--checkpoint-file"])] = None
+    """ONNX checkpoint; it says in which order the motion's joints and bodies go, and how many frames make a second."""
+    contract: str | None = None
+    """contract.yaml with what the checkpoint does not say."""
+    wandb_run_path: str | None = None
+    """W&B run (entity/project/run) to fetch the checkpoint from, instead of --policy."""
+    wandb_file: Annotated[str | None, tyro.conf.arg(aliases=["--wandb-checkpoint-name"])] = None
+    """The checkpoint's file name in the run. Default: the newest model_*."""
+    robot: str = "lite"
+    """A shipped robot, or the path of a robot's YAML file or MJCF (.xml)."""
+    motion: Annotated[str | None, tyro.conf.arg(aliases=["--motion-file"])] = None
+    """Motion: an .npz or .csv file, or the folder of a LeRobot dataset."""
+    dataset: Annotated[str | None, tyro.conf.arg(aliases=["--registry-name"])] = None
+    """LeRobot dataset by its id on the hub, user/name. Without --motion and this: the one that the checkpoint names."""
+    episode: Annotated[int | None, tyro.conf.arg(aliases=["--episode-index"])] = None
+    """Episode of the dataset, from 0; needed where it has more than one."""
+    features: tuple[str, ...] = ()
+    """Where the dataset calls its features differently: ROLE=FEATURE, such as joint_pos=observation.qpos."""
+    fps: float | None = None
+    """Frames per second of a .csv that has no column of times."""
+    joint_order: str | None = None
+    """Order of a motion's joints that does not name them: contract, robot, mjcf, breadth_first, or names with commas.
+    Default: contract for .npz and datasets, robot for .csv."""
+    body_order: str | None = None
+    """Order of a motion's bodies that does not name them: contract, mjcf, breadth_first, or names with commas.
+    Default: contract where their number is that of the contract's bodies, else mjcf."""
+    quaternions: Literal["wxyz", "xyzw"] | None = None
+    """Order of the motion's quaternions. Default: as its format has it, xyzw for .csv and wxyz for the others."""
+    resample: bool = False
+    """Interpolate a motion whose frame rate is not the policy's."""
+    tolerance: float = 0.01
+    """m that a body may be away from where forward kinematics puts it."""
+    angle_tolerance: float = 2.0
+    """Degrees that it may be turned away."""
+    output: Annotated[str, tyro.conf.arg(aliases=["--out-dir"])] = "prepared"
+    """Folder for the motion (.mcap), the report (.json) and a copy of the checkpoint; made if it is missing."""
+    name: str | None = None
+    """Name of the motion and of the report. Default: the motion's own."""
+    overwrite: bool = False
+    """Replace files in the folder."""
+    timeout: float = 30.0
+    """s to wait for an answer from the network."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `prepare` with command-line arguments; returns the exit status."""
-    import tyro  # noqa: PLC0415 - heavy imports stay out of `--help` and of importing this package
+    options = tyro.cli(PrepareOptions, prog="humanoid_sim.prepare", args=arguments)
 
-    from humanoid_sim.prepare.config import PrepareConfig  # noqa: PLC0415
+    from humanoid_sim.prepare.preparation import prepare  # noqa: PLC0415 - MuJoCo stays out of `--help`
 
-    config = tyro.cli(PrepareConfig, prog="humanoid_sim.prepare", args=arguments)
-
-    from humanoid_sim.prepare.program import prepare  # noqa: PLC0415
-
-    return prepare(config)
+    return prepare(options)

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import QuaternionOrder
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.skeleton import Skeleton, match_names, named_order
-from humanoid_sim.prepare.source import SourceMotion, swap_quaternion_order
+from humanoid_sim.prepare.skeleton import Orders, Skeleton
+from humanoid_sim.prepare.source_motion import SourceMotion, swap_quaternion_order
 
-__all__ = ["Conventions", "NamedMotion", "body_orders", "choose_conventions", "interpret", "joint_orders"]
+__all__ = [
+    "Conventions",
+    "NamedMotion",
+    "body_orders",
+    "choose_conventions",
+    "interpret",
+    "joint_orders",
+    "match_names",
+    "named_order",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,23 +64,14 @@ class NamedMotion:
     """The poses are in the world frame."""
 
 
-def joint_orders(contract: PolicyContract, skeleton: Skeleton) -> dict[str, tuple[str, ...]]:
-    """The orders in which exporters write joints, by the name that --joint-order knows them by."""
-    return {
-        "contract": contract.joint_names,
-        "robot": skeleton.joint_order("robot"),
-        "mjcf": skeleton.joint_order("mjcf"),
-        "breadth_first": skeleton.joint_order("breadth_first"),
-    }
+def joint_orders(contract: PolicyContract, skeleton: Skeleton) -> Orders:
+    """The orders in which exporters write joints."""
+    return {"contract": contract.joint_names, **skeleton.joint_orders}
 
 
-def body_orders(contract: PolicyContract, skeleton: Skeleton) -> dict[str, tuple[str, ...]]:
-    """The orders in which exporters write bodies, by the name that --body-order knows them by."""
-    return {
-        "contract": contract.body_names,
-        "mjcf": skeleton.body_order("mjcf"),
-        "breadth_first": skeleton.body_order("breadth_first"),
-    }
+def body_orders(contract: PolicyContract, skeleton: Skeleton) -> Orders:
+    """The orders in which exporters write bodies."""
+    return {"contract": contract.body_names, **skeleton.body_orders}
 
 
 def choose_conventions(
@@ -87,8 +88,8 @@ def choose_conventions(
     Raises:
         InputError: if an option contradicts the names in the source, or a number of columns fits no order.
     """
-    joints, joints_by = _joints(source, contract, skeleton, joint_order)
-    bodies, bodies_by = _bodies(source, contract, skeleton, body_order)
+    joints, joints_by = _joints(source, joint_orders(contract, skeleton), joint_order)
+    bodies, bodies_by = _bodies(source, body_orders(contract, skeleton), body_order)
     order, order_by = source.quaternion_order, source.quaternion_order_source
     if quaternions is not None and order_by != "column names":
         order, order_by = quaternions, "--quaternions"
@@ -97,17 +98,14 @@ def choose_conventions(
     return Conventions(joints, bodies, order, joints_by, bodies_by, order_by)
 
 
-def _joints(
-    source: SourceMotion, contract: PolicyContract, skeleton: Skeleton, option: str | None
-) -> tuple[tuple[str, ...], str]:
+def _joints(source: SourceMotion, orders: Orders, option: str | None) -> tuple[tuple[str, ...], str]:
+    """Names of the joint columns, and who says so."""
     if source.joint_position is None:
         return (), ""
     if source.joint_names is not None:
-        if option is not None:
-            raise InputError(f"--joint-order: is given, but {source.source} names its joints itself")
-        return source.joint_names, "names in the file"
+        return _own_names(source, "joint", source.joint_names, option)
     chosen = option or ("robot" if source.kind.startswith("csv") else "contract")
-    names = named_order("--joint-order", chosen, joint_orders(contract, skeleton))
+    names = named_order("--joint-order", chosen, orders)
     count = source.joint_position.shape[1]
     if len(names) != count:
         raise InputError(
@@ -117,25 +115,57 @@ def _joints(
     return names, f"--joint-order {chosen}" if option else f"assumed: {chosen}"
 
 
-def _bodies(
-    source: SourceMotion, contract: PolicyContract, skeleton: Skeleton, option: str | None
-) -> tuple[tuple[str, ...], str]:
+def _bodies(source: SourceMotion, orders: Orders, option: str | None) -> tuple[tuple[str, ...], str]:
+    """Names of the bodies, and who says so."""
     if source.body_position is None:
         return (), ""
     if source.body_names is not None:
-        if option is not None:
-            raise InputError(f"--body-order: is given, but {source.source} names its bodies itself")
-        return source.body_names, "names in the file"
+        return _own_names(source, "body", source.body_names, option)
     count = source.body_position.shape[1]
-    orders = body_orders(contract, skeleton)
-    chosen = option or ("contract" if count == len(contract.body_names) else "mjcf")
+    chosen = option or ("contract" if count == len(orders["contract"]) else "mjcf")
     names = named_order("--body-order", chosen, orders)
     if len(names) != count:
         raise InputError(
-            f"{source.source}: has {count} bodies per frame; the contract has {len(contract.body_names)}, the "
-            f"robot {len(skeleton.bodies)}; say which they are with --body-order"
+            f"{source.source}: has {count} bodies per frame; the contract has {len(orders['contract'])}, the "
+            f"robot {len(orders['mjcf'])}; say which they are with --body-order"
         )
     return names, f"--body-order {chosen}" if option else f"assumed: {chosen}"
+
+
+def _own_names(
+    source: SourceMotion, what: str, names: tuple[str, ...], option: str | None
+) -> tuple[tuple[str, ...], str]:
+    if option is not None:
+        plural = {"joint": "joints", "body": "bodies"}[what]
+        raise InputError(f"--{what}-order: is given, but {source.source} names its {plural} itself")
+    return names, "names in the file"
+
+
+def named_order(option: str, value: str, known: Orders) -> tuple[str, ...]:
+    """What an option such as --joint-order stands for: one of the known orders, or the names themselves.
+
+    Raises:
+        InputError: if it is neither.
+    """
+    if value in known:
+        return known[value]
+    names = tuple(name.strip() for name in value.split(","))
+    if len(names) < 2 or not all(names):
+        raise InputError(f"{option}: is '{value}', expected {', '.join(known)}, or names separated by commas")
+    return names
+
+
+def match_names(source: str, what: str, names: Iterable[str], wanted: Iterable[str], who: str) -> list[int]:
+    """Places of the `wanted` names among `names`.
+
+    Raises:
+        InputError: naming the one that is missing and those that exist.
+    """
+    listed = list(names)
+    for name in wanted:
+        if name not in listed:
+            raise InputError(f"{source}: {known_names(what, name, listed)} ({who} needs it)")
+    return [listed.index(name) for name in wanted]
 
 
 def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> NamedMotion:

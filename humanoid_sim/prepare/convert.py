@@ -1,24 +1,75 @@
-"""From a motion whose columns have names to the frames of a motion file, in the layout that the policy needs."""
+"""From a motion whose columns have names to the frames of a motion file: in the policy's layout, at its rate."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rotation import matrix, multiply, quaternion_from_matrix, rotate
+from humanoid_sim.controllers.rotation import matrix, multiply, quaternion_from_matrix, rotate, slerp
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion, MotionLayout, body_frames
 from humanoid_sim.prepare.conventions import NamedMotion
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.verify import Verifier
 
-__all__ = ["FROM_KINEMATICS", "FROM_SOURCE", "convert", "layout_of"]
+__all__ = ["FROM_KINEMATICS", "FROM_SOURCE", "convert", "has_rate", "layout_of", "resample"]
 
 FROM_SOURCE = "the source"
 FROM_KINEMATICS = "forward kinematics"
 
 _BASE_FRAME_TERMS = {"motion_body_pos_b", "motion_body_ori_b"}
+_EQUAL = 1e-4
+"""Relative difference of rates that writing them as decimals explains: half a frame in a hundred seconds at 50 Hz."""
+
+
+def has_rate(fps: float, policy_dt: float) -> bool:
+    """Whether frames come once per policy step."""
+    return abs(fps * policy_dt - 1.0) <= _EQUAL
+
+
+def resample(motion: NamedMotion, policy_dt: float) -> NamedMotion:
+    """The motion with a frame every `policy_dt` s, from its first frame to at most its last.
+
+    Positions are interpolated linearly, orientations along the shortest arc, joint velocities as they are: rates per
+    second.
+    """
+    count = next(len(array) for array in (motion.joint_position, motion.body_position) if array is not None)
+    # The margin keeps the last frame where both rates fall together but for rounding.
+    frames = int(np.floor((count - 1) / motion.fps / policy_dt + 1e-6)) + 1
+    place = np.minimum(np.arange(frames) * policy_dt * motion.fps, count - 1)
+    lower = np.minimum(place.astype(np.intp), max(count - 2, 0))
+    weight = place - lower
+
+    upper = np.minimum(lower + 1, count - 1)
+
+    def linear(array: FloatArray | None) -> FloatArray | None:
+        if array is None:
+            return None
+        w = _beside(weight, array)
+        mixed: FloatArray = (1.0 - w) * array[lower] + w * array[upper]
+        return mixed
+
+    def spherical(array: FloatArray | None) -> FloatArray | None:
+        return None if array is None else slerp(array[lower], array[upper], _beside(weight, array))
+
+    return replace(
+        motion,
+        fps=1.0 / policy_dt,
+        joint_position=linear(motion.joint_position),
+        joint_velocity=linear(motion.joint_velocity),
+        body_position=linear(motion.body_position),
+        body_quaternion=spherical(motion.body_quaternion),
+        base_position=linear(motion.base_position),
+        base_quaternion=spherical(motion.base_quaternion),
+    )
+
+
+def _beside(weight: npt.NDArray[np.float64], array: FloatArray) -> FloatArray:
+    """Weights (F,) as a column for arrays (F, …)."""
+    return weight.reshape(-1, *[1] * (array.ndim - 1))
 
 
 def layout_of(contract: PolicyContract) -> MotionLayout:
@@ -26,9 +77,7 @@ def layout_of(contract: PolicyContract) -> MotionLayout:
     return "bodies_b" if _BASE_FRAME_TERMS & {term.kind for term in contract.terms} else "joints_bodies_w"
 
 
-def convert(
-    source: str, motion: NamedMotion, contract: PolicyContract, skeleton: Skeleton, verifier: Verifier, robot: str
-) -> tuple[Motion, str]:
+def convert(source: str, motion: NamedMotion, contract: PolicyContract, skeleton: Skeleton) -> tuple[Motion, str]:
     """The motion file's content, and where its body poses come from: the source, or forward kinematics of its joints.
 
     Args:
@@ -36,8 +85,6 @@ def convert(
         motion: at the policy's rate.
         contract: of the policy.
         skeleton: of the robot.
-        verifier: for the robot.
-        robot: its name.
 
     Raises:
         InputError: if the motion does not hold what the layout needs.
@@ -45,13 +92,13 @@ def convert(
     layout = layout_of(contract)
     bodies = contract.body_names or ((contract.anchor_body,) if contract.anchor_body else ())
     if layout == "bodies_b":
-        position, rotation, origin = _base_frame(source, motion, bodies, verifier)
+        position, rotation, origin = _base_frame(source, motion, bodies, skeleton)
         frames = body_frames(position, rotation)
         joints: tuple[str, ...] = ()
     else:
         if motion.joint_position is None:
             raise InputError(f"{source}: holds no joint positions, which the policy's reference needs")
-        position, quaternion, origin = _world_frame(source, motion, bodies, skeleton, verifier)
+        position, quaternion, origin = _world_frame(source, motion, bodies, skeleton)
         order = [skeleton.joints.index(joint) for joint in contract.joint_names]
         count = len(position)
         parts = (
@@ -67,7 +114,7 @@ def convert(
             body_names=bodies,
             policy_dt=contract.policy_dt,
             task_type=contract.task_type,
-            robot=robot,
+            robot=skeleton.description.name,
             layout=layout,
             joint_names=joints,
         ),
@@ -87,7 +134,7 @@ def _velocity(motion: NamedMotion) -> FloatArray:
 
 
 def _base_frame(
-    source: str, motion: NamedMotion, bodies: tuple[str, ...], verifier: Verifier
+    source: str, motion: NamedMotion, bodies: tuple[str, ...], skeleton: Skeleton
 ) -> tuple[FloatArray, FloatArray, str]:
     """Positions (F, B, 3), m, and rotation matrices (F, B, 3, 3) in the base frame."""
     has_bodies = set(bodies) <= set(motion.body_names) and motion.body_quaternion is not None
@@ -106,11 +153,11 @@ def _base_frame(
             f"{source}: holds no joint positions, and its bodies lack {', '.join(missing) or 'orientations'}, "
             "which the policy follows"
         )
-    return *verifier.poses(motion.joint_position, bodies), FROM_KINEMATICS
+    return *skeleton.poses(motion.joint_position, bodies), FROM_KINEMATICS
 
 
 def _world_frame(
-    source: str, motion: NamedMotion, bodies: tuple[str, ...], skeleton: Skeleton, verifier: Verifier
+    source: str, motion: NamedMotion, bodies: tuple[str, ...], skeleton: Skeleton
 ) -> tuple[FloatArray, FloatArray, str]:
     """Positions (F, B, 3), m, and quaternions (F, B, 4), w x y z, in the world frame."""
     if (
@@ -121,10 +168,10 @@ def _world_frame(
     ):
         columns = [motion.body_names.index(name) for name in bodies]
         return motion.body_position[:, columns], motion.body_quaternion[:, columns], FROM_SOURCE
-    position, rotation, origin = _base_frame(source, motion, bodies, verifier)
+    position, rotation, origin = _base_frame(source, motion, bodies, skeleton)
     base_position, base_quaternion = motion.base_position, motion.base_quaternion
     if base_position is None or base_quaternion is None:
-        if verifier.is_floating:
+        if skeleton.description.is_floating:
             raise InputError(f"{source}: holds no pose of the floating base '{skeleton.base}', which is needed")
         # A fixed base stands where the robot's model has it.
         base_position, base_quaternion = (

@@ -1,26 +1,31 @@
-"""The folder that `prepare` fills: all files, or none."""
+"""What `prepare` leaves: a report of what was found out about the motion, and a folder with all files or none."""
 
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import tempfile
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, read_contract
-from humanoid_sim.prepare.report import MotionReport, as_json
+from humanoid_sim.prepare.checks import BodyCheck, LimitExcess, RateCheck, Tolerance
+from humanoid_sim.prepare.conventions import Conventions
 
-__all__ = ["Content", "Outputs", "checkpoint_files", "report_bytes"]
+__all__ = ["Content", "MotionReport", "OutputFolder", "checkpoint_files", "print_report", "report_bytes"]
 
 Content = bytes | Path
 """What a file is to hold: bytes, or a copy of another file."""
 
 
-class Outputs:
+class OutputFolder:
     """A folder for results."""
 
     def __init__(self, folder: Path, overwrite: bool) -> None:
@@ -100,6 +105,91 @@ def checkpoint_files(checkpoint: Checkpoint, path: Path) -> dict[str, Content]:
     return files
 
 
+@dataclass(frozen=True, slots=True)
+class MotionReport:
+    """Everything that `prepare` says about a motion."""
+
+    source: str
+    kind: str
+    sha256: str
+    """Of the source file; empty for a dataset."""
+    robot: str
+    policy: str
+    source_fps: float
+    source_frames: int
+    policy_dt: float
+    """s"""
+    frames: int
+    """In the motion file."""
+    resampled: bool
+    layout: str
+    bodies_from: str
+    """Where the poses in the motion file come from."""
+    conventions: Conventions
+    method: str
+    """How joints and bodies were held against each other; empty if they could not be."""
+    tolerance: Tolerance
+    bodies: tuple[BodyCheck, ...] = ()
+    rate: RateCheck | None = None
+    beyond_limits: LimitExcess | None = None
+    notes: tuple[str, ...] = ()
+
+
 def report_bytes(report: MotionReport) -> bytes:
-    """The report as a JSON file."""
-    return (json.dumps(as_json(report), indent=2) + "\n").encode()
+    """The report as a JSON file: lengths in m, angles in rad."""
+    document = {**asdict(report), "verified": bool(report.method)}
+    return (json.dumps(document, indent=2) + "\n").encode()
+
+
+def print_report(console: Console, report: MotionReport) -> None:
+    """The table for a person: lengths in mm, angles in degrees."""
+    read = report.conventions
+    seconds = (report.frames - 1) * report.policy_dt
+    table = Table(title=f"motion {escape(report.source)}", show_header=False, title_justify="left")
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    rows = {
+        "robot": f"{report.robot}, policy {report.policy}",
+        "source": f"{report.kind}, {report.source_frames} frames at {report.source_fps:g} per second",
+        "motion": f"{report.frames} frames at {1.0 / report.policy_dt:g} per second, {seconds:.2f} s, "
+        f"layout {report.layout}, poses from {report.bodies_from}" + (", resampled" if report.resampled else ""),
+        "joints": _order(read.joint_names, read.joints_said_by),
+        "bodies": _order(read.body_names, read.bodies_said_by),
+        "quaternions": f"{read.quaternions} ({read.quaternions_said_by})",
+        "frame rate": "joint velocities say nothing about it"
+        if report.rate is None
+        else f"joint velocities fit {report.rate.fps:.1f} per second, correlation {report.rate.correlation:.3f}",
+    }
+    for name, text in rows.items():
+        table.add_row(name, escape(text))
+    console.print(table)
+    if report.bodies:
+        console.print(_bodies(report))
+    for note in report.notes:
+        console.print(f"[yellow]note:[/] {escape(note)}")
+
+
+def _order(names: tuple[str, ...], said_by: str) -> str:
+    return f"{len(names)} ({said_by})" if names else "none"
+
+
+def _bodies(report: MotionReport) -> Table:
+    tolerance = report.tolerance
+    title = (
+        f"bodies against {report.method}, tolerance {1e3 * tolerance.position:g} mm, {math.degrees(tolerance.angle):g}°"
+    )
+    table = Table(title=title, title_justify="left")
+    table.add_column("body", no_wrap=True)
+    for heading in ("mm rms", "max", "° rms", "max", "frame"):
+        table.add_column(heading, justify="right")
+    for body in report.bodies:
+        table.add_row(
+            escape(body.name),
+            f"{1e3 * body.position_rms:.2f}",
+            f"{1e3 * body.position_max:.2f}",
+            f"{math.degrees(body.angle_rms):.3f}",
+            f"{math.degrees(body.angle_max):.3f}",
+            str(body.worst_frame),
+            style="red" if body.excess(tolerance) > 1.0 else None,
+        )
+    return table

@@ -6,11 +6,12 @@ import base64
 import hashlib
 import os
 import re
+import shutil
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from humanoid_sim.errors import InputError, MissingPackageError
 
@@ -77,30 +78,41 @@ class _UnreachableError(Exception):
     """No answer from the service."""
 
 
-def _within(timeout: float, call: Callable[[], T]) -> T:
-    """The result of a call that may hang: it goes on in a thread of its own, which ends with the process.
+class _Call(Generic[T]):
+    """A call that may hang, in a thread of its own, which ends with the process."""
+
+    def __init__(self, call: Callable[[], T]) -> None:
+        self.done = threading.Event()
+        self._call, self._results = call, list[T]()
+        self._error: BaseException | None = None
+        threading.Thread(target=self._run, name="wandb", daemon=True).start()
+
+    def _run(self) -> None:
+        try:
+            self._results.append(self._call())
+        except BaseException as error:
+            self._error = error
+        finally:
+            self.done.set()
+
+    def result(self) -> T:
+        """What a call that is done gave, or its error as the user is told it."""
+        if self._error is not None:
+            raise _told(self._error) from None
+        return self._results[0]
+
+
+def _within(timeout: float, function: Callable[[], T]) -> T:
+    """The result of a call that may hang.
 
     Raises:
         InputError: if the service answers with an error.
         _UnreachableError: if there is no answer.
     """
-    result: list[T] = []
-    errors: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            result.append(call())
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=work, name="wandb", daemon=True)
-    thread.start()
-    thread.join(timeout)
-    if thread.is_alive():
+    call = _Call(function)
+    if not call.done.wait(timeout):
         raise _UnreachableError(f"no answer within {timeout:g} s (is this machine logged in? try: wandb login)")
-    if errors:
-        raise _told(errors[0]) from None
-    return result[0]
+    return call.result()
 
 
 def _told(error: BaseException) -> Exception:
@@ -174,23 +186,11 @@ def _download(run_path: str, file: Any, folder: Path, timeout: float, progress: 
     incoming = folder / f".incoming-{os.getpid()}"
     partial = incoming / file.name
     size = int(getattr(file, "size", 0) or 0)
-    done = threading.Event()
-    errors: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            file.download(root=str(incoming), replace=True).close()
-        except BaseException as error:
-            errors.append(error)
-        finally:
-            done.set()
-
     try:
         incoming.mkdir(parents=True, exist_ok=True)
-        threading.Thread(target=work, name="wandb", daemon=True).start()
-        _watch(partial, size, done, timeout, lambda so_far: progress(file.name, so_far, size))
-        if errors:
-            raise _told(errors[0])
+        call = _Call(lambda: file.download(root=str(incoming), replace=True).close())
+        _watch(partial, size, call.done, timeout, lambda so_far: progress(file.name, so_far, size))
+        call.result()
         if not partial.is_file() or not _is_same(partial, file):
             raise InputError(f"--wandb-run-path: '{file.name}' of run {run_path} did not arrive whole; try again")
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -200,7 +200,7 @@ def _download(run_path: str, file: Any, folder: Path, timeout: float, progress: 
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
     finally:
-        _remove(incoming)
+        shutil.rmtree(incoming, ignore_errors=True)
 
 
 def _watch(partial: Path, size: int, done: threading.Event, timeout: float, tell: Callable[[int], None]) -> None:
@@ -223,10 +223,3 @@ def _is_same(path: Path, file: Any) -> bool:
         local = hashlib.md5(path.read_bytes(), usedforsecurity=False).digest()
         return digest in (base64.b64encode(local).decode(), local.hex())
     return path.stat().st_size == int(getattr(file, "size", -1) or -1)
-
-
-def _remove(folder: Path) -> None:
-    if folder.is_dir():
-        for path in sorted(folder.rglob("*"), reverse=True):
-            path.unlink() if path.is_file() else path.rmdir()
-        folder.rmdir()

@@ -9,15 +9,13 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
-from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, layout_of
+from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, has_rate, layout_of, resample
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source import SourceMotion
-from humanoid_sim.prepare.verify import Verifier
+from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training.motions import BODIES, joint_frames
 
 SKELETON = Skeleton(lite())
-VERIFIER = Verifier(lite(), SKELETON)
 BASE_TERMS = ("motion_body_pos_b", "motion_body_ori_b", "joint_pos")
 ANCHOR_TERMS = ("motion_command", "motion_anchor_pos_b", "motion_anchor_ori_b", "joint_pos")
 
@@ -58,7 +56,7 @@ NO_BODIES: dict[str, Any] = {"body_names": (), "body_position": None, "body_quat
 
 
 def make(motion: NamedMotion, policy: PolicyContract):
-    return convert("dance.npz", motion, policy, SKELETON, VERIFIER, "lite")
+    return convert("dance.npz", motion, policy, SKELETON)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +106,7 @@ def test_world_poses_from_joints_alone(has_base: bool) -> None:
         np.testing.assert_allclose(position, motion.body_position[:, 2], atol=1e-6)
         assert rotation_angle(matrix(quaternion), matrix(motion.body_quaternion[:, 2])).max() < 1e-5
     else:  # the base stands where the robot's model has it
-        place, _ = VERIFIER.poses(joint_path(), ("left_hand",))
+        place, _ = SKELETON.poses(joint_path(), ("left_hand",))
         np.testing.assert_allclose(position, place[:, 0] + SKELETON.base_position, atol=1e-5)
 
 
@@ -128,9 +126,51 @@ def test_a_floating_robot_needs_its_base() -> None:
     )
     motion = NamedMotion(50.0, np.zeros((3, len(joints))), None, (), None, None, None, None, True)
     with pytest.raises(InputError, match=f"no pose of the floating base '{skeleton.base}'"):
-        convert("walk.csv", motion, policy, skeleton, Verifier(biped, skeleton), "lite_biped")
+        convert("walk.csv", motion, policy, skeleton)
 
 
 def test_the_layout_follows_the_terms() -> None:
     assert layout_of(contract()) == "bodies_b"
     assert layout_of(contract(observation=ANCHOR_TERMS)) == "joints_bodies_w"
+
+
+def turning(count: int, fps: float) -> NamedMotion:
+    """One joint that rises by 1 rad/s, one body that turns by 1 rad/s about the vertical and moves by 2 m/s."""
+    t = np.arange(count) / fps
+    turn = np.stack([np.cos(t / 2), 0 * t, 0 * t, np.sin(t / 2)], axis=-1)
+    return NamedMotion(
+        fps=fps,
+        joint_position=t[:, None],
+        joint_velocity=np.ones((count, 1)),
+        body_names=("hand",),
+        body_position=np.stack([2 * t, 0 * t, 0 * t], axis=-1)[:, None],
+        body_quaternion=turn[:, None],
+        base_position=None,
+        base_quaternion=turn,
+        is_world=True,
+    )
+
+
+@pytest.mark.parametrize(("count", "fps", "frames"), [(31, 30.0, 51), (121, 120.0, 51), (1, 30.0, 1), (2, 30.0, 2)])
+def test_resampling_to_50_hz(count: int, fps: float, frames: int) -> None:
+    result = resample(turning(count, fps), 0.02)
+    expected = turning(frames, 50.0)
+    assert result.fps == 50.0
+    assert result.joint_position is not None
+    assert result.joint_position.shape == (frames, 1)
+    for name in ("joint_position", "joint_velocity", "body_position", "body_quaternion", "base_quaternion"):
+        np.testing.assert_allclose(getattr(result, name), getattr(expected, name), atol=1e-9, err_msg=name)
+    assert result.base_position is None
+
+
+def test_it_never_goes_beyond_the_last_frame() -> None:
+    result = resample(turning(10, 29.97), 0.02)
+    assert result.joint_position is not None
+    assert 9 / 29.97 - 0.02 < result.joint_position[-1, 0] <= 9 / 29.97
+
+
+def test_equal_rates() -> None:
+    assert has_rate(50.0, 0.02)
+    assert has_rate(50.0, 0.019999999552965164)  # float32 0.02
+    assert not has_rate(49.9, 0.02)
+    assert not has_rate(30.0, 0.02)

@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 from motion_samples import FPS, joint_path, lite, state_of
 
+from humanoid_sim.prepare.checks import Tolerance
 from humanoid_sim.prepare.conventions import Conventions
-from humanoid_sim.prepare.hypotheses import what_would_fit
-from humanoid_sim.prepare.joint_search import search_joint_order
+from humanoid_sim.prepare.order_search import search_joint_order, what_would_fit
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source import SourceMotion
-from humanoid_sim.prepare.verify import Tolerance, Verifier
+from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.training.motions import BODIES
 
 SKELETON = Skeleton(lite())
-VERIFIER = Verifier(lite(), SKELETON)
 TOLERANCE = Tolerance(0.01, np.radians(2.0))
-JOINT_ORDERS = {order: SKELETON.joint_order(order) for order in ("robot", "breadth_first")}
-BODY_ORDERS = {order: SKELETON.body_order(order) for order in ("mjcf", "breadth_first")}
+JOINT_ORDERS = {order: SKELETON.joint_orders[order] for order in ("robot", "breadth_first")}
+BODY_ORDERS = SKELETON.body_orders
 
 
 def source(bodies: tuple[str, ...] = SKELETON.bodies) -> SourceMotion:
@@ -48,15 +46,15 @@ def with_columns(motion: SourceMotion, joints=None, bodies=None, xyzw=False) -> 
 
 def fit(motion: SourceMotion, bodies: tuple[str, ...] = SKELETON.bodies) -> str:
     conventions = Conventions(SKELETON.joints, bodies, "wxyz")
-    return what_would_fit(motion, conventions, SKELETON, VERIFIER, TOLERANCE, JOINT_ORDERS, BODY_ORDERS)
+    return what_would_fit(motion, conventions, SKELETON, TOLERANCE, JOINT_ORDERS, BODY_ORDERS)
 
 
 def places(order: tuple[str, ...], of: tuple[str, ...]) -> list[int]:
     return [of.index(name) for name in order]
 
 
-BREADTH_JOINTS = places(SKELETON.joint_order("breadth_first"), SKELETON.joints)
-BREADTH_BODIES = places(SKELETON.body_order("breadth_first"), SKELETON.bodies)
+BREADTH_JOINTS = places(SKELETON.joint_orders["breadth_first"], SKELETON.joints)
+BREADTH_BODIES = places(SKELETON.body_orders["breadth_first"], SKELETON.bodies)
 
 
 @pytest.mark.parametrize(

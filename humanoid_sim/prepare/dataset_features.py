@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.source import SourceMotion
+from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
 
 __all__ = ["ROLES", "episode_motion", "parse_roles"]
 
@@ -28,7 +28,6 @@ ROLES: Mapping[str, tuple[str, ...]] = {
 """What a feature is, and the last part of the names under which it is known, the surest first."""
 
 _LAST_AXIS = {"body_pos_b": 3, "body_ori_b": 6, "body_quat_b": 4, "body_pos_w": 3, "body_quat_w": 4}
-_SUFFIXES = (".pos", ".position", "_pos", "")
 _GAPS = 0.1
 """Of a frame, that timestamps may be off."""
 
@@ -133,10 +132,9 @@ def _joints(
     listed = _flat(names.get(found["joint_pos"]))
     places: dict[str, int] = {}
     for place, name in enumerate(listed):
-        for suffix in _SUFFIXES:
-            if name.endswith(suffix) and name.removesuffix(suffix) in joint_names:
-                places.setdefault(name.removesuffix(suffix), place)
-                break
+        joint = joint_of(name, joint_names)
+        if joint is not None:
+            places.setdefault(joint, place)
     if not places:
         return None, list(range(columns[found["joint_pos"]].shape[1]))
     missing = [joint for joint in joint_names if joint not in places]

@@ -163,7 +163,7 @@ def test_a_csv_of_joints(tmp_path: Path, capsys: pytest.CaptureFixture[str], hea
 
 
 def test_a_csv_whose_joints_are_beyond_their_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    order = [lite().joint_names.index(name) for name in Skeleton(lite()).joint_order("breadth_first")]
+    order = [lite().joint_names.index(name) for name in Skeleton(lite()).joint_orders["breadth_first"]]
     path = write_csv(tmp_path / "dance.csv", False, joint_path()[:, order])
     error = refusal(capsys, tmp_path, path, "--fps", "50")
     assert "beyond its limits" in error

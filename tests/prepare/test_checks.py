@@ -1,14 +1,22 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from motion_samples import FPS, joint_path, lite, state_of
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.prepare.checks import (
+    Tolerance,
+    check_bodies,
+    check_rate,
+    is_upside_down,
+    orders_within_limits,
+    worst_excess,
+)
 from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source import SourceMotion
-from humanoid_sim.prepare.verify import Tolerance, Verifier, check_rate
+from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training.motions import BODIES
 
@@ -18,11 +26,6 @@ TOLERANCE = Tolerance(0.01, np.radians(2.0))
 @pytest.fixture(scope="module")
 def skeleton() -> Skeleton:
     return Skeleton(lite())
-
-
-@pytest.fixture(scope="module")
-def verifier(skeleton: Skeleton) -> Verifier:
-    return Verifier(lite(), skeleton)
 
 
 def named(skeleton: Skeleton, bodies: tuple[str, ...]) -> NamedMotion:
@@ -40,21 +43,19 @@ def named(skeleton: Skeleton, bodies: tuple[str, ...]) -> NamedMotion:
 
 
 @pytest.mark.parametrize("bodies", [("chest", *BODIES), BODIES])
-def test_the_robots_own_motion_fits_wherever_its_base_is(
-    skeleton: Skeleton, verifier: Verifier, bodies: tuple[str, ...]
-) -> None:
-    checks = verifier.check(named(skeleton, bodies), TOLERANCE)
+def test_the_robots_own_motion_fits_wherever_its_base_is(skeleton: Skeleton, bodies: tuple[str, ...]) -> None:
+    checks = check_bodies(named(skeleton, bodies), skeleton, TOLERANCE)
     assert [check.name for check in checks] == list(bodies)
     assert max(check.position_max for check in checks) < 1e-5
     assert max(check.angle_max for check in checks) < 1e-5
 
 
-def test_an_error_is_measured_and_placed(skeleton: Skeleton, verifier: Verifier) -> None:
+def test_an_error_is_measured_and_placed(skeleton: Skeleton) -> None:
     motion = named(skeleton, ("chest", *BODIES))
     assert motion.body_position is not None
     moved = motion.body_position.copy()
     moved[17, 2] += [0.0, 0.03, 0.04]
-    checks = verifier.check(replace(motion, body_position=moved), TOLERANCE)
+    checks = check_bodies(replace(motion, body_position=moved), skeleton, TOLERANCE)
     hand = checks[2]
     assert (hand.name, hand.worst_frame) == ("left_hand", 17)
     assert hand.position_max == pytest.approx(0.05, abs=1e-5)
@@ -63,10 +64,10 @@ def test_an_error_is_measured_and_placed(skeleton: Skeleton, verifier: Verifier)
     assert checks[1].excess(TOLERANCE) < 0.01
 
 
-def test_nothing_to_compare(skeleton: Skeleton, verifier: Verifier) -> None:
+def test_nothing_to_compare(skeleton: Skeleton) -> None:
     motion = named(skeleton, BODIES)
-    assert verifier.check(replace(motion, joint_position=None), TOLERANCE) == ()
-    assert verifier.check(replace(motion, body_position=None), TOLERANCE) == ()
+    assert check_bodies(replace(motion, joint_position=None), skeleton, TOLERANCE) == ()
+    assert check_bodies(replace(motion, body_position=None), skeleton, TOLERANCE) == ()
 
 
 def test_a_floating_robot_needs_its_base() -> None:
@@ -84,7 +85,7 @@ def test_a_floating_robot_needs_its_base() -> None:
         is_world=True,
     )
     with pytest.raises(InputError, match=f"no pose of '{skeleton.base}', the floating base of 'lite_biped'"):
-        Verifier(biped, skeleton).check(motion, TOLERANCE)
+        check_bodies(motion, skeleton, TOLERANCE)
 
 
 def test_the_rate_that_velocities_fit() -> None:
@@ -103,3 +104,25 @@ def test_a_motion_too_short_or_too_still_says_nothing_about_its_rate() -> None:
     q = joint_path()
     assert check_rate(q[:4], q[:4], 50.0) is None
     assert check_rate(np.zeros_like(q), q, 50.0) is None
+
+
+def joints_alone(**changes: Any) -> SourceMotion:
+    fields = {"source": "a.csv", "kind": "csv", "fps": 50.0, "joint_position": joint_path()}
+    return SourceMotion(**fields | changes)
+
+
+def test_limits(skeleton: Skeleton) -> None:
+    path = joint_path()
+    assert worst_excess(path, lite()) is None
+    orders = {"robot": skeleton.joints, "breadth_first": skeleton.joint_orders["breadth_first"], "short": ("a",)}
+    assert orders_within_limits(path, orders, lite(), 0.02) == ["robot"]
+
+
+def test_which_way_is_up() -> None:
+    turned = np.tile([1.0, 0.0, 0.0, 0.0], (40, 1))  # upright as w x y z, on its head as x y z w
+    source = joints_alone(base_position=np.zeros((40, 3)), base_quaternion=turned, quaternion_order="xyzw")
+    assert is_upside_down(source)
+    assert not is_upside_down(replace(source, quaternion_order="wxyz"))
+    assert not is_upside_down(joints_alone())
+    lying = replace(source, base_quaternion=np.tile([0.5, 0.5, 0.5, 0.5], (40, 1)))
+    assert not is_upside_down(lying)

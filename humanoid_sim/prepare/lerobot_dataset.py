@@ -1,21 +1,73 @@
-"""Motions from LeRobot datasets (format v3.0), local or from the hub, through the `lerobot` library."""
+"""Motions from LeRobot datasets (format v3.0), local or from the hub.
+
+The `lerobot` package is optional, and slow to import, because it brings PyTorch.
+"""
 
 from __future__ import annotations
 
+import importlib
+import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.features import episode_motion
-from humanoid_sim.prepare.lerobot_library import dataset_info, import_lerobot
-from humanoid_sim.prepare.source import SourceMotion
+from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.prepare.dataset_features import episode_motion
+from humanoid_sim.prepare.source_motion import SourceMotion
 
-__all__ = ["read_hub_dataset", "read_local_dataset"]
+__all__ = ["import_lerobot", "read_hub_dataset", "read_local_dataset"]
 
+_FORMAT = "v3.0"
+"""Version of the dataset format that is read and written."""
 _PURPOSE = "reading a LeRobot dataset"
+
+
+def import_lerobot(module: str, purpose: str, *, offline: bool) -> Any:
+    """A module of `lerobot`.
+
+    Args:
+        module: such as `datasets.utils`.
+        purpose: what needs it, for the message.
+        offline: keep it from asking the hub for files that a local dataset lacks.
+
+    Raises:
+        MissingPackageError: with the install command.
+        InputError: if the version that is installed has no such module.
+    """
+    if offline:
+        # Read when the hub's package is imported; a local dataset must not wait for the network.
+        os.environ.setdefault("HF_HUB_OFFLINE", "1")
+    try:
+        importlib.import_module("lerobot")
+    except ImportError:
+        raise MissingPackageError("lerobot", "lerobot", purpose) from None
+    try:
+        return importlib.import_module(f"lerobot.{module}")
+    except ModuleNotFoundError as error:
+        raise InputError(f"{purpose}: lerobot is installed, but lacks '{error.name}'; install lerobot 0.4") from None
+
+
+def _check_format(folder: Path) -> None:
+    """Refuse a folder that holds no dataset of the right version."""
+    path = folder / "meta" / "info.json"
+    try:
+        info = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{folder}: is no LeRobot dataset: it has no meta/info.json") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON: {error}") from None
+    version = info.get("codebase_version") if isinstance(info, dict) else None
+    if version != _FORMAT:
+        raise InputError(
+            f"{folder}: is a LeRobot dataset of format {version}, expected {_FORMAT}; convert older ones with "
+            "python -m lerobot.datasets.v30.convert_dataset_v21_to_v30"
+        )
 
 
 def read_local_dataset(
@@ -32,7 +84,7 @@ def read_local_dataset(
     Raises:
         InputError: one line with the folder and what is wrong with it.
     """
-    dataset_info(folder)
+    _check_format(folder)
     datasets = import_lerobot("datasets.lerobot_dataset", _PURPOSE, offline=True)
     with _one_line(str(folder)):
         meta = datasets.LeRobotDatasetMetadata(f"local/{folder.name}", root=folder)
@@ -59,7 +111,7 @@ def read_hub_dataset(
     constants = import_lerobot("utils.constants", _PURPOSE, offline=False)
     kept = Path(constants.HF_LEROBOT_HOME) / repo_id
     if (kept / "meta" / "info.json").is_file():
-        dataset_info(kept)
+        _check_format(kept)
     else:
         _ask_hub(repo_id, timeout)
     datasets = import_lerobot("datasets.lerobot_dataset", _PURPOSE, offline=False)
@@ -95,19 +147,16 @@ def _ask_hub(repo_id: str, timeout: float) -> None:
         ) from None
 
 
-class _one_line:  # noqa: N801 - reads as a word at its call
+@contextmanager
+def _one_line(name: str) -> Iterator[None]:
     """What the library raises about a bad dataset becomes one line."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if error is not None and isinstance(error, Exception) and not isinstance(error, InputError):
-            reason = " ".join(str(error).split())[:300] or type(error).__name__
-            raise InputError(f"{self._name}: cannot be read as a LeRobot dataset: {reason}") from None
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split())[:300] or type(error).__name__
+        raise InputError(f"{name}: cannot be read as a LeRobot dataset: {reason}") from None
 
 
 def _choose_episode(name: str, episode: int | None, count: int) -> int:

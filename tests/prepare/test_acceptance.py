@@ -1,6 +1,5 @@
 """Motions of bodies alone, and of joints alone."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,17 +11,15 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import read_contract
+from humanoid_sim.prepare.acceptance import INVERSE, Findings, accept
+from humanoid_sim.prepare.checks import Tolerance
 from humanoid_sim.prepare.conventions import Conventions
-from humanoid_sim.prepare.examine import INVERSE, Findings, Robot, examine
-from humanoid_sim.prepare.limits import is_upside_down, orders_within_limits, worst_excess
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source import SourceMotion
-from humanoid_sim.prepare.verify import Tolerance, Verifier
+from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.training.motions import BODIES
 
 SKELETON = Skeleton(lite())
-ROBOT = Robot(lite(), SKELETON, Verifier(lite(), SKELETON))
 TOLERANCE = Tolerance(0.01, np.radians(2.0))
 
 
@@ -47,7 +44,7 @@ def bodies_alone(order: tuple[int, ...] = (0, 1, 2, 3), **changes: Any) -> Sourc
 def found(source: SourceMotion, contract: PolicyContract) -> Findings:
     joints = () if source.joint_position is None else SKELETON.joints
     bodies = () if source.body_position is None else BODIES
-    return examine(source, Conventions(joints, bodies, source.quaternion_order), contract, ROBOT, TOLERANCE)
+    return accept(source, Conventions(joints, bodies, source.quaternion_order), contract, SKELETON, TOLERANCE)
 
 
 def test_bodies_that_the_robot_can_reach(contract: PolicyContract) -> None:
@@ -93,20 +90,3 @@ def test_a_little_beyond_a_limit_is_noted(contract: PolicyContract) -> None:
     path[7, 3] += 0.1
     with pytest.raises(InputError, match=r"joint 'left_elbow_pitch' is at .* in frame 7, beyond its limits"):
         found(joints_alone(joint_position=path), contract)
-
-
-def test_limits() -> None:
-    path = joint_path()
-    assert worst_excess(path, lite()) is None
-    orders = {"robot": SKELETON.joints, "breadth_first": SKELETON.joint_order("breadth_first"), "short": ("a",)}
-    assert orders_within_limits(path, orders, lite(), 0.02) == ["robot"]
-
-
-def test_which_way_is_up() -> None:
-    turned = np.tile([1.0, 0.0, 0.0, 0.0], (40, 1))  # upright as w x y z, on its head as x y z w
-    source = joints_alone(base_position=np.zeros((40, 3)), base_quaternion=turned, quaternion_order="xyzw")
-    assert is_upside_down(source)
-    assert not is_upside_down(replace(source, quaternion_order="wxyz"))
-    assert not is_upside_down(joints_alone())
-    lying = replace(source, base_quaternion=np.tile([0.5, 0.5, 0.5, 0.5], (40, 1)))
-    assert not is_upside_down(lying)

@@ -1,4 +1,4 @@
-"""Everything that must hold of a motion before it is written: it is this robot's, at this rate, in this order."""
+"""Whether a motion may be written: it is this robot's, at this rate, in this order. If not, what would fit."""
 
 from __future__ import annotations
 
@@ -11,16 +11,24 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import matrix
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.prepare.checks import (
+    BodyCheck,
+    LimitExcess,
+    RateCheck,
+    Tolerance,
+    check_bodies,
+    check_rate,
+    is_upside_down,
+    orders_within_limits,
+    worst_excess,
+)
 from humanoid_sim.prepare.conventions import Conventions, NamedMotion, body_orders, interpret, joint_orders
-from humanoid_sim.prepare.hypotheses import what_would_fit
-from humanoid_sim.prepare.limits import LimitExcess, is_upside_down, orders_within_limits, worst_excess
+from humanoid_sim.prepare.order_search import what_would_fit
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source import SourceMotion
-from humanoid_sim.prepare.verify import BodyCheck, RateCheck, Tolerance, Verifier, check_rate
-from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
 
-__all__ = ["FORWARD", "INVERSE", "Findings", "Robot", "examine"]
+__all__ = ["FORWARD", "INVERSE", "Findings", "accept"]
 
 FORWARD = "forward kinematics"
 INVERSE = "inverse kinematics"
@@ -38,46 +46,38 @@ _MOST_POSES = 120
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
-    """The robot in the forms in which it is needed here."""
-
-    description: RobotDescription
-    skeleton: Skeleton
-    verifier: Verifier
-
-
-@dataclass(frozen=True, slots=True)
 class Findings:
-    """What the examination found out."""
+    """What was found out about a motion that may be written."""
 
     motion: NamedMotion
     method: str
+    """How joints and bodies were compared; empty if they could not be."""
     bodies: tuple[BodyCheck, ...]
     rate: RateCheck | None
     beyond_limits: LimitExcess | None
     notes: tuple[str, ...]
 
 
-def examine(
-    source: SourceMotion, conventions: Conventions, contract: PolicyContract, robot: Robot, tolerance: Tolerance
+def accept(
+    source: SourceMotion, conventions: Conventions, contract: PolicyContract, skeleton: Skeleton, tolerance: Tolerance
 ) -> Findings:
     """Check a motion against the robot.
 
     Raises:
         InputError: naming the body, the joint or the rate that does not fit, and what would.
     """
-    motion = interpret(source, conventions, robot.skeleton)
-    rate = _examine_rate(source, motion)
-    excess = None if motion.joint_position is None else worst_excess(motion.joint_position, robot.description)
+    motion = interpret(source, conventions, skeleton)
+    rate = _check_rate(source, motion)
+    excess = None if motion.joint_position is None else worst_excess(motion.joint_position, skeleton.description)
     notes: list[str] = []
-    method, bodies = FORWARD, robot.verifier.check(motion, tolerance)
+    method, bodies = FORWARD, check_bodies(motion, skeleton, tolerance)
     if bodies:
-        _refuse_mismatch(source, conventions, contract, robot, tolerance, bodies)
+        _refuse_mismatch(source, conventions, contract, skeleton, tolerance, bodies)
     elif motion.joint_position is None:
-        method, bodies = _examine_poses(source, motion, robot, tolerance)
+        method, bodies = INVERSE, _check_bodies_alone(source, motion, skeleton, tolerance)
     else:
         method = ""
-        _examine_joints(source, conventions, contract, robot, tolerance, excess)
+        _check_joints_alone(source, conventions, contract, skeleton, tolerance, excess)
         notes.append(
             "the source holds no body poses, so the order of its joints could not be verified: all that is certain is "
             "that they stay within the robot's limits"
@@ -94,7 +94,7 @@ def _refuse_mismatch(
     source: SourceMotion,
     conventions: Conventions,
     contract: PolicyContract,
-    robot: Robot,
+    skeleton: Skeleton,
     tolerance: Tolerance,
     bodies: tuple[BodyCheck, ...],
 ) -> None:
@@ -102,16 +102,11 @@ def _refuse_mismatch(
     if worst.excess(tolerance) <= 1.0:
         return
     off = sum(check.excess(tolerance) > 1.0 for check in bodies)
-    fit = what_would_fit(
-        source,
-        conventions,
-        robot.skeleton,
-        robot.verifier,
-        tolerance,
-        joint_orders(contract, robot.skeleton),
-        body_orders(contract, robot.skeleton),
+    orders = joint_orders(contract, skeleton), body_orders(contract, skeleton)
+    hint = (
+        what_would_fit(source, conventions, skeleton, tolerance, *orders)
+        or "no other order of joints, bodies or quaternions that was tried fits: is this another robot's motion?"
     )
-    hint = fit or "no other order of joints, bodies or quaternions that was tried fits: is this another robot's motion?"
     raise InputError(
         f"{source.source}: body '{worst.name}' is up to {_far(worst)} from where the robot's forward kinematics puts "
         f"it (frame {worst.worst_frame}), as are {off} of {len(bodies)} bodies; tolerance {_shown(tolerance)}; {hint}"
@@ -126,7 +121,7 @@ def _shown(tolerance: Tolerance) -> str:
     return f"{100.0 * tolerance.position:g} cm, {math.degrees(tolerance.angle):g}°"
 
 
-def _examine_rate(source: SourceMotion, motion: NamedMotion) -> RateCheck | None:
+def _check_rate(source: SourceMotion, motion: NamedMotion) -> RateCheck | None:
     if motion.joint_position is None or motion.joint_velocity is None:
         return None
     rate = check_rate(motion.joint_position, motion.joint_velocity, source.fps)
@@ -145,10 +140,10 @@ def _examine_rate(source: SourceMotion, motion: NamedMotion) -> RateCheck | None
     return rate
 
 
-def _examine_poses(
-    source: SourceMotion, motion: NamedMotion, robot: Robot, tolerance: Tolerance
-) -> tuple[str, tuple[BodyCheck, ...]]:
-    """A motion of bodies alone: seek joint positions that reach them, and see what is left."""
+def _check_bodies_alone(
+    source: SourceMotion, motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance
+) -> tuple[BodyCheck, ...]:
+    """Seek joint positions that reach the bodies, and see what is left."""
     if motion.is_world or motion.body_position is None or motion.body_quaternion is None:
         raise InputError(
             f"{source.source}: holds bodies and no joint positions, which can only be verified from positions and "
@@ -156,17 +151,16 @@ def _examine_poses(
         )
     step = max(1, math.ceil(source.frame_count / _MOST_POSES))
     position, quaternion = motion.body_position[::step], motion.body_quaternion[::step]
-    solver = InverseKinematics(robot.description, motion.body_names)
-    start = np.array(robot.description.initial_position)
+    solver = InverseKinematics(skeleton.description, motion.body_names)
+    joints = np.array(skeleton.description.initial_position)
     path: list[FloatArray] = []
-    rotation = matrix(quaternion)
-    for i in range(len(position)):
-        start = solver.solve(position[i], rotation[i], start, iterations=40 if path else 400)
-        path.append(start)
+    for place, turn in zip(position, matrix(quaternion), strict=True):
+        joints = solver.solve(place, turn, joints, iterations=40 if path else 400)
+        path.append(joints)
     reached = replace(
         motion, joint_position=np.stack(path), joint_velocity=None, body_position=position, body_quaternion=quaternion
     )
-    bodies = robot.verifier.check(reached, tolerance)
+    bodies = check_bodies(reached, skeleton, tolerance)
     worst = max(bodies, key=lambda check: check.excess(tolerance))
     if worst.excess(tolerance) > 1.0:
         raise InputError(
@@ -174,30 +168,28 @@ def _examine_poses(
             f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; it holds "
             "no joint positions to say more: are its bodies in the order of --body-order, and its orientations in rows?"
         )
-    return INVERSE, tuple(replace(check, worst_frame=step * check.worst_frame) for check in bodies)
+    return tuple(replace(check, worst_frame=step * check.worst_frame) for check in bodies)
 
 
-def _examine_joints(
+def _check_joints_alone(
     source: SourceMotion,
     conventions: Conventions,
     contract: PolicyContract,
-    robot: Robot,
+    skeleton: Skeleton,
     tolerance: Tolerance,
     excess: LimitExcess | None,
 ) -> None:
-    """A motion of joints alone: limits, and which way is up."""
-    read = replace(source, quaternion_order=conventions.quaternions)
-    if is_upside_down(read):
-        other = "wxyz" if conventions.quaternions == "xyzw" else "xyzw"
+    """Limits, and which way is up."""
+    if is_upside_down(replace(source, quaternion_order=conventions.quaternions)):
         raise InputError(
             f"{source.source}: with quaternions as {conventions.quaternions} the base is upside down most of the time; "
-            f"it would be upright with --quaternions {other}"
+            f"it would be upright with --quaternions {other_quaternion_order(conventions.quaternions)}"
         )
     if excess is None or excess.excess <= tolerance.angle:
         return
-    orders = joint_orders(contract, robot.skeleton)
-    columns = source.joint_position
-    others = [] if columns is None else orders_within_limits(columns, orders, robot.description, tolerance.angle)
+    assert source.joint_position is not None  # which is why there is an excess
+    orders = joint_orders(contract, skeleton)
+    others = orders_within_limits(source.joint_position, orders, skeleton.description, tolerance.angle)
     hint = f"; it stays within all limits with --joint-order {others[0]}" if others else ""
     raise InputError(
         f"{source.source}: joint '{excess.joint}' is at {excess.position:.3f} rad in frame {excess.frame}, beyond its "

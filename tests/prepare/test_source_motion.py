@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.source import SourceMotion, swap_quaternion_order
+from humanoid_sim.prepare.source_motion import SourceMotion, swap_quaternion_order
 
 UNIT = np.tile([1.0, 0.0, 0.0, 0.0], (4, 2, 1))
 

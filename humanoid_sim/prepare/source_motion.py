@@ -12,10 +12,12 @@ from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["SourceMotion", "swap_quaternion_order"]
+__all__ = ["SourceMotion", "joint_of", "other_quaternion_order", "swap_quaternion_order"]
 
 _UNIT = 0.02
 """How far a quaternion's norm may be from 1: float32 and interpolation leave much less."""
+_JOINT_SUFFIXES = ("", ".pos", ".position", "_pos", "_dof")
+"""What exporters append to a joint's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,6 +146,17 @@ class SourceMotion:
 def swap_quaternion_order(quaternion: FloatArray, order: QuaternionOrder) -> FloatArray:
     """Quaternions (..., 4) in the given order, as w x y z."""
     return quaternion if order == "wxyz" else np.roll(quaternion, 1, axis=-1)
+
+
+def other_quaternion_order(order: QuaternionOrder) -> QuaternionOrder:
+    """The one of the two orders that this is not."""
+    return "xyzw" if order == "wxyz" else "wxyz"
+
+
+def joint_of(column: str, joints: tuple[str, ...]) -> str | None:
+    """The joint whose position a column is by its name; None if there is none."""
+    names = (column.removesuffix(suffix) for suffix in _JOINT_SUFFIXES if column.endswith(suffix))
+    return next((name for name in names if name in joints), None)
 
 
 def _shown(index: list[int]) -> str:

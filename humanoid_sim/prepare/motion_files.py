@@ -1,19 +1,34 @@
-"""Motions as text: one frame per line, with or without a line of column names."""
+"""Motions in files: `.npz` of mjlab and whole_body_tracking with the robot's state in the world, and `.csv`."""
 
 from __future__ import annotations
 
 import csv
+import zipfile
+import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.source import SourceMotion
+from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
 
-__all__ = ["read_csv"]
+__all__ = ["read_csv", "read_npz"]
+
+_NPZ_KEYS = {
+    "fps": "",
+    "joint_pos": "(F, n)",
+    "joint_vel": "(F, n)",
+    "body_pos_w": "(F, B, 3)",
+    "body_quat_w": "(F, B, 4)",
+}
+"""What is needed, and its shape. Body velocities are in the file too; nothing here uses them."""
+
+_NPZ_LAST_AXIS = {"body_pos_w": 3, "body_quat_w": 4}
 
 _BASE = 7
 """Columns of the base's pose: x y z and a quaternion."""
@@ -31,8 +46,68 @@ _DIGIT = 0.001
 """s"""
 _TIMES = ("time", "t", "timestamp")
 _INDICES = ("frame", "index")
-_SUFFIXES = ("", ".pos", "_dof", "_pos")
-"""What exporters append to a joint's name."""
+
+
+def read_npz(path: Path) -> SourceMotion:
+    """Read a motion of whole_body_tracking (joints and bodies in Isaac's order) or mjlab (in MJCF order).
+
+    The format has no names; files that hold `joint_names` and `body_names` all the same are believed.
+
+    Raises:
+        InputError: one line with the file and what is wrong with it.
+    """
+    arrays = _npz_arrays(path)
+    missing = [key for key in _NPZ_KEYS if key not in arrays]
+    if missing:
+        raise InputError(
+            f"{path}: has no {', '.join(missing)}; it holds {', '.join(sorted(arrays)) or 'nothing'}, "
+            f"expected {', '.join(_NPZ_KEYS)}"
+        )
+    for key, shape in _NPZ_KEYS.items():
+        array = arrays[key]
+        if array.dtype.kind not in "fiu":
+            raise InputError(f"{path}: {key} has type {array.dtype}, expected numbers")
+        if shape and (
+            array.ndim != shape.count(",") + 1 or array.shape[-1] != _NPZ_LAST_AXIS.get(key, array.shape[-1])
+        ):
+            raise InputError(f"{path}: {key} has shape {array.shape}, expected {shape}")
+    if arrays["fps"].size != 1:
+        raise InputError(f"{path}: fps has shape {arrays['fps'].shape}, expected one number")
+    return SourceMotion(
+        source=str(path),
+        kind="npz",
+        fps=float(arrays["fps"].reshape(())),
+        joint_position=arrays["joint_pos"],
+        joint_velocity=arrays["joint_vel"],
+        joint_names=_npz_names(path, arrays, "joint_names"),
+        body_position=arrays["body_pos_w"],
+        body_quaternion=arrays["body_quat_w"],
+        body_names=_npz_names(path, arrays, "body_names"),
+    )
+
+
+def _npz_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
+    try:
+        # Opened here: NumPy leaves a bad archive that it opened itself open.
+        with regular_file(path, "an .npz file").open("rb") as stream:
+            archive = np.load(stream, allow_pickle=False)
+            if isinstance(archive, np.ndarray):
+                raise InputError(f"{path}: holds a single array (.npy), expected an .npz file")
+            return {key: archive[key] for key in archive.files}
+    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, KeyError) as error:
+        # NumPy says ValueError for pickled objects, which may run code, and for what is no NumPy file at all.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: is no whole .npz file of plain arrays: {reason}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _npz_names(path: Path, arrays: dict[str, npt.NDArray[Any]], key: str) -> tuple[str, ...] | None:
+    if key not in arrays:
+        return None
+    if arrays[key].dtype.kind != "U" or arrays[key].ndim != 1:
+        raise InputError(f"{path}: {key} is {arrays[key].dtype} of shape {arrays[key].shape}, expected a list of texts")
+    return tuple(str(name) for name in arrays[key])
 
 
 def read_csv(
@@ -54,15 +129,15 @@ def read_csv(
     Raises:
         InputError: one line with the file, the line and what is wrong with it.
     """
-    rows = _rows(path)
+    rows = _csv_rows(path)
     if not rows:
         raise InputError(f"{path}: is empty, expected one frame per line")
     first_line, first = rows[0]
     if any(_number(cell) is None for cell in first):
         if len(rows) == 1:
             raise InputError(f"{path}: line {first_line} is no frame of numbers, and no frame follows it")
-        return _with_header(path, first, _table(path, rows[1:]), joint_names, fps, floating)
-    table = _table(path, rows)
+        return _named_columns(path, first, _csv_table(path, rows[1:]), joint_names, fps, floating)
+    table = _csv_table(path, rows)
     joints = len(joint_names)
     if fps is None:
         raise InputError(f"{path}: does not say how many frames make a second; use --fps")
@@ -85,7 +160,7 @@ def read_csv(
     raise InputError(f"{path}: line {first_line} has {table.shape[1]} numbers, expected {accepted}")
 
 
-def _with_header(
+def _named_columns(
     path: Path, names: list[str], table: FloatArray, joints: tuple[str, ...], fps: float | None, floating: bool
 ) -> SourceMotion:
     if len(names) != table.shape[1]:
@@ -93,7 +168,7 @@ def _with_header(
     places: dict[str, int] = {}
     unknown = []
     for i, name in enumerate(names):
-        role = _role(name, joints)
+        role = _csv_role(name, joints)
         if role is None:
             unknown.append(name)
         elif role in places:
@@ -116,7 +191,7 @@ def _with_header(
     return SourceMotion(
         source=str(path),
         kind="csv with column names",
-        fps=_rate(path, table[:, places["time"]] if "time" in places else None, fps),
+        fps=_csv_rate(path, table[:, places["time"]] if "time" in places else None, fps),
         joint_position=table[:, [places[joint] for joint in found]],
         joint_names=found,
         base_position=None if pose is None else pose[:, :3],
@@ -125,13 +200,12 @@ def _with_header(
     )
 
 
-def _role(name: str, joints: tuple[str, ...]) -> str | None:
+def _csv_role(name: str, joints: tuple[str, ...]) -> str | None:
     """What a column is: `time`, `frame`, an axis of the base or a joint; None for unknown."""
-    word = name.strip()
-    for joint in joints:
-        if word in {joint + suffix for suffix in _SUFFIXES}:
-            return joint
-    lower = word.lower()
+    joint = joint_of(name.strip(), joints)
+    if joint is not None:
+        return joint
+    lower = name.strip().lower()
     if lower in _TIMES:
         return "time"
     if lower in _INDICES:
@@ -139,7 +213,7 @@ def _role(name: str, joints: tuple[str, ...]) -> str | None:
     return _BASE_COLUMNS.get(lower)
 
 
-def _rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
+def _csv_rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
     if times is None:
         if fps is None:
             raise InputError(f"{path}: has no column 'time' and does not say its frame rate; use --fps")
@@ -161,7 +235,7 @@ def _rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
     return float(rate) if fps is None else fps
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
+def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every line that is not empty."""
     try:
         with regular_file(path, "a .csv file").open(encoding="utf-8-sig", newline="") as file:
@@ -180,7 +254,7 @@ def _number(cell: str) -> float | None:
         return None
 
 
-def _table(path: Path, rows: list[tuple[int, list[str]]]) -> FloatArray:
+def _csv_table(path: Path, rows: list[tuple[int, list[str]]]) -> FloatArray:
     values = []
     for line, row in rows:
         if len(row) != len(rows[0][1]):

@@ -1,0 +1,203 @@
+"""What can be measured of a motion: how far its bodies, its frame rate and its joints are from what the robot has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from humanoid_sim.controllers.rotation import matrix, rotation_angle
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.prepare.conventions import NamedMotion
+from humanoid_sim.prepare.skeleton import Orders, Skeleton
+from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order, swap_quaternion_order
+from humanoid_sim.robots.description import RobotDescription
+
+__all__ = [
+    "BodyCheck",
+    "LimitExcess",
+    "RateCheck",
+    "Tolerance",
+    "check_bodies",
+    "check_rate",
+    "is_upside_down",
+    "orders_within_limits",
+    "worst_excess",
+]
+
+_LEAST_SPEED = 0.02
+"""rad/s, root mean square: below it a motion is too still to say anything about its frame rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far bodies may be off."""
+
+    position: float
+    """m"""
+    angle: float
+    """rad"""
+
+
+@dataclass(frozen=True, slots=True)
+class BodyCheck:
+    """How far a body of the motion is from where the robot's forward kinematics puts it."""
+
+    name: str
+    position_rms: float
+    """m, over frames."""
+    position_max: float
+    """m"""
+    angle_rms: float
+    """rad"""
+    angle_max: float
+    """rad"""
+    worst_frame: int
+    """Of the largest position error; of the largest angle where the position is within the tolerance."""
+
+    def excess(self, tolerance: Tolerance) -> float:
+        """The larger error in tolerances: more than 1 is a mismatch."""
+        return max(self.position_max / tolerance.position, self.angle_max / tolerance.angle)
+
+
+@dataclass(frozen=True, slots=True)
+class RateCheck:
+    """What the joint velocities say about the frame rate."""
+
+    fps: float
+    """Frames per second for which the velocities fit the positions best."""
+    correlation: float
+    """Between velocities and differences of positions: 1 where they agree."""
+
+
+@dataclass(frozen=True, slots=True)
+class LimitExcess:
+    """A joint of the motion that is beyond its limits."""
+
+    joint: str
+    frame: int
+    position: float
+    """rad"""
+    lower: float
+    """rad"""
+    upper: float
+    """rad"""
+
+    @property
+    def excess(self) -> float:
+        """Rad beyond the limit."""
+        return max(self.lower - self.position, self.position - self.upper)
+
+
+def check_bodies(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
+    """Errors per body, in the motion's order; empty where the motion lacks joints or bodies to compare.
+
+    Args:
+        motion: with names.
+        skeleton: of the robot.
+        tolerance: decides which frame is the worst.
+
+    Raises:
+        InputError: if the world frame cannot be related to the robot's base.
+    """
+    if motion.joint_position is None or motion.body_position is None:
+        return ()
+    expected_position, expected_rotation = skeleton.poses(motion.joint_position, motion.body_names)
+    position = motion.body_position
+    rotation = None if motion.body_quaternion is None else matrix(motion.body_quaternion)
+    if motion.is_world:
+        base_position, base_rotation = _base(motion, skeleton, expected_position, expected_rotation)
+        position = np.einsum("tji,tbj->tbi", base_rotation, position - base_position[:, None])
+        rotation = None if rotation is None else np.einsum("tji,tbjk->tbik", base_rotation, rotation)
+    offset = position - expected_position
+    distance = np.sqrt((offset * offset).sum(axis=-1))
+    angle = np.zeros_like(distance) if rotation is None else rotation_angle(rotation, expected_rotation)
+    return tuple(_summary(name, distance[:, i], angle[:, i], tolerance) for i, name in enumerate(motion.body_names))
+
+
+def _base(
+    motion: NamedMotion, skeleton: Skeleton, position: FloatArray, rotation: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Position (F, 3) and rotation (F, 3, 3) of the base in the motion's world."""
+    if motion.base_position is not None and motion.base_quaternion is not None:
+        return motion.base_position, matrix(motion.base_quaternion)
+    if skeleton.description.is_floating:
+        raise InputError(
+            f"motion: holds no pose of '{skeleton.base}', the floating base of '{skeleton.description.name}', so its "
+            "bodies cannot be compared; it needs that body too"
+        )
+    if motion.body_position is None or motion.body_quaternion is None:
+        raise InputError(
+            f"motion: holds neither the pose of '{skeleton.base}' nor orientations, so its world frame "
+            "cannot be related to the robot"
+        )
+    # A base that does not move stands wherever the first body of the first frame says.
+    turn = matrix(motion.body_quaternion[0, 0]) @ rotation[0, 0].T
+    place = motion.body_position[0, 0] - turn @ position[0, 0]
+    return np.repeat(place[None], len(position), axis=0), np.repeat(turn[None], len(position), axis=0)
+
+
+def _summary(name: str, distance: FloatArray, angle: FloatArray, tolerance: Tolerance) -> BodyCheck:
+    worst = distance if distance.max() > tolerance.position else angle
+    return BodyCheck(
+        name=name,
+        position_rms=float(np.sqrt((distance * distance).mean())),
+        position_max=float(distance.max()),
+        angle_rms=float(np.sqrt((angle * angle).mean())),
+        angle_max=float(angle.max()),
+        worst_frame=int(worst.argmax()),
+    )
+
+
+def check_rate(position: FloatArray, velocity: FloatArray, fps: float) -> RateCheck | None:
+    """Compare joint velocities (F, n), rad/s, with the central differences of positions (F, n), rad.
+
+    Returns:
+        None for motions of less than five frames and for those that hardly move.
+    """
+    if len(position) < 5:
+        return None
+    step = 0.5 * (position[2:] - position[:-2])
+    rate = velocity[1:-1]
+    power, cross = float((step * step).sum()), float((step * rate).sum())
+    if min(np.sqrt((rate * rate).mean()), np.sqrt((step * step).mean()) * fps) < _LEAST_SPEED:
+        return None
+    return RateCheck(cross / power, cross / np.sqrt(power * float((rate * rate).sum())))
+
+
+def worst_excess(joint_position: FloatArray, description: RobotDescription) -> LimitExcess | None:
+    """The joint and frame farthest beyond the limits; None if all (F, n), rad, robot's order, are within."""
+    beyond = np.maximum(description.lower - joint_position, joint_position - description.upper)
+    if beyond.max() <= 0.0:
+        return None
+    frame, joint = (int(i) for i in np.unravel_index(int(beyond.argmax()), beyond.shape))
+    described = description.joints[joint]
+    position = float(joint_position[frame, joint])
+    return LimitExcess(described.name, frame, position, described.lower, described.upper)
+
+
+def orders_within_limits(
+    columns: FloatArray, orders: Orders, description: RobotDescription, margin: float
+) -> list[str]:
+    """Names of the orders in which columns (F, n), rad, stay within the joints' limits and a margin, rad."""
+    found = []
+    for name, order in orders.items():
+        if len(order) == columns.shape[1] and set(order) == set(description.joint_names):
+            position = columns[:, [order.index(joint) for joint in description.joint_names]]
+            worst = worst_excess(position, description)
+            if worst is None or worst.excess <= margin:
+                found.append(name)
+    return found
+
+
+def is_upside_down(source: SourceMotion) -> bool:
+    """The base is upside down most of the time, and would be upright with quaternions in the other order."""
+    if source.base_quaternion is None:
+        return False
+    order = source.quaternion_order
+    up, otherwise = (
+        float(matrix(swap_quaternion_order(source.base_quaternion, each))[:, 2, 2].mean())
+        for each in (order, other_quaternion_order(order))
+    )
+    return up < 0.0 and otherwise > 0.5
