@@ -17,7 +17,7 @@ _TOOLS = {
     "Calibrate": "humanoid_sim.hardware.cli.calibrate:calibrate",
     "Identify": "humanoid_sim.hardware.cli.identify:identify",
     "Budget": "humanoid_sim.hardware.cli.budget:budget",
-    "EmulateConfig": "humanoid_sim.hardware.emulation.program:emulate",
+    "Emulate": "humanoid_sim.hardware.cli.emulate:emulate",
 }
 """What carries out which options; imported when it is needed."""
 

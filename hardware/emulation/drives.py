@@ -1,19 +1,22 @@
-"""The torque of all motors in every period of their control loop, and how warm it makes them."""
+"""The torque of all motors in every period of their control loop, and how warm it makes them.
+
+No source states a motor's thermal data. Assumed is one heat capacity, heated by the current squared, cooled towards the
+room: 60 K above it in the long run at rated torque, with a time constant of four minutes; copper losses grow with the
+square of the current, and the current is proportional to the torque.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.hardware.emulation.firmware import torque_limit
-from humanoid_sim.hardware.emulation.law import MitTargets, RunMode, Servo, servo_current
-from humanoid_sim.hardware.emulation.memory import parameter
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState
-from humanoid_sim.hardware.emulation.thermal import heat
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, mit_torque
 
-__all__ = ["Drives"]
+__all__ = ["RATED_RISE", "TIME_CONSTANT", "Drives", "MitTargets", "heat"]
 
 
 class Drives:
@@ -24,7 +27,6 @@ class Drives:
         self._identities = tuple(identities)
         count = len(identities)
         self._targets = MitTargets(np.array([identity.model.peak_torque for identity in identities]))
-        self._servos: dict[int, Servo] = {}
         self._origin = np.zeros(count)
         self._range = np.array([identity.model.position for identity in identities])
         self._rated = np.array([identity.model.rated_torque for identity in identities])
@@ -37,14 +39,8 @@ class Drives:
         identity, targets = self._identities[motor], self._targets
         self._origin[motor] = state.origin
         targets.limit[motor] = torque_limit(identity, state)
-        run_mode = RunMode(int(parameter(state, "run_mode")))
-        servo = self._servos.pop(motor, None)
         targets.release(motor)
-        if not state.is_running:
-            return
-        if run_mode is not RunMode.OPERATION:
-            self._servos[motor] = _servo(identity, state, run_mode, servo)
-        elif state.command is not None:
+        if state.is_running and state.command is not None:
             command, factor = state.command, identity.firmware.gain_factor
             targets.position[motor] = command.position
             targets.velocity[motor] = command.velocity
@@ -52,13 +48,12 @@ class Drives:
             targets.stiffness[motor] = factor * command.stiffness
             targets.damping[motor] = factor * command.damping
 
-    def torque(self, shaft: FloatArray, velocity: FloatArray, period: float) -> FloatArray:
+    def torque(self, shaft: FloatArray, velocity: FloatArray) -> FloatArray:
         """The torque of one period of the control loop.
 
         Args:
             shaft: shape (m,), rad, what the encoders read.
             velocity: shape (m,), rad/s.
-            period: s.
 
         Returns:
             Shape (m,), N·m; a buffer that is valid until the next call.
@@ -68,35 +63,57 @@ class Drives:
         np.add(position, self._range, out=position)
         np.mod(position, 2.0 * self._range, out=position)
         np.subtract(position, self._range, out=position)
-        torque = self._targets.torque(position, velocity)
-        for motor, servo in self._servos.items():
-            identity = self._identities[motor]
-            turned = float(shaft[motor] - self._origin[motor])
-            current = servo_current(servo, turned, float(velocity[motor]), period)
-            limit = self._targets.limit[motor]
-            torque[motor] = min(max(current * identity.torque_per_ampere, -limit), limit)
-        return torque
+        return self._targets.torque(position, velocity)
 
     def warm(self, torque: FloatArray, duration: float) -> None:
         """Let the windings warm up, or cool down, for a time at a torque of shape (m,)."""
         self.rise = heat(self.rise, torque, self._rated, duration)
 
 
-def _servo(identity: MotorIdentity, state: MotorState, mode: RunMode, before: Servo | None) -> Servo:
-    """The loops of a motor with its present parameters; what they remember stays if they were running already."""
-    is_profile = mode is RunMode.PROFILE_POSITION
-    servo = Servo(
-        mode,
-        current_target=parameter(state, "iq_ref"),
-        speed_target=parameter(state, "spd_ref"),
-        position_target=parameter(state, "loc_ref"),
-        position_gain=parameter(state, "loc_kp"),
-        speed_gain=parameter(state, "spd_kp"),
-        speed_integral_gain=parameter(state, "spd_ki"),
-        speed_limit=abs(parameter(state, "vel_max" if is_profile else "limit_spd")),
-        acceleration=abs(parameter(state, "acc_set" if is_profile else "acc_rad")),
-        current_limit=min(abs(parameter(state, "limit_cur")), identity.model.peak_current),
-    )
-    if before is not None and before.mode is mode:
-        servo.ramped_speed, servo.integral = before.ramped_speed, before.integral
-    return servo
+class MitTargets:
+    """Targets and limits of several motors' MIT law, in the motor frame. A motor that does not run has gains of zero.
+
+    The error is taken from the position as the motor reports it, that is wrapped: a motor that crosses the end of the
+    range sees its error jump by the whole range, which the manuals neither state nor exclude.
+    """
+
+    def __init__(self, limits: FloatArray) -> None:
+        """`limits`: shape (m,), N·m, of each motor's torque."""
+        count = len(limits)
+        self.position, self.velocity, self.effort = np.zeros((3, count))
+        self.stiffness, self.damping = np.zeros((2, count))
+        self.limit = np.array(limits)
+        """Shape (m,), N·m."""
+        self._torque = np.empty(count)
+        self._scratch = np.empty(count)
+
+    def release(self, motor: int) -> None:
+        """No torque."""
+        self.stiffness[motor] = self.damping[motor] = self.effort[motor] = 0.0
+
+    def torque(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
+        """The law at wrapped positions and velocities of shape (m,); a buffer, N·m, valid until the next call."""
+        return mit_torque(self, position, velocity, self.limit, out=self._torque, scratch=self._scratch)
+
+
+RATED_RISE = 60.0
+"""K above the room at rated torque, in the long run."""
+TIME_CONSTANT = 240.0
+"""s"""
+
+
+def heat(rise: FloatArray, torque: FloatArray, rated_torque: npt.ArrayLike, duration: float) -> FloatArray:
+    """The temperature rise after some time at a torque: exact for a constant one.
+
+    Args:
+        rise: shape (..., m), K above the room, at the beginning.
+        torque: shape (..., m), N·m.
+        rated_torque: shape (m,), N·m, of continuous duty.
+        duration: s.
+
+    Returns:
+        Shape (..., m), K; a new array.
+    """
+    final = RATED_RISE * np.square(torque / np.asarray(rated_torque))
+    warmed: FloatArray = final + (rise - final) * np.exp(-duration / TIME_CONSTANT)
+    return warmed

@@ -16,7 +16,6 @@ from typing import NamedTuple
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.frame_faults import FrameFaults
-from humanoid_sim.hardware.emulation.motor_faults import begin_motor_fault, end_motor_fault
 from humanoid_sim.hardware.emulation.motors import Motors, Told
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.wire import HOST, OTHER_HOST, Transmission, Wire
@@ -199,7 +198,7 @@ class Emulator:
                 self._frame_faults.begin(fault.kind, motor, fault.amount)
         elif fault.info.scope == "motor":
             for motor in injected.motors:
-                begin_motor_fault(self.motors, motor, fault.kind, fault.amount)
+                self.motors.begin_fault(motor, fault.kind, fault.amount)
         else:
             for bus in self._buses_of(injected):
                 self._begin_on_bus(injected, bus)
@@ -218,7 +217,7 @@ class Emulator:
                 self._frame_faults.end(fault.kind, motor)
         elif fault.info.scope == "motor":
             for motor in injected.motors:
-                for frame in end_motor_fault(self.motors, motor, fault.kind, fault.amount):
+                for frame in self.motors.end_fault(motor, fault.kind, fault.amount):
                     self._send(motor, frame, self.time)
         else:
             for bus in self._buses_of(injected):

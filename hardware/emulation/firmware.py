@@ -3,7 +3,8 @@
 What the manuals leave open is decided here, each at its place: which frames feed the CAN timeout (any for this motor),
 what a motor with a latched fault does when it is enabled (it answers, and stays in reset mode), when a fault report is
 sent unasked (when its words change), what a write to an unknown parameter does (nothing, but it is answered). None of
-this was compared with a motor.
+this was compared with a motor. Of the run modes only operation, the MIT law, is emulated: a motor that was set to
+another one answers an enable like one with a latched fault, and stays in reset mode.
 """
 
 from __future__ import annotations
@@ -12,8 +13,6 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
-from humanoid_sim.hardware.emulation.law import RunMode, wrapped
-from humanoid_sim.hardware.emulation.memory import initial_parameters, parameter, read_parameter, written_parameters
 from humanoid_sim.hardware.emulation.motor_state import (
     NO_FAULT,
     NO_STATUS_FAULT,
@@ -22,6 +21,10 @@ from humanoid_sim.hardware.emulation.motor_state import (
     MotorState,
     Sensed,
     Stored,
+    initial_parameters,
+    parameter,
+    read_parameter,
+    written_parameters,
 )
 from humanoid_sim.hardware.robstride.codec import decode_command, encode_reply
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
@@ -52,9 +55,9 @@ from humanoid_sim.hardware.robstride.messages import (
     Version,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.parameters import CanTimeout, report_interval
+from humanoid_sim.hardware.robstride.parameters import CanTimeout, RunMode, report_interval
 
-__all__ = ["Reaction", "advance", "next_time", "power_on", "receive", "status", "torque_limit"]
+__all__ = ["Reaction", "advance", "next_time", "power_on", "receive", "status", "torque_limit", "wrapped"]
 
 _LEAST_VOLTAGE = 12.0
 """V, below which the motor reports undervoltage; likewise the manuals' 60 V."""
@@ -70,6 +73,8 @@ class Reaction(NamedTuple):
     state: MotorState
     frames: tuple[Frame, ...] = ()
     """In the order in which the motor sends them."""
+    refusal: str = ""
+    """Why it did not do what it was told, for a person: its answer, a status in reset mode, does not say."""
 
 
 def power_on(identity: MotorIdentity, stored: Stored, sensed: Sensed) -> MotorState:
@@ -85,6 +90,11 @@ def power_on(identity: MotorIdentity, stored: Stored, sensed: Sensed) -> MotorSt
     position = lowest + (sensed.shaft - zero - lowest) % (2.0 * math.pi)
     is_deaf = stored.protocol is not Protocol.PRIVATE or stored.baud_rate is not BaudRate.KBIT_1000
     return replace(state, origin=sensed.shaft - position, is_deaf=is_deaf)
+
+
+def wrapped(position: float, position_range: float) -> float:
+    """A position in [-range, range): feedback runs cyclically, it does not saturate."""
+    return (position + position_range) % (2.0 * position_range) - position_range
 
 
 def status(identity: MotorIdentity, state: MotorState, sensed: Sensed, *, is_report: bool = False) -> Status:
@@ -123,7 +133,14 @@ def receive(identity: MotorIdentity, state: MotorState, frame: Frame, sensed: Se
         return Reaction(state, (_frame(identity, status(identity, state, sensed)),))
     state = replace(state, heard=time, host_id=command.host_id)
     state, reply = _obey(identity, state, command, sensed, time)
-    return Reaction(state, () if reply is None else (_frame(identity, reply),))
+    refusal = "" if state.is_running or not isinstance(command, Enable) else _refusal(state)
+    return Reaction(state, () if reply is None else (_frame(identity, reply),), refusal)
+
+
+def _refusal(state: MotorState) -> str:
+    """Why the motor cannot be enabled, in words; empty: it can, or its faults say why not."""
+    mode = RunMode(int(parameter(state, "run_mode")))
+    return "" if mode is RunMode.OPERATION else f"not enabled: run_mode is {mode}, only 0 (operation) is emulated"
 
 
 def advance(identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float) -> Reaction:
@@ -217,7 +234,7 @@ def _obey(  # noqa: PLR0911, PLR0912 - one case for each command
         case GetDeviceId():
             return state, DeviceId(state.can_id, identity.uid)
         case Enable():
-            if not (state.status_faults or state.faults or state.is_running):
+            if not (state.status_faults or state.faults or state.is_running or _refusal(state)):
                 state = replace(state, mode=MotorMode.RUN, command=None)
         case Stop(clear_fault=clear):
             state = _stopped(state)

@@ -80,7 +80,7 @@ class Motors:
         self._jump = np.zeros(count)
         self._read = np.empty(count)
         self.conditions = [Conditions() for _ in range(count)]
-        """One per motor, to be changed by faults, followed by `look`."""
+        """One per motor, as faults have it."""
         self._steps = 0
         self._steps_between_checks = max(round(_CHECK_PERIOD / self.plant.timestep), 1)
         self._look_at = 0.0
@@ -126,6 +126,8 @@ class Motors:
         if not self.conditions[motor].has_power:
             return ()
         reaction = firmware.receive(self.identities[motor], self.states[motor], frame, self.sensed(motor), time)
+        if reaction.refusal:
+            self._tell(motor, time, reaction.refusal)
         return self._take(motor, reaction, time)
 
     def step(self) -> list[tuple[int, Frame]]:
@@ -136,7 +138,7 @@ class Motors:
         """
         plant, drives = self.plant, self._drives
         np.add(plant.shaft, self._jump, out=self._read)
-        plant.step(drives.torque(self._read, plant.velocity, plant.timestep))
+        plant.step(drives.torque(self._read, plant.velocity))
         self._steps += 1
         time = self.time
         if self._steps % self._steps_between_checks == 0:
@@ -154,18 +156,56 @@ class Motors:
         self._look_at = min((firmware.next_time(state) for state in self.states), default=math.inf)
         return sent
 
-    def look(self) -> None:
-        """Let every firmware look at its sensors after the next step, because something has changed."""
+    def begin_fault(self, motor: int, kind: str, amount: float) -> None:
+        """A fault of the scope `motor` sets in, see `FAULTS`. Its value is in `amount`."""
+        conditions = self.conditions[motor]
+        match kind:
+            case "silent":
+                conditions.is_silent = True
+            case "unplugged":
+                self.set_power(motor, False)
+            case "reset":
+                state = replace(self.states[motor], mode=MotorMode.RESET, command=None)
+                self._take(motor, firmware.Reaction(state), self.time)
+            case "over_temperature":
+                conditions.temperature = amount
+            case "under_voltage" | "over_voltage":
+                conditions.voltage = amount
+            case "overcurrent":
+                conditions.overcurrent = True
+            case "stalled":
+                conditions.overloaded = True
+                self.plant.jam(motor, True)
+            case "encoder_fault":
+                conditions.encoder_fault = True
+            case "encoder_jump":
+                self._jump[motor] += amount
         self._look_at = 0.0
 
-    def jump(self, motor: int, angle: float) -> None:
-        """The angle that a motor's encoder reads jumps, rad."""
-        self._jump[motor] += angle
-
-    def fall_back(self, motor: int) -> None:
-        """A motor falls back to reset mode of itself, with no fault bit."""
-        state = replace(self.states[motor], mode=MotorMode.RESET, command=None)
-        self._take(motor, firmware.Reaction(state), self.time)
+    def end_fault(self, motor: int, kind: str, amount: float) -> tuple[Frame, ...]:
+        """The cause is gone; what the firmware has latched stays. The frames that the motor sends about it."""
+        conditions = self.conditions[motor]
+        announcement: tuple[Frame, ...] = ()
+        match kind:
+            case "silent":
+                conditions.is_silent = False
+            case "unplugged":
+                announcement = self.set_power(motor, True)
+            case "over_temperature":
+                conditions.temperature = None
+            case "under_voltage" | "over_voltage":
+                conditions.voltage = None
+            case "overcurrent":
+                conditions.overcurrent = False
+            case "stalled":
+                conditions.overloaded = False
+                self.plant.jam(motor, False)
+            case "encoder_fault":
+                conditions.encoder_fault = False
+            case "encoder_jump":
+                self._jump[motor] -= amount
+        self._look_at = 0.0
+        return announcement
 
     def set_power(self, motor: int, is_on: bool) -> tuple[Frame, ...]:
         """Cut a motor's power, or boot it: it then announces itself, as drivers report of real ones.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Self
@@ -15,13 +16,13 @@ from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.emulation.emulator import BusLoad, Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.host import EmulatorHost
-from humanoid_sim.hardware.emulation.host_end import FaultyBus
 from humanoid_sim.hardware.emulation.motors import Told
 from humanoid_sim.hardware.emulation.plant import PlantTruth
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["VirtualMotors"]
+__all__ = ["FaultyBus", "VirtualMotors"]
+
 
 _HEARS_ITSELF = "udp_multicast"
 """The interface of python-can on which a sender receives its own frames."""
@@ -182,3 +183,49 @@ class VirtualMotors:
             bus = open_bus(address)
         opened.callback(bus.shutdown)
         return bus
+
+
+class FaultyBus(can.BusABC):
+    """Passes everything on to another bus, unless a fault says otherwise.
+
+    The errors are those that SocketCAN raises: ENOBUFS where the queue is full, ENETDOWN after bus-off.
+    """
+
+    def __init__(self, bus: can.BusABC, channel: str, fault: Callable[[], str]) -> None:
+        """Take over a bus.
+
+        Args:
+            bus: open; it is shut down with this one.
+            channel: its name.
+            fault: what is wrong now: `bus_off`, `enobufs`, or nothing (empty).
+        """
+        self._bus = bus
+        self._fault = fault
+        super().__init__(channel)
+        self._can_protocol = bus.protocol
+        self.channel_info = bus.channel_info
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send, or raise.
+
+        Raises:
+            can.CanOperationError: with the error number of the fault.
+        """
+        fault = self._fault()
+        if fault == "enobufs":
+            raise can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
+        if fault == "bus_off":
+            raise can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN)
+        self._bus.send(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return self._bus._recv_internal(timeout)
+
+    def fileno(self) -> int:
+        """Of the other bus."""
+        return self._bus.fileno()
+
+    def shutdown(self) -> None:
+        """Shut both down."""
+        super().shutdown()
+        self._bus.shutdown()

@@ -10,7 +10,7 @@ import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntEnum
 from types import MappingProxyType
 
 from humanoid_sim.errors import FieldError, InputError, known_names
@@ -23,6 +23,7 @@ __all__ = [
     "CanTimeout",
     "Parameter",
     "ParameterType",
+    "RunMode",
     "default_value",
     "fault_word",
     "find_parameter",
@@ -168,6 +169,17 @@ def find_parameter(name_or_index: str) -> Parameter:
 def fault_word(model: str) -> Parameter:
     """The 32-bit fault word (`FaultBit`) as a parameter: it shows overvoltage, which no status does."""
     return Parameter(0x3023 if model == "rs-04" else 0x3022, "fault_word", _U32, "", False)
+
+
+class RunMode(IntEnum):
+    """Values of `run_mode`: which kind of command a motor executes."""
+
+    OPERATION = 0
+    """The MIT law: what everything here uses."""
+    PROFILE_POSITION = 1
+    VELOCITY = 2
+    CURRENT = 3
+    CYCLIC_POSITION = 5
 
 
 class CanTimeout:

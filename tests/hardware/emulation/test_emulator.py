@@ -335,3 +335,14 @@ def test_the_same_frames_and_faults_give_the_same_answers() -> None:
     first = run()
     assert first == run()
     assert len(first) > 100
+
+
+def test_a_motor_in_a_run_mode_that_is_not_emulated_says_why_it_is_not_enabled() -> None:
+    told: list[str] = []
+    emulator = Emulator(LITE, told=lambda _, text: told.append(text))
+    model = MODELS_BY_ID[IDS[0]]
+    for command in (WriteParameter(IDS[0], 0x7005, b"\2\0\0\0"), Enable(IDS[0])):
+        emulator.submit(0, encode_command(command, model), emulator.time)
+        emulator.advance(emulator.time + 0.005)
+    assert told == [f"{LITE.joint_names[0]}: not enabled: run_mode is 2, only 0 (operation) is emulated"]
+    assert emulator.motors.states[0].mode is MotorMode.RESET

@@ -12,6 +12,7 @@ from motor_rig import HOST, ID, Motor, fault_reports, identity
 
 from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.motor_state import Sensed
+from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import (
@@ -111,7 +112,7 @@ def test_frames_for_others_and_malformed_ones_change_nothing() -> None:
         Frame(0x017FFF0B, bytes(7)),
         Frame(0x1300FD0B, bytes(8)),
     ):
-        assert firmware.receive(motor.identity, motor.state, frame, motor.sensed, 1.0) == (before, ())
+        assert firmware.receive(motor.identity, motor.state, frame, motor.sensed, 1.0) == firmware.Reaction(before)
 
 
 @given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8), st.booleans(), st.booleans())
@@ -296,6 +297,19 @@ def test_reading_and_writing_parameters() -> None:
     assert not reply.is_success
     motor.tell(WriteParameter(ID, 0x700B, b"\x00\x00\xc0\x7f"))
     assert motor.read("limit_torque") == 17.0, "NaN is not taken"
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3, 5])
+def test_a_run_mode_that_is_not_emulated_is_not_enabled(mode: int) -> None:
+    motor = Motor()
+    motor.write("run_mode", mode)
+    frame = encode_command(Enable(ID), motor.identity.model)
+    reaction = firmware.receive(motor.identity, motor.state, frame, motor.sensed, 0.0)
+    assert reaction.refusal == f"not enabled: run_mode is {mode}, only 0 (operation) is emulated"
+    status = motor.status(Enable(ID))
+    assert (status.mode, int(status.faults)) == (MotorMode.RESET, 0), "like one with a latched fault, without its bit"
+    motor.write("run_mode", 0)
+    assert motor.status(Enable(ID)).mode is MotorMode.RUN
 
 
 def test_the_run_mode_stays_while_it_runs() -> None:

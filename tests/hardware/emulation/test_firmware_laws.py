@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from motor_rig import ID, Motor
 
+from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.robstride.faults import MotorMode
 from humanoid_sim.hardware.robstride.messages import (
     Command,
@@ -94,3 +98,11 @@ def test_silence_for_longer_than_the_can_timeout_always_ends_in_reset_mode(
     motor.wait(50e-6 * ticks + 0.002)
     assert motor.state.mode is MotorMode.RESET
     assert motor.state.command is None
+
+
+@given(st.floats(-1e3, 1e3), st.sampled_from([12.5, 4 * math.pi]))
+def test_wrapping_keeps_the_angle_up_to_whole_ranges(position: float, limit: float) -> None:
+    found = firmware.wrapped(position, limit)
+    assert -limit <= found <= limit
+    turns = (position - found) / (2 * limit)
+    assert turns == pytest.approx(round(turns), abs=1e-9)

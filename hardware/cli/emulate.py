@@ -12,22 +12,23 @@ from types import FrameType
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
-from humanoid_sim.hardware.emulation.config import EmulateConfig
+from humanoid_sim.hardware.cli.options import Emulate
 from humanoid_sim.hardware.emulation.faults import Fault, describe_faults, parse_fault
-from humanoid_sim.hardware.emulation.hand import HandSweep
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.scale import Scale
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.realtime import punctual_threads
 
-__all__ = ["emulate"]
+__all__ = ["HandSweep", "emulate"]
+
 
 _WAKE = 0.05
 """s between two looks at what should end the program."""
 
 
-def emulate(config: EmulateConfig) -> int:
+def emulate(config: Emulate) -> int:
     """Run until a signal or the duration ends it; 0.
 
     Raises:
@@ -76,7 +77,7 @@ def emulate(config: EmulateConfig) -> int:
 
 
 def _wait(
-    config: EmulateConfig, motors: VirtualMotors, sweep: HandSweep, news: SimpleQueue[str], ending: threading.Event
+    config: Emulate, motors: VirtualMotors, sweep: HandSweep, news: SimpleQueue[str], ending: threading.Event
 ) -> None:
     """Until the program is to end, or the emulation has failed, which closing it raises."""
     begin, limit = motors.time, math.inf if config.duration is None else config.duration
@@ -114,7 +115,7 @@ def _refuse_host_faults(faults: Sequence[Fault]) -> None:
             )
 
 
-def _settings(config: EmulateConfig, description: RobotDescription) -> EmulationSettings:
+def _settings(config: Emulate, description: RobotDescription) -> EmulationSettings:
     offsets: Mapping[str, float] = {}
     if config.calibration is not None:
         entries = load_calibration(config.calibration, description).entries
@@ -133,3 +134,36 @@ def _settings(config: EmulateConfig, description: RobotDescription) -> Emulation
         scale=Scale(config.scale),
         seed=config.seed,
     )
+
+
+_LIFT_TIME = 2.0
+"""s"""
+_TIME_PER_JOINT = 4.0
+"""s to one limit, to the other, and back."""
+_BEYOND = 0.05
+"""rad beyond the limits, so that the joint reaches its stop."""
+
+
+class HandSweep:
+    """Lifts all joints to 0, then leads one after the other to its upper and its lower limit and back, again and again.
+
+    At 0 the Lite stands as a T, where all joints but one have their whole range free. The raised arm hits the head
+    before the shoulder's roll is at its stop: that joint needs an operator, who turns the arm past it.
+    """
+
+    def __init__(self, description: RobotDescription, position: FloatArray) -> None:
+        """Take hold at the present positions, shape (n,), rad."""
+        driven = [(i, joint) for i, joint in enumerate(description.joints) if joint.motor is not None]
+        self._start = {joint.name: float(position[i]) for i, joint in driven}
+        self._range = {joint.name: (joint.lower, joint.upper) for _, joint in driven}
+
+    def at(self, time: float) -> Mapping[str, float]:
+        """Where the hand leads each joint, rad, `time` s after it took hold."""
+        left = max(1.0 - time / _LIFT_TIME, 0.0)
+        led = {name: left * start for name, start in self._start.items()}
+        turn, phase = divmod(max(time - _LIFT_TIME, 0.0) / _TIME_PER_JOINT, 1.0)
+        name = list(led)[int(turn) % len(led)]
+        lower, upper = self._range[name]
+        swing = math.sin(2.0 * math.pi * phase)
+        led[name] += swing * (upper + _BEYOND if swing > 0.0 else _BEYOND - lower)
+        return led
