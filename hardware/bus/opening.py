@@ -15,11 +15,9 @@ import can
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.frame import BITRATE
 
-__all__ = ["BITRATE", "bus_hints", "error_number", "open_bus"]
-
-BITRATE = 1_000_000
-"""bit/s, the motors' default."""
+__all__ = ["bus_hints", "error_number", "open_bus"]
 
 _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketcand"})
 """Interfaces that either have none or are given theirs elsewhere."""

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Sequence
 
-from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.bus.frame import Frame
 
 __all__ = ["Outbox"]
 

@@ -17,14 +17,21 @@ from rich.table import Table
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.bus.address import parse_addresses
-from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
+from humanoid_sim.hardware.calibration import (
+    CalibrationEntry,
+    Sweep,
+    SweepResult,
+    Verdict,
+    evaluate,
+    load_calibration,
+    save_calibration,
+)
 from humanoid_sim.hardware.cli.client import MotorClient
 from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
 from humanoid_sim.hardware.cli.joint_tracks import JointTrack, JointTracks
 from humanoid_sim.hardware.cli.options import Calibrate
 from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
-from humanoid_sim.hardware.sweep import Sweep, SweepResult, Verdict, evaluate
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
 __all__ = ["calibrate"]

@@ -10,12 +10,12 @@ from typing import Self, TypeVar
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_address
 from humanoid_sim.hardware.bus.channel import Channel, OpenBus
-from humanoid_sim.hardware.bus.error_frames import BusEvent
+from humanoid_sim.hardware.bus.events import BusEvent
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, Ignored, Malformed, Reply
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from humanoid_sim.hardware.calibration import Sweep
 from humanoid_sim.hardware.cli.client import MotorClient
 from humanoid_sim.hardware.cli.exchange import poll_values
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.sweep import Sweep
 
 __all__ = ["JointTrack", "JointTracks"]
 

@@ -14,13 +14,12 @@ from itertools import count
 from typing import NamedTuple
 
 from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.faults import Fault
-from humanoid_sim.hardware.emulation.frame_faults import FrameFaults
 from humanoid_sim.hardware.emulation.motors import Motors, Told
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.emulation.wire import HOST, OTHER_HOST, Transmission, Wire
+from humanoid_sim.hardware.emulation.wire import HOST, OTHER_HOST, FrameFaults, Transmission, Wire
 from humanoid_sim.hardware.robstride.codec import encode_command
-from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import OperationControl
 from humanoid_sim.robots.description import RobotDescription
 

@@ -13,6 +13,7 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.motor_state import (
     NO_FAULT,
     NO_STATUS_FAULT,
@@ -28,7 +29,6 @@ from humanoid_sim.hardware.emulation.motor_state import (
 )
 from humanoid_sim.hardware.robstride.codec import decode_command, encode_reply
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import (
     BaudRate,
     Command,

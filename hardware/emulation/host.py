@@ -11,10 +11,10 @@ from typing import Self
 import can
 
 from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.plant import PlantTruth
-from humanoid_sim.hardware.robstride.frames import Frame
 
 __all__ = ["EmulatorHost"]
 

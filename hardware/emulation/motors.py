@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.drives import Drives
 from humanoid_sim.hardware.emulation.motor_state import MotorState, Sensed, Stored
@@ -16,7 +17,6 @@ from humanoid_sim.hardware.emulation.plant import MotorPlant
 from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
 from humanoid_sim.hardware.robstride.codec import encode_reply
 from humanoid_sim.hardware.robstride.faults import MotorMode, flag_names
-from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import DeviceId
 from humanoid_sim.robots.description import RobotDescription
 

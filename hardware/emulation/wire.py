@@ -1,115 +1,21 @@
-"""Bus time: how long a frame occupies a CAN bus, and which of several waiting frames goes next.
-
-Classical CAN as in ISO 11898-1: a stuff bit after five equal bits from the start of frame to the end of the checksum,
-and arbitration in which the frame wins that sends a dominant bit (0) where the other sends a recessive one.
-"""
+"""A bus and what becomes of frames on it: which of several waiting ones goes next, when it arrives, and its faults."""
 
 from __future__ import annotations
 
 import math
+import random
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.bus.frame import Frame, arbitration_key, frame_bits
 
-__all__ = ["HOST", "OTHER_HOST", "Transmission", "Wire", "arbitration_key", "frame_bits"]
+__all__ = ["HOST", "OTHER_HOST", "FrameFaults", "Transmission", "Wire", "arbitration_key"]
+
 
 HOST = -1
 """The node that is no motor: the computer on the bus."""
 OTHER_HOST = -2
 """Another one."""
-
-_CRC_POLYNOMIAL = 0x4599
-_CRC_BITS = 15
-_TAIL_BITS = 13
-"""Checksum delimiter 1, acknowledgement 2, end of frame 7, space between frames 3: none of them is stuffed."""
-_ERROR_FRAME_BITS = 23
-"""Superposed error flags 12, delimiter 8, space between frames 3."""
-_STUFF_AFTER = 5
-
-
-def _crc_table() -> tuple[int, ...]:
-    table = []
-    for byte in range(256):
-        crc = byte << (_CRC_BITS - 8)
-        for _ in range(8):
-            crc <<= 1
-            if crc >> _CRC_BITS:
-                crc ^= (1 << _CRC_BITS) | _CRC_POLYNOMIAL
-        table.append(crc)
-    return tuple(table)
-
-
-def _stuffing_table() -> tuple[tuple[tuple[int, int], ...], ...]:
-    """By state and byte: the stuff bits that are inserted, and the next state.
-
-    A state is the last bit and the number of equal bits up to it, 1 to 5, as `5·bit + run - 1`. After a run of 5 the
-    inserted bit is the opposite one, so that the next bit finds a run of 1 of that.
-    """
-    table = []
-    for state in range(2 * _STUFF_AFTER):
-        row = []
-        for byte in range(256):
-            last, run, stuffed = state // _STUFF_AFTER, state % _STUFF_AFTER + 1, 0
-            for shift in range(7, -1, -1):
-                if run == _STUFF_AFTER:
-                    last, run, stuffed = 1 - last, 1, stuffed + 1
-                bit = byte >> shift & 1
-                last, run = bit, run + 1 if bit == last else 1
-            row.append((stuffed, _STUFF_AFTER * last + run - 1))
-        table.append(tuple(row))
-    return tuple(table)
-
-
-_CRC = _crc_table()
-_STUFFING = _stuffing_table()
-_RECESSIVE_ONCE = _STUFF_AFTER
-"""The state after one recessive bit: what the padding before the start of frame leaves behind."""
-
-
-def frame_bits(frame: Frame) -> int:
-    """Bit times from the start of frame to the end of the space after it, stuff bits included.
-
-    131 to 160 for the extended frames of 8 bytes that the motors use.
-    """
-    if frame.is_error:
-        return _ERROR_FRAME_BITS
-    data = b"" if frame.is_remote else frame.data
-    arbitration = frame.arbitration_id
-    if frame.is_extended:
-        # start 1 | base id 11 | SRR, IDE 2 | id extension 18 | RTR 1 | r1, r0 2 | length 4
-        header = (arbitration >> 18) << 27 | 0b11 << 25 | (arbitration & 0x3FFFF) << 7 | frame.is_remote << 6
-        length = 39
-    else:
-        header = arbitration << 7 | frame.is_remote << 6  # start 1 | id 11 | RTR 1 | IDE, r0 2 | length 4
-        length = 19
-    header |= len(frame.data)
-    head = header.to_bytes(5 if frame.is_extended else 3, "big")  # leading zeros do not count in the checksum
-    crc = 0
-    for byte in head + data:
-        crc = (crc << 8 ^ _CRC[(crc >> (_CRC_BITS - 8) ^ byte) & 0xFF]) & 0x7FFF
-    length += 8 * len(data) + _CRC_BITS
-    stream = (header << 8 * len(data) | int.from_bytes(data, "big")) << _CRC_BITS | crc
-    # Padded to whole bytes with 0101…: no run of the padding reaches into the frame, which starts dominant.
-    padding = -length % 8
-    stream |= (0b01010101 & (1 << padding) - 1) << length
-    state, stuffed = _RECESSIVE_ONCE, 0
-    for byte in stream.to_bytes((length + padding) // 8, "big"):
-        count, state = _STUFFING[state][byte]
-        stuffed += count
-    # A run that ends with the checksum's last bit is still followed by its stuff bit.
-    stuffed += state % _STUFF_AFTER == _STUFF_AFTER - 1
-    return length + stuffed + _TAIL_BITS
-
-
-def arbitration_key(frame: Frame) -> int:
-    """The bits that decide, as a number: of several frames the least wins. Error frames win over all."""
-    if frame.is_error:
-        return -1
-    arbitration = frame.arbitration_id
-    if frame.is_extended:  # base id | SRR 1 | IDE 1 | id extension | RTR
-        return (arbitration >> 18) << 21 | 0b11 << 19 | (arbitration & 0x3FFFF) << 1 | frame.is_remote
-    return arbitration << 21 | frame.is_remote << 20  # base id | RTR | IDE 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,3 +91,55 @@ class Wire:
         self.busy += duration
         self._current = now + duration, node, frame
         return None
+
+
+class FrameFaults:
+    """Loses, delays, doubles, swaps and damages frames. Draws from a generator of its own, so runs can be repeated.
+
+    A motor is an index. Without an active fault nothing is drawn and nothing changes.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._random = random.Random(seed)
+        self._active: dict[int, dict[str, float]] = {}
+        self._held: dict[int, Frame] = {}
+
+    def begin(self, kind: str, motor: int, amount: float) -> None:
+        """A fault of the scope `frames` sets in; `amount` as in `FAULTS`."""
+        self._active.setdefault(motor, {})[kind] = amount
+
+    def end(self, kind: str, motor: int) -> None:
+        """It is over."""
+        active = self._active.get(motor, {})
+        active.pop(kind, None)
+        if not active:
+            self._active.pop(motor, None)
+
+    def reaches(self, motor: int) -> bool:
+        """Whether a frame that has come over the bus reaches the motor."""
+        active = self._active.get(motor)
+        return not active or not self._happens(active.get("lost", 0.0))
+
+    def arrivals(self, motor: int, frame: Frame, time: float) -> list[tuple[float, Frame]]:
+        """When, s, and how often and in what shape a motor's frame arrives that came over the bus at `time`."""
+        held = self._held.pop(motor, None)
+        late = [] if held is None else [(time, held)]
+        active = self._active.get(motor)
+        if not active:
+            return [(time, frame), *late]
+        if self._happens(active.get("lost", 0.0)):
+            return late
+        if "corrupted_id" in active:
+            frame = replace(frame, arbitration_id=frame.arbitration_id ^ 1 << int(active["corrupted_id"]))
+        if "corrupted_dlc" in active:
+            length = int(active["corrupted_dlc"])
+            frame = replace(frame, data=frame.data[:length].ljust(length, b"\0"))
+        if held is None and self._happens(active.get("reordered", 0.0)):
+            self._held[motor] = frame
+            return late
+        time += active.get("delayed", 0.0)
+        copies = 1 + self._happens(active.get("duplicated", 0.0))
+        return [*[(time, frame)] * copies, *late]
+
+    def _happens(self, probability: float) -> bool:
+        return probability > 0.0 and self._random.random() < probability

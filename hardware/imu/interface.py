@@ -1,19 +1,39 @@
-"""The one interface of every IMU, simulated or real."""
+"""The one interface of every IMU, simulated or real, and which one an option means."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray, frozen_array
+from humanoid_sim.simulation.imu import ImuSample
 
-__all__ = ["SOURCE", "Imu", "ImuReading", "silent", "upright_at_rest"]
+__all__ = [
+    "DEFAULT_MOUNTING",
+    "LABEL_UP",
+    "OK",
+    "SOURCE",
+    "Imu",
+    "ImuReading",
+    "SimulatedImu",
+    "make_imu",
+    "silent",
+    "upright_at_rest",
+]
+
 
 SOURCE = "imu"
 """The source of an IMU's safety status."""
+OK = SafetyStatus(source=SOURCE)
+"""The status of an IMU that is heard."""
+LABEL_UP = (0.0, 1.0, 0.0, 0.0)
+"""The mounting, w x y z, of a device that lies with its label up and its x axis forward."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,3 +79,58 @@ def upright_at_rest(status: SafetyStatus) -> ImuReading:
 def silent(message: str) -> SafetyStatus:
     """The status of an IMU that has gone silent: a policy that balances on its last values would fall."""
     return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, SOURCE, message)
+
+
+class SimulatedImu:
+    """Reads a simulation that runs by itself. Ideal: no noise, and no age."""
+
+    def __init__(self, sample: Callable[[], ImuSample]) -> None:
+        """Prepare; `sample` gives the plant's present reading, and may be called from the control thread."""
+        self._sample = sample
+
+    def open(self) -> None:
+        """Nothing to do: a simulation answers at once."""
+
+    def read(self, time: float) -> ImuReading:
+        """The plant's present reading."""
+        sample = self._sample()
+        return ImuReading(sample.quaternion, sample.angular_velocity, sample.linear_acceleration, OK)
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+DEFAULT_MOUNTING = ",".join(f"{value:g}" for value in LABEL_UP)
+
+
+def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None:
+    """The IMU that `--imu` and `--imu-mounting` describe; None for `none`. Opens nothing.
+
+    Args:
+        text: `none`, or `microstrain:PORT`, or `microstrain:PORT@BAUD`.
+        mounting: `w,x,y,z`, the device's axes in the robot's IMU frame.
+        clock: the robot's clock, s.
+
+    Raises:
+        InputError: naming the option.
+    """
+    if text == "none":
+        return None
+    kind, _, rest = text.partition(":")
+    port, at, baud = rest.rpartition("@") if "@" in rest else (rest, "", "115200")
+    if kind != "microstrain" or not port or (at and not baud.isdecimal()):
+        raise InputError(f"--imu: is '{text}', expected none, microstrain:PORT or microstrain:PORT@BAUD")
+    from humanoid_sim.hardware.imu.microstrain import MicrostrainImu  # noqa: PLC0415 - pyserial only where it is used
+
+    return MicrostrainImu(port, baudrate=int(baud), mounting=_quaternion(mounting), clock=clock)
+
+
+def _quaternion(text: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    norm = math.sqrt(sum(value * value for value in values))
+    if len(values) != 4 or not abs(norm - 1.0) < 1e-3:
+        raise InputError(f"--imu-mounting: is '{text}', expected w,x,y,z: a unit quaternion of four numbers")
+    return tuple(value / norm for value in values)

@@ -6,20 +6,25 @@ because one checksummed packet holds attitude, rate and acceleration of one inst
 
 from __future__ import annotations
 
+import math
+import struct
 import threading
+import time
 from collections.abc import Callable, Sequence
 from time import monotonic
+from typing import Protocol
 
 import numpy as np
 import serial
 
+from humanoid_sim.controllers.rotation import conjugate, multiply, rotate
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.imu.interface import ImuReading, silent, upright_at_rest
-from humanoid_sim.hardware.imu.microstrain_setup import configure
-from humanoid_sim.hardware.imu.mip import PacketReader
-from humanoid_sim.hardware.imu.sensor_data import LABEL_UP, SENSOR_DATA, reading_of
+from humanoid_sim.hardware.imu.interface import LABEL_UP, OK, ImuReading, silent, upright_at_rest
+from humanoid_sim.hardware.imu.mip import Field, Packet, PacketReader, encode_packet
+from humanoid_sim.mit import FloatArray
 
-__all__ = ["MicrostrainImu"]
+__all__ = ["ACCELERATION", "ANGULAR_RATE", "QUATERNION", "SENSOR_DATA", "MicrostrainImu", "configure", "reading_of"]
+
 
 _POLL = 0.02
 """s that the listening thread waits for bytes before it looks whether to stop."""
@@ -142,3 +147,114 @@ class MicrostrainImu:
                     self._latest = self._clock(), reading
                     self.samples += 1
                     self._heard.set()
+
+
+_BASE, _3DM = 0x01, 0x0C
+_ACK = 0xF1
+_WRITE = 0x01
+_ANSWER_TIME = 1.0
+"""s for an answer; the manual knows no command that takes longer among these."""
+_ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4: "could not be done", 5: "timed out"}
+
+
+class SerialLine(Protocol):
+    """What of a serial port configuring needs."""
+
+    def write(self, data: bytes, /) -> int | None:
+        """Send."""
+
+    def read(self, size: int = 1, /) -> bytes:
+        """At most `size` bytes; fewer, or none, after the port's timeout."""
+
+
+def configure(line: SerialLine, name: str, rate: float) -> float:
+    """Have the device stream quaternion, angular rate and acceleration in one packet.
+
+    Args:
+        line: an open port with a short timeout.
+        name: of the port, for messages.
+        rate: Hz; the nearest that divides the device's own rate is taken.
+
+    Returns:
+        The rate that was set, Hz.
+
+    Raises:
+        RobotError: if the device does not answer, or refuses.
+    """
+    talk = _Talk(line, name)
+    talk.ask(_BASE, Field(0x02, b""), "Set To Idle")
+    reply = talk.ask(_3DM, Field(0x0E, bytes((SENSOR_DATA,))), "Get Data Base Rate").field(0x8E)
+    if reply is None or len(reply.data) != 3:
+        raise RobotError(f"{name}: the IMU's answer to Get Data Base Rate holds no rate")
+    base = int.from_bytes(reply.data[1:], "big")
+    decimation = max(round(base / rate), 1)
+    entries = b"".join(struct.pack(">BH", kind, decimation) for kind in (QUATERNION, ANGULAR_RATE, ACCELERATION))
+    talk.ask(_3DM, Field(0x0F, bytes((_WRITE, SENSOR_DATA, 3)) + entries), "Message Format")
+    talk.ask(_3DM, Field(0x11, bytes((_WRITE, SENSOR_DATA, 1))), "Data Stream Control")
+    talk.ask(_BASE, Field(0x06, b""), "Resume")
+    return base / decimation
+
+
+class _Talk:
+    """Commands and their answers, among whatever else the device sends."""
+
+    def __init__(self, line: SerialLine, name: str) -> None:
+        self._line = line
+        self._name = name
+        self._reader = PacketReader()
+
+    def ask(self, descriptor_set: int, command: Field, what: str) -> Packet:
+        """Send a command; the packet that acknowledges it."""
+        self._line.write(encode_packet(descriptor_set, (command,)))
+        deadline = time.monotonic() + _ANSWER_TIME
+        while time.monotonic() < deadline:
+            for packet in self._reader.feed(self._line.read(256)):
+                answer = packet.field(_ACK) if packet.descriptor_set == descriptor_set else None
+                if answer is None or len(answer.data) != 2 or answer.data[0] != command.descriptor:
+                    continue
+                error = answer.data[1]
+                if error:
+                    raise RobotError(f"{self._name}: the IMU refuses {what}: {_ERRORS.get(error, f'error {error}')}")
+                return packet
+        raise RobotError(
+            f"{self._name}: no MicroStrain IMU answers {what} within {_ANSWER_TIME:g} s; "
+            "is it powered, and are port and baud rate right?"
+        )
+
+
+SENSOR_DATA = 0x80
+"""Descriptor set of a packet of measurements."""
+ACCELERATION, ANGULAR_RATE, QUATERNION = 0x04, 0x05, 0x0A
+"""Scaled accelerometer (3 floats, g), scaled gyroscope (3 floats, rad/s), complementary filter's quaternion (4 floats,
+w x y z)."""
+
+_GRAVITY = 9.80665
+"""m/s² of one g, as the manual defines its unit."""
+_NORM_TOLERANCE = 0.01
+_UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
+
+
+def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
+    """The reading in a packet of measurements; None if it lacks one, or one is no measurement.
+
+    Args:
+        packet: of the descriptor set `SENSOR_DATA`.
+        mounting: shape (4,), w x y z, the device's axes in the robot's IMU frame.
+    """
+    values = []
+    for descriptor, count in ((QUATERNION, 4), (ANGULAR_RATE, 3), (ACCELERATION, 3)):
+        field = packet.field(descriptor)
+        numbers = None if field is None else field.floats(count)
+        if numbers is None or not all(map(math.isfinite, numbers)):
+            return None
+        values.append(np.array(numbers))
+    attitude, rate, force = values
+    norm = math.sqrt(float((attitude * attitude).sum()))
+    if abs(norm - 1.0) > _NORM_TOLERANCE:
+        return None
+    return ImuReading(
+        quaternion=multiply(multiply(_UP_FROM_DOWN, attitude / norm), conjugate(mounting)),
+        angular_velocity=rotate(mounting, rate),
+        linear_acceleration=rotate(mounting, _GRAVITY * force),
+        status=OK,
+    )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.load import bus_load
+from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.hardware.robot.checks import CheckList
 from humanoid_sim.hardware.robot.configure import configure, read_supply
 from humanoid_sim.hardware.robot.identify import identify

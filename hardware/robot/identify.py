@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
-from humanoid_sim.hardware.bus.error_frames import BusEvent
-from humanoid_sim.hardware.bus.opening import BITRATE
+from humanoid_sim.hardware.bus.events import BusEvent
+from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.robot.checks import CheckList
 from humanoid_sim.hardware.robot.firmware_checks import firmware_problem, firmware_warning
 from humanoid_sim.hardware.robot.link import Link

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robot.tracker import JointReadings, JointTracker
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.hardware.robstride.codec import OperationControlEncoder
-from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, bounded_position
 
 __all__ = ["CommandEncoder"]

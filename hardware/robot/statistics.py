@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from humanoid_sim.hardware.bus.counters import ChannelCounters
-from humanoid_sim.hardware.bus.load import bus_load
+from humanoid_sim.hardware.bus.events import ChannelCounters
+from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.hardware.robot.control import MotorControl
 from humanoid_sim.hardware.robot.link import Link
 from humanoid_sim.hardware.robot.settings import AdapterSettings

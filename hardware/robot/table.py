@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robot.wiring import Wiring
 from humanoid_sim.hardware.robstride.faults import MotorMode
-from humanoid_sim.hardware.robstride.frames import BROADCAST_ID, Frame, FrameType, split_identifier
+from humanoid_sim.hardware.robstride.frames import BROADCAST_ID, FrameType, split_identifier
 from humanoid_sim.hardware.robstride.messages import (
     DeviceId,
     FaultReport,

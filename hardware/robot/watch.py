@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.hardware.bus.channel import Channel
-from humanoid_sim.hardware.bus.error_frames import BusEvent
+from humanoid_sim.hardware.bus.events import BusEvent
 from humanoid_sim.hardware.robot.settings import AdapterSettings
 from humanoid_sim.hardware.robot.table import MotorSlot, MotorTable, Sample
 from humanoid_sim.hardware.robot.tracker import JointTracker

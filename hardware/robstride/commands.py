@@ -6,9 +6,9 @@ import math
 import struct
 
 from humanoid_sim.errors import FieldError
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.frames import (
     DATA_LENGTH,
-    Frame,
     FrameType,
     Identifier,
     join_identifier,

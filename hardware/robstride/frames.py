@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-__all__ = ["BROADCAST_ID", "DATA_LENGTH", "Frame", "FrameType", "Identifier", "join_identifier", "split_identifier"]
+__all__ = ["BROADCAST_ID", "DATA_LENGTH", "FrameType", "Identifier", "join_identifier", "split_identifier"]
 
 BROADCAST_ID = 0xFE
 """Destination of a device-id reply."""
@@ -32,24 +31,6 @@ class FrameType(IntEnum):
     SET_BAUD_RATE = 23
     ACTIVE_REPORT = 24
     SET_PROTOCOL = 25
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """One CAN frame, sent or received."""
-
-    arbitration_id: int
-    """29 bits, or 11 where `is_extended` is false; without SocketCAN's flag bits."""
-    data: bytes
-    """0 to 8 bytes."""
-    is_extended: bool = True
-    """The frame's IDE bit. An identifier below 0x800 does not tell: motor 1's device-id reply is 0x1FE and extended."""
-    is_remote: bool = False
-    is_error: bool = False
-
-    def __str__(self) -> str:
-        """As `candump` has it: `0300FD0B#0000000000000000`."""
-        return f"{self.arbitration_id:0{8 if self.is_extended else 3}X}#{self.data.hex().upper()}"
 
 
 class Identifier(NamedTuple):

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.frames import Frame, FrameType
+from humanoid_sim.hardware.robstride.frames import FrameType
 from humanoid_sim.hardware.robstride.scale import SIGNED_STEPS, UNSIGNED_STEPS
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MotorModel

@@ -5,11 +5,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.frames import (
     BROADCAST_ID,
     DATA_LENGTH,
-    Frame,
     FrameType,
     Identifier,
     join_identifier,

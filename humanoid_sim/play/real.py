@@ -14,8 +14,7 @@ from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.imu.options import make_imu
-from humanoid_sim.hardware.imu.simulated import SimulatedImu
+from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.pose import MeasuredPose

@@ -13,8 +13,8 @@ from waiting import wait_until
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.channel import Channel
-from humanoid_sim.hardware.bus.error_frames import BusEvent
-from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.bus.events import BusEvent
+from humanoid_sim.hardware.bus.frame import Frame
 
 FRAME = Frame(0x1234567, b"12345678")
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import threading
 import time
 
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.outbox import Outbox
-from humanoid_sim.hardware.robstride.frames import Frame
 
 
 def _frame(number: int) -> Frame:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
+from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_calibration, save_calibration
 from humanoid_sim.hardware.cli import calibrate as tool
 from humanoid_sim.hardware.cli import joint_tracks
 from humanoid_sim.hardware.cli.client import MotorClient
@@ -20,7 +20,6 @@ from humanoid_sim.hardware.cli.joint_tracks import JointTrack
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.sweep import Sweep
 from humanoid_sim.robots.description import load_robot
 
 Run = Callable[..., tuple[int, str, str]]

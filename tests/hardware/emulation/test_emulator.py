@@ -9,12 +9,12 @@ import pytest
 from bus_rig import IDS, LITE, MODELS_BY_ID, Bench
 
 from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
 from humanoid_sim.hardware.robstride.faults import MotorMode, StatusFault
-from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import (
     DeviceId,
     Enable,

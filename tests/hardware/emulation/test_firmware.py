@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from motor_rig import HOST, ID, Motor, fault_reports, identity
 
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.motor_state import Sensed
 from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import (
     BaudRate,
     DeviceId,

@@ -1,84 +1,16 @@
-"""Bus time and arbitration against a bit-by-bit implementation, and the figures of the protocol notes."""
+"""The order and the times of frames on a bus, and what becomes of them while faults are active."""
 
 from __future__ import annotations
 
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from humanoid_sim.hardware.emulation.wire import HOST, Wire, arbitration_key, frame_bits
-from humanoid_sim.hardware.robstride.frames import Frame
+from humanoid_sim.hardware.bus.frame import Frame, frame_bits
+from humanoid_sim.hardware.emulation.wire import HOST, FrameFaults, Wire
 
 _BIT = 1e-6
-
-
-def _stream(frame: Frame) -> list[int]:
-    """The stuffed part of a frame without its stuff bits, from the start of frame to the checksum, bit by bit."""
-
-    def bits(value: int, count: int) -> list[int]:
-        return [value >> shift & 1 for shift in range(count - 1, -1, -1)]
-
-    remote = int(frame.is_remote)
-    if frame.is_extended:
-        head = [0, *bits(frame.arbitration_id >> 18, 11), 1, 1, *bits(frame.arbitration_id & 0x3FFFF, 18), remote, 0, 0]
-    else:
-        head = [0, *bits(frame.arbitration_id, 11), remote, 0, 0]
-    stream = head + bits(len(frame.data), 4)
-    if not frame.is_remote:
-        stream += [bit for byte in frame.data for bit in bits(byte, 8)]
-    crc = 0
-    for bit in stream:
-        crc_next = bit ^ (crc >> 14 & 1)
-        crc = (crc << 1) & 0x7FFF
-        if crc_next:
-            crc ^= 0x4599
-    return stream + bits(crc, 15)
-
-
-def _naive_bits(frame: Frame) -> int:
-    stream, sent = _stream(frame), []
-    for bit in stream:
-        sent.append(bit)
-        if len(sent) >= 5 and len(set(sent[-5:])) == 1:
-            sent.append(1 - bit)
-    return len(sent) + 13
-
-
-_FRAMES = st.builds(
-    lambda extended, number, data, remote: Frame(number if extended else number & 0x7FF, data, extended, remote),
-    st.booleans(),
-    st.integers(0, (1 << 29) - 1),
-    st.binary(max_size=8),
-    st.booleans(),
-)
-
-
-@given(_FRAMES)
-def test_the_length_is_that_of_the_bit_stream(frame: Frame) -> None:
-    assert frame_bits(frame) == _naive_bits(frame)
-
-
-@given(st.integers(0, (1 << 29) - 1), st.binary(min_size=8, max_size=8))
-def test_motors_frames_take_131_to_160_bits(number: int, data: bytes) -> None:
-    assert 131 <= frame_bits(Frame(number, data)) <= 160
-
-
-def test_alternating_bits_need_no_stuffing_and_zeros_much() -> None:
-    assert frame_bits(Frame(0x0AAAAAAA, b"\xaa" * 8)) == 131
-    assert frame_bits(Frame(0, bytes(8))) == 150
-
-
-@given(_FRAMES, _FRAMES)
-def test_the_first_differing_bit_on_the_wire_decides(first: Frame, second: Frame) -> None:
-    def arbitration(frame: Frame) -> list[int]:
-        return _stream(frame)[: 33 if frame.is_extended else 14]  # up to RTR, and for 11-bit frames IDE
-
-    one, other = arbitration(first), arbitration(second)
-    length = min(len(one), len(other))
-    if one[:length] != other[:length]:
-        assert (arbitration_key(first) < arbitration_key(second)) == (one[:length] < other[:length])
+_FRAMES = [Frame(0x02000BFD, bytes([i] * 8)) for i in range(100)]
 
 
 def _run(wire: Wire) -> list[tuple[float, int, int]]:
@@ -134,3 +66,69 @@ def test_clearing_forgets_what_was_waiting_and_what_was_on_the_bus() -> None:
     wire.clear()
     assert wire.waiting(HOST) == 0
     assert math.isinf(wire.next_time)
+
+
+def _through(faults: FrameFaults, motor: int = 0) -> list[tuple[float, Frame]]:
+    return [arrival for i, frame in enumerate(_FRAMES) for arrival in faults.arrivals(motor, frame, 0.01 * i)]
+
+
+def _numbers(arrivals: list[tuple[float, Frame]]) -> list[int]:
+    return [frame.data[0] for _, frame in arrivals]
+
+
+@pytest.fixture
+def faults() -> FrameFaults:
+    return FrameFaults(seed=1)
+
+
+def test_nothing_happens_without_a_fault_or_to_another_motor(faults: FrameFaults) -> None:
+    faults.begin("lost", 1, 1.0)
+    assert _through(faults, 0) == [(0.01 * i, frame) for i, frame in enumerate(_FRAMES)]
+    assert _through(faults, 1) == []
+    assert not faults.reaches(1)
+    faults.end("lost", 1)
+    assert len(_through(faults, 1)) == 100
+    assert faults.reaches(1)
+
+
+def test_some_are_lost(faults: FrameFaults) -> None:
+    faults.begin("lost", 0, 0.2)
+    assert 70 <= len(_through(faults)) <= 90
+    assert 50 <= sum(faults.reaches(0) for _ in range(100)) <= 95
+
+
+def test_they_are_late(faults: FrameFaults) -> None:
+    faults.begin("delayed", 0, 0.3)
+    assert faults.arrivals(0, _FRAMES[0], 1.0) == [(1.3, _FRAMES[0])]
+
+
+def test_they_come_twice(faults: FrameFaults) -> None:
+    faults.begin("duplicated", 0, 1.0)
+    assert _numbers(_through(faults)) == [i for i in range(100) for _ in range(2)]
+
+
+def test_neighbours_swap_and_none_is_lost(faults: FrameFaults) -> None:
+    faults.begin("reordered", 0, 0.5)
+    numbers = _numbers(_through(faults))
+    faults.end("reordered", 0)
+    numbers += _numbers(faults.arrivals(0, Frame(0x02000BFD, bytes([100] * 8)), 2.0))
+    assert sorted(numbers) == list(range(101))
+    assert numbers != sorted(numbers)
+    assert max(abs(place - number) for place, number in enumerate(numbers)) == 1
+
+
+def test_identifiers_and_lengths_are_damaged(faults: FrameFaults) -> None:
+    faults.begin("corrupted_id", 0, 27)
+    assert {frame.arbitration_id for _, frame in _through(faults)} == {0x0A000BFD}
+    faults.end("corrupted_id", 0)
+    faults.begin("corrupted_dlc", 0, 5)
+    assert {len(frame.data) for _, frame in _through(faults)} == {5}
+
+
+def test_the_same_seed_gives_the_same_losses() -> None:
+    runs = []
+    for _ in range(2):
+        faults = FrameFaults(seed=7)
+        faults.begin("lost", 0, 0.5)
+        runs.append(_numbers(_through(faults)))
+    assert runs[0] == runs[1]

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.errors import FieldError
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.codec import (
     OperationControlEncoder,
     decode_command,
@@ -21,7 +22,7 @@ from humanoid_sim.hardware.robstride.codec import (
     encode_reply,
 )
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.frames import Frame, FrameType, join_identifier
+from humanoid_sim.hardware.robstride.frames import FrameType, join_identifier
 from humanoid_sim.hardware.robstride.messages import (
     BaudRate,
     Command,

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import FieldError
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.codec import (
     OperationControlEncoder,
     decode_command,
@@ -21,7 +22,6 @@ from humanoid_sim.hardware.robstride.codec import (
     encode_reply,
 )
 from humanoid_sim.hardware.robstride.faults import flag_names
-from humanoid_sim.hardware.robstride.frames import Frame
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     DeviceId,

@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robot.table import MotorTable, nothing_heard
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.frames import Frame, FrameType, join_identifier
+from humanoid_sim.hardware.robstride.frames import FrameType, join_identifier
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     DeviceId,

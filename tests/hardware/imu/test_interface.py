@@ -7,9 +7,7 @@ import pytest
 from emulated_imu import EmulatedImu
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.imu.interface import Imu
-from humanoid_sim.hardware.imu.options import DEFAULT_MOUNTING, make_imu
-from humanoid_sim.hardware.imu.simulated import SimulatedImu
+from humanoid_sim.hardware.imu.interface import DEFAULT_MOUNTING, Imu, SimulatedImu, make_imu
 from humanoid_sim.simulation.imu import ImuSample
 
 

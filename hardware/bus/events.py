@@ -1,11 +1,11 @@
-"""What an error frame says: by the bits of Linux' `linux/can/error.h` where the interface uses them."""
+"""What goes wrong on a channel: error frames, read by the bits of Linux' `linux/can/error.h`, and counters."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["BusEvent", "ErrorReport", "read_error_frame"]
+__all__ = ["BusEvent", "ChannelCounters", "ErrorReport", "read_error_frame"]
 
 
 class BusEvent(Enum):
@@ -83,3 +83,29 @@ def read_error_frame(interface: str, arbitration_id: int, data: bytes) -> ErrorR
         found.append((event, "error counters" if is_counters_only else f"error frame 0x{arbitration_id:08X}"))
     heaviest = min((event for event, _ in found), key=_BY_WEIGHT.index)
     return ErrorReport(heaviest, ", ".join(text for _, text in found))
+
+
+@dataclass(slots=True)
+class ChannelCounters:
+    """What happened on a channel since it was opened. Each field is written by one thread."""
+
+    sent: int = 0
+    received: int = 0
+    """Data frames from others."""
+    retries: int = 0
+    """Times that a frame found the kernel's queue full (ENOBUFS)."""
+    send_errors: int = 0
+    """Frames that the driver refused, and that were dropped."""
+    receive_errors: int = 0
+    """Times that the driver failed to receive."""
+    error_frames: int = 0
+    lost_arbitration: int = 0
+    """Error frames that report nothing but the bus's normal working."""
+    unusable: int = 0
+    """CAN FD frames and others that this protocol cannot contain."""
+    receiver_failures: int = 0
+    """Frames whose handling raised: a bug, reported as a damaged frame."""
+    superseded: int = 0
+    """Commands that a newer one replaced before they could leave."""
+    overruns: int = 0
+    """Frames that found the outgoing queue full, and commands replaced although none had left for 60 ms."""

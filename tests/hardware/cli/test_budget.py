@@ -7,7 +7,7 @@ import pytest
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware import main
-from humanoid_sim.hardware.budget import channel_budgets
+from humanoid_sim.hardware.cli.budget import channel_budgets
 from humanoid_sim.robots.description import load_robot
 
 _LITE = load_robot("lite")

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.hardware.bus.error_frames import BusEvent, read_error_frame
+from humanoid_sim.hardware.bus.events import BusEvent, read_error_frame
 
 
 def _controller(state: int) -> bytes:
