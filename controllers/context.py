@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,29 +13,9 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import EXTERN_WIDTHS, Extern, FloatArray, MITState
 
-__all__ = [
-    "ANCHOR_POSE",
-    "BASE_LINEAR_VELOCITY",
-    "EXTERN_WIDTHS",
-    "VELOCITY_COMMAND",
-    "ObservationContext",
-    "Request",
-    "Source",
-    "live_input",
-    "nan_when_stale",
-    "zero_when_stale",
-]
-
-VELOCITY_COMMAND = "velocity_command"
-"""Extern: vx, vy in m/s and yaw rate in rad/s, heading frame."""
-BASE_LINEAR_VELOCITY = "base_linear_velocity"
-"""Extern: m/s, world frame, of the base; ground truth in simulation, an estimator's on a robot."""
-ANCHOR_POSE = "anchor_pose"
-"""Extern: x, y, z in m and w, x, y, z of the contract's anchor body, world frame."""
-
-EXTERN_WIDTHS: Mapping[str, int] = MappingProxyType({VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7})
+__all__ = ["ObservationContext", "Request", "Source", "live_input", "nan_when_stale", "zero_when_stale"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

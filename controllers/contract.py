@@ -10,12 +10,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
-from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.terms import QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, frozen_array
 
-__all__ = ["HistoryLayout", "PolicyContract", "TaskType", "TensorNames"]
+__all__ = ["HistoryLayout", "PhaseRule", "PolicyContract", "TaskType", "TensorNames"]
 
 TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
@@ -31,6 +30,36 @@ class TensorNames:
     action: str = ""
     time_step: str = ""
     """Input that selects a frame of a motion inside the graph."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhaseRule:
+    """The gait clock of policies that observe one: an angle per foot, and how it moves from one step to the next."""
+
+    period: float
+    """s of one gait cycle."""
+    offsets: FloatArray = field(default_factory=lambda: np.array([0.0, np.pi]))
+    """Shape (k,), rad, of the k feet at activation."""
+    advance_first: bool = True
+    """The first observation shows the phase one step on, not the offsets themselves."""
+    standing_threshold: float = 0.0
+    """Magnitude of the velocity command below which the robot stands; 0: it never does."""
+    standing_value: float | None = np.pi
+    """rad, shown for every foot while standing; None: sine and cosine are both 0."""
+    standing_restarts: bool = True
+    """Walking on starts from the offsets again; false: the clock runs on while the robot stands."""
+
+    def __post_init__(self) -> None:
+        owner = "PhaseRule"
+        set_field = object.__setattr__
+        set_field(self, "period", number(owner, "period", self.period, above=True))
+        offsets = frozen_array(owner, "offsets", self.offsets)
+        if offsets.ndim != 1 or not offsets.size or not np.isfinite(offsets).all():
+            raise FieldError(f"{owner}.offsets: is {self.offsets}, expected one finite angle per foot")
+        set_field(self, "offsets", offsets)
+        set_field(self, "standing_threshold", number(owner, "standing_threshold", self.standing_threshold))
+        if self.standing_value is not None:
+            set_field(self, "standing_value", number(owner, "standing_value", self.standing_value, minimum=-np.inf))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

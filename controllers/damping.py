@@ -1,4 +1,4 @@
-"""DAMPING: soft under gravity, viscous against motion. Where every other mode falls back to."""
+"""DAMPING and ZERO_TORQUE: where every other mode falls back to, and where it starts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from humanoid_sim.controllers.parameters import damping_values, joint_tuple
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
-__all__ = ["DampingController", "DampingMemory", "damped_command"]
+__all__ = ["DampingController", "DampingMemory", "ZeroTorqueController", "damped_command"]
 
 
 def damped_command(position: FloatArray, damping: FloatArray) -> MITCommand:
@@ -34,7 +34,10 @@ class DampingMemory(Memory):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DampingController:
-    """Captures the joint positions at activation and holds them with damping only."""
+    """Captures the joint positions at activation and holds them with damping only.
+
+    Soft under gravity, viscous against motion.
+    """
 
     fallback: ClassVar[str | None] = ZERO_TORQUE
 
@@ -66,3 +69,25 @@ class DampingController:
         if memory.command is None:
             return Fault("not activated")
         return memory, memory.command
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZeroTorqueController:
+    """Writes 0 to all five fields of every joint, whatever the state: the start, and the fallback that cannot fail."""
+
+    fallback: ClassVar[str | None] = None
+
+    joints: tuple[str, ...]
+    _command: MITCommand = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", joint_tuple("ZeroTorqueController", self.joints))
+        object.__setattr__(self, "_command", MITCommand.zeros(len(self.joints)))
+
+    def activate(self, tick_input: TickInput) -> Memory:
+        """Nothing to remember."""
+        return Memory()
+
+    def update(self, memory: Memory, tick_input: TickInput) -> tuple[Memory, MITCommand]:
+        """The same zeros every tick."""
+        return memory, self._command

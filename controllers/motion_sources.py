@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from humanoid_sim.controllers.context import (
-    ANCHOR_POSE,
-    BASE_LINEAR_VELOCITY,
-    ObservationContext,
-    Request,
-    Source,
-    nan_when_stale,
-)
+from humanoid_sim.controllers.context import ObservationContext, Request, Source, nan_when_stale
 from humanoid_sim.controllers.rotation import conjugate, matrix, multiply, rotate_inverse
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, FloatArray
 
 __all__ = ["anchor", "linear_velocity", "motion_command", "progress", "referenced"]
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.context import ObservationContext, Source
 from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.sources import resolve_source
 from humanoid_sim.controllers.terms import Term

@@ -1,4 +1,4 @@
-"""Validation of parameters and commands; parameters in one message form, `Controller.parameter: what is wrong`."""
+"""Validation of parameters, joint names and commands; one message form, `Controller.parameter: what is wrong`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,18 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.errors import FieldError
+from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, frozen_array
 
-__all__ = ["LARGEST_COMMAND", "command_problem", "damping_values", "joint_tuple", "number", "per_joint"]
+__all__ = [
+    "LARGEST_COMMAND",
+    "command_problem",
+    "damping_values",
+    "joint_indices",
+    "joint_tuple",
+    "number",
+    "per_joint",
+]
 
 LARGEST_COMMAND = 1e6
 """In each field's own unit: far beyond any motor, and small enough that no sum or product of two overflows."""
@@ -37,6 +45,21 @@ def joint_tuple(
     if twice:
         raise FieldError(f"{owner}.{name}: names {', '.join(twice)} more than once")
     return result
+
+
+def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str) -> npt.NDArray[np.intp]:
+    """Positions of the `wanted` joints among the `available` ones.
+
+    Raises:
+        FieldError: naming the joint that is missing and those that exist.
+    """
+    place = {name: i for i, name in enumerate(available)}
+    for name in wanted:
+        if name not in place:
+            raise FieldError(f"{known_names('joint', name, available)} ({what})")
+    indices = np.array([place[name] for name in wanted], dtype=np.intp)
+    indices.setflags(write=False)
+    return indices
 
 
 def number(owner: str, name: str, value: float, minimum: float = 0.0, *, above: bool = False) -> float:

@@ -12,16 +12,24 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.action import ActionMap, action_command, resolve_action
-from humanoid_sim.controllers.context import ANCHOR_POSE
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationContext, ObservationLayout, pack, resolve_observation, stack
-from humanoid_sim.controllers.phase import advance_phase
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
 from humanoid_sim.controllers.sources import live_command, takes_velocity_command
-from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand, MITState
 
-__all__ = ["ACTION_LIMIT", "Policy", "PolicyMemory", "PolicyWiring"]
+__all__ = [
+    "ACTION_LIMIT",
+    "ActionMap",
+    "Policy",
+    "PolicyMemory",
+    "PolicyWiring",
+    "action_command",
+    "advance_phase",
+    "resolve_action",
+]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -142,3 +150,101 @@ class PolicyWiring:
         frame = self.reference.clamp(memory.frame + 1)
         advanced = PolicyMemory(frame, action, memory.history, memory.walked, memory.alignment)
         return advanced, action_command(self.action_map, action)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ActionMap:
+    """The contract's action in the robot's joint order."""
+
+    indices: npt.NDArray[np.intp]
+    """Shape (m,), the robot's joint that each action drives."""
+    offset: FloatArray
+    """Shape (m,), rad."""
+    scale: FloatArray
+    """Shape (m,), rad per unit of action."""
+    stiffness: FloatArray
+    """Shape (n,), N·m/rad, robot order."""
+    damping: FloatArray
+    """Shape (n,), N·m·s/rad, robot order."""
+    clip: float = float("inf")
+    """Magnitude at which a raw action is clipped."""
+    position_clip: FloatArray | None = None
+    """Shape (m, 2), rad, least and greatest position; None: any."""
+
+
+def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> ActionMap:
+    """Match the policy's joints with the robot's by name: a permutation, or a clear error.
+
+    Raises:
+        FieldError: naming the joints that only one side has.
+    """
+    missing = [joint for joint in contract.joint_names if joint not in robot_joints]
+    surplus = [joint for joint in robot_joints if joint not in contract.joint_names]
+    if missing or surplus:
+        sides = (("robot", missing), ("policy", surplus))
+        parts = [f"the {side} lacks {', '.join(names)}" for side, names in sides if names]
+        raise FieldError(f"joint_names of the policy do not match the robot's joints: {'; '.join(parts)}")
+    robot_order = joint_indices(robot_joints, contract.joint_names, "joints of the robot")
+    assert contract.action_offset is not None  # filled in at construction
+    return ActionMap(
+        indices=joint_indices(contract.action_joint_names, robot_joints, "action_joint_names of the policy"),
+        offset=contract.action_offset,
+        scale=contract.action_scale,
+        stiffness=contract.joint_stiffness[robot_order],
+        damping=contract.joint_damping[robot_order],
+        clip=contract.action_clip,
+        position_clip=contract.position_clip,
+    )
+
+
+def action_command(action_map: ActionMap, action: npt.NDArray[np.float32]) -> MITCommand:
+    """`position = offset + scale · action` on the driven joints, 0 on the others, the policy's gains on all.
+
+    Args:
+        action_map: from `resolve_action`.
+        action: shape (..., m), raw.
+
+    Returns:
+        A command of shape (..., n); velocity and effort are 0.
+    """
+    if action_map.clip < np.inf:
+        action = np.clip(action, -action_map.clip, action_map.clip)
+    shape = (*action.shape[:-1], action_map.stiffness.shape[0])
+    position = np.zeros(shape)
+    driven = action_map.offset + action_map.scale * action
+    if action_map.position_clip is not None:
+        driven = np.clip(driven, action_map.position_clip[:, 0], action_map.position_clip[:, 1])
+    position[..., action_map.indices] = driven
+    zeros = np.zeros(shape)
+    return MITCommand(
+        position=position,
+        velocity=zeros,
+        effort=zeros,
+        stiffness=np.broadcast_to(action_map.stiffness, shape),
+        damping=np.broadcast_to(action_map.damping, shape),
+    )
+
+
+def advance_phase(
+    rule: PhaseRule, walked: FloatArray | float, command: FloatArray, policy_dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """One policy step.
+
+    Args:
+        rule: of the policy.
+        walked: shape (...), rad walked since activation, or since standing; 0 at activation.
+        command: shape (..., 3), the velocity command.
+        policy_dt: s.
+
+    Returns:
+        `walked` of the next step, shape (...), and the phase to show now, shape (..., k), rad in [-π, π), or the
+        standing value; NaN where that is None.
+    """
+    step = 2.0 * np.pi * policy_dt / rule.period
+    magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
+    standing = magnitude < rule.standing_threshold
+    moved = np.asarray(walked) + step
+    shown = moved if rule.advance_first else np.asarray(walked)
+    phase = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
+    phase = np.where(standing[..., None], np.nan if rule.standing_value is None else rule.standing_value, phase)
+    return np.where(standing & rule.standing_restarts, 0.0, moved), phase

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, yaw_quaternion
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray

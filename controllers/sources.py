@@ -8,21 +8,14 @@ from types import MappingProxyType
 import numpy as np
 
 from humanoid_sim.controllers import motion_sources
-from humanoid_sim.controllers.context import (
-    VELOCITY_COMMAND,
-    ObservationContext,
-    Request,
-    Source,
-    live_input,
-    zero_when_stale,
-)
+from humanoid_sim.controllers.context import ObservationContext, Request, Source, live_input, zero_when_stale
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rotation import gravity_direction, rotate
 from humanoid_sim.controllers.terms import TERM_KINDS, Term
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITState
 
 __all__ = ["live_command", "resolve_source", "takes_velocity_command"]
 

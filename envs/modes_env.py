@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.envs.episode_robot import EpisodeRobot
@@ -20,7 +19,7 @@ from humanoid_sim.envs.modes_spaces import INTENTS, modes_action_space, modes_ob
 from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
-from humanoid_sim.mit import COMMAND_FIELDS, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.remote import RemoteInbox

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.base import RL_POLICY
-from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
@@ -24,7 +23,7 @@ from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.sample import StepSample
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
-from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.mujoco_robot import StateSampling

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, PolicyWiring
 from humanoid_sim.controllers.rotation import multiply
@@ -18,7 +17,7 @@ from humanoid_sim.envs.inputs import Named, read_policy
 from humanoid_sim.envs.tasks.choice import TASK_OPTIONS, make_task
 from humanoid_sim.envs.tasks.task import Start, Task
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND, FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
 from humanoid_sim.simulation.floating_base import FloatingBase

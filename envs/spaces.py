@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.spaces import Box
 
-from humanoid_sim.controllers.joint_order import joint_indices
 from humanoid_sim.controllers.observation import ObservationTerm, stack
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
 from humanoid_sim.envs.inputs import Named
@@ -26,7 +25,7 @@ from humanoid_sim.envs.vector_options import autoreset, count_option, reset_comm
 from humanoid_sim.envs.vector_rows import memory_with, state_rows
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.sample import StepSample
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation

@@ -18,7 +18,11 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError
 
 __all__ = [
+    "ANCHOR_POSE",
+    "BASE_LINEAR_VELOCITY",
     "COMMAND_FIELDS",
+    "EXTERN_WIDTHS",
+    "VELOCITY_COMMAND",
     "Extern",
     "FloatArray",
     "MITCommand",
@@ -103,6 +107,14 @@ class Extern:
         return np.where(fresh[..., None], self.value, 0.0)
 
 
+VELOCITY_COMMAND = "velocity_command"
+"""Extern: vx, vy in m/s and yaw rate in rad/s, heading frame."""
+BASE_LINEAR_VELOCITY = "base_linear_velocity"
+"""Extern: m/s, world frame, of the base; ground truth in simulation, an estimator's on a robot."""
+ANCHOR_POSE = "anchor_pose"
+"""Extern: x, y, z in m and w, x, y, z of the contract's anchor body, world frame."""
+
+EXTERN_WIDTHS: Mapping[str, int] = MappingProxyType({VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7})
 _NO_EXTERN: Mapping[str, Extern] = MappingProxyType({})
 
 

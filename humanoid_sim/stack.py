@@ -19,13 +19,12 @@ from humanoid_sim.controllers.base import (
     Controller,
 )
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode

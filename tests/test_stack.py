@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.base import REMOTE_POLICY, RL_POLICY
-from humanoid_sim.controllers.context import EXTERN_WIDTHS
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
+from humanoid_sim.mit import EXTERN_WIDTHS
 from humanoid_sim.policy.checkpoint import zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, write_motion

@@ -8,15 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.evaluation.errors import PoseError, pose_error, total
 from humanoid_sim.evaluation.failure import describe_stray, has_strayed
 from humanoid_sim.evaluation.sample import StepSample
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import ANCHOR_POSE, FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["MotionTask"]

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.errors import total

@@ -14,7 +14,7 @@ from mujoco import rollout
 
 from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.bench.timing import Row, paired_ratio
-from humanoid_sim.controllers.action import action_command
+from humanoid_sim.controllers.policy_step import action_command
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.episodes import Disturbance, EpisodeBatch, Step

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.doctor.edits import STRONG_DOUBT, Change, Edit, RobotFacts, set_fields
 from humanoid_sim.mit import FloatArray
 

@@ -7,14 +7,13 @@ from typing import Protocol
 
 import numpy as np
 
-from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.evaluation.errors import pose_error
 from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_strayed
 from humanoid_sim.evaluation.tracking import TrackingErrors
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState
 from humanoid_sim.simulation.floating_base import BaseState
 
 __all__ = ["BodiesGoal", "Goal", "MotionGoal", "UprightGoal", "VelocityGoal"]

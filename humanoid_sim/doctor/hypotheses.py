@@ -12,8 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, rates
 from humanoid_sim.doctor.edits import Edit, RobotFacts

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.terms import HistoryOrder, Term
 from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, change_terms, set_fields
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.hypotheses import same_value
 

@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.base import Fault
-from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
@@ -21,7 +20,7 @@ from humanoid_sim.doctor.subject import Subject
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.messages import SafetyLevel, TickInput
-from humanoid_sim.mit import Extern
+from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND, Extern
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.robots.description import with_contract
 from humanoid_sim.robots.rates import steps_per_period

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.context import ANCHOR_POSE
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import FieldError
 from humanoid_sim.evaluation.errors import length, pose_error
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState
 from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.operators import keys_of
 from humanoid_sim.play.options import Outputs, choose_outputs, control_rate, no_outputs, refuse_conflicts

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from humanoid_sim.controllers.action import resolve_action
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.play.robot_parts import RobotParts
 from humanoid_sim.play.support import support_listener

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract, TensorNames
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contract

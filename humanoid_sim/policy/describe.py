@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
-from humanoid_sim.controllers.phase import PhaseRule
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.contract_json import encode

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.controllers.context import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.policy.motion import Motion
 
 __all__ = ["LoadedPolicy", "contract_layout", "load_policy"]

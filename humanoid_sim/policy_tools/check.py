@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from rich.markup import escape
 
-from humanoid_sim.controllers.action import resolve_action
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint

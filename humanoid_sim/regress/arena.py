@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from humanoid_sim.assets import motion_path
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.setting import Setting, make_setting
 from humanoid_sim.envs.tasks.task import Task

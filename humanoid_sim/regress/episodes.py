@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.evaluation.sample import StepSample
-from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.regress.arena import Arena
 from humanoid_sim.regress.feet import find_feet
 from humanoid_sim.regress.measures import Measures, TrackingMeasures, VelocityMeasures

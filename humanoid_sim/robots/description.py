@@ -13,9 +13,9 @@ import numpy as np
 import yaml
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.controllers.action import resolve_action
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.joint_order import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems

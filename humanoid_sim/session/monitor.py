@@ -7,12 +7,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from humanoid_sim.controllers.context import BASE_LINEAR_VELOCITY
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.messages import Mode, SafetyStatus, TickRecord
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray
 from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
 from humanoid_sim.simulation.floating_base import BaseState

@@ -8,9 +8,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import Extern, FloatArray
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray
 
 __all__ = ["VELOCITY_KEYS", "VelocityCommand", "parse_velocity", "velocity_key_help"]
 

@@ -9,9 +9,8 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import FloatingBase
 from humanoid_sim.simulation.imu import Imu, ImuSample

@@ -7,9 +7,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput
-from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.mit import ANCHOR_POSE, Extern, MITState
 
 __all__ = ["healthy_externs", "healthy_state", "healthy_tick"]
 

@@ -15,9 +15,8 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
-from humanoid_sim.controllers.context import EXTERN_WIDTHS
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
-from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import EXTERN_WIDTHS, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.testing.arrays import any_arrays, any_numbers, moderate_numbers
 
 __all__ = [

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.observation import joint_indices
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import HumanoidSimError
 from humanoid_sim.evaluation.tracking import TrackingErrors, TrackingSummary

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
-from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import Extern, MITCommand, MITState
 from humanoid_sim.testing import healthy_state, misbehaviours

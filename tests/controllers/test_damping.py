@@ -1,4 +1,4 @@
-"""DAMPING: captured positions, damping only; fails only where no joint was ever heard."""
+"""DAMPING: captured positions, damping only; fails only where no joint was ever heard. ZERO_TORQUE: cannot fail."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from rig import JOINTS, tick
+from rig import command as remote_command
 
 from humanoid_sim.controllers.base import Fault
-from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import RemoteCommand
+from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.testing import any_tick_inputs, fingerprint
 
 NAN, INF = np.nan, np.inf
+ZERO = ZeroTorqueController(JOINTS)
 
 
 def run(controller, first, *later):
@@ -131,3 +135,34 @@ def test_any_input(first, second):
         _, later = controller.update(memory, second)
         assert command.is_finite()
         assert fingerprint(command) == fingerprint(later)
+
+
+# --- ZERO_TORQUE ---
+
+
+def test_zero_torque_has_no_fallback():
+    assert ZERO.fallback is None
+    assert ZERO.joints == ("shoulder", "elbow", "wrist")
+
+
+def test_zero_torque_is_zeros_in_all_five_fields():
+    given_tick = tick(1.0, remote=RemoteCommand(remote_command(), 1.0))
+    _, zeros = ZERO.update(ZERO.activate(given_tick), given_tick)
+    for name in COMMAND_FIELDS:
+        assert getattr(zeros, name).tolist() == [0.0, 0.0, 0.0]
+
+
+@given(any_tick_inputs(3, np.nan), any_tick_inputs(5, np.inf))
+def test_zero_torque_cannot_fail(first, second):
+    memory = ZERO.activate(first)
+    assert not isinstance(memory, Fault)
+    for given_tick in (first, second):
+        memory, zeros = ZERO.update(memory, given_tick)
+        assert zeros.position.shape == (3,)
+        assert not any(getattr(zeros, name).any() for name in COMMAND_FIELDS)
+
+
+@pytest.mark.parametrize("joints", [(), None, "elbow", ("a", "a"), ("a", ""), ("a", 1), 3])
+def test_invalid_joints_of_zero_torque_are_named(joints):
+    with pytest.raises(FieldError, match=r"^ZeroTorqueController\.joints: "):
+        ZeroTorqueController(joints)

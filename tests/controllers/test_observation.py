@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rig import JOINTS, contract, reference, state
 
-from humanoid_sim.controllers.observation import ObservationContext, joint_indices, pack, resolve_observation
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule
+from humanoid_sim.controllers.observation import ObservationContext, pack, resolve_observation
+from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import build_reference, no_reference
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError

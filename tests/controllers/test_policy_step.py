@@ -6,20 +6,31 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rig
+from hypothesis import given
+from hypothesis import strategies as st
 
-from humanoid_sim.controllers.context import ANCHOR_POSE, EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.phase import PhaseRule
-from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.policy_step import (
+    ActionMap,
+    PolicyMemory,
+    PolicyWiring,
+    action_command,
+    advance_phase,
+    resolve_action,
+)
 from humanoid_sim.controllers.reference import build_world_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import TickInput
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITState
 
 JOINTS = ("a", "b", "c")
 STEPS, ROBOTS = 8, 4
+WALK, STAND = np.array([0.5, 0.0, 0.0]), np.zeros(3)
+TURN = 2.0 * np.pi * 0.02
+"""rad that a clock of 1 s advances in one step of 0.02 s."""
 
 
 def contract(**changes: Any) -> PolicyContract:
@@ -160,3 +171,144 @@ def test_a_contract_that_does_not_fit_the_robot_is_refused() -> None:
         PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
     with pytest.raises(FieldError, match="the robot lacks c; the policy lacks d"):
         PolicyWiring(("a", "b", "d"), contract(), reference, EXTERN_WIDTHS, 100.0)
+
+
+# --- actions ---
+
+
+def rig_map(**changes: Any) -> ActionMap:
+    """Of a policy that drives the elbow and the shoulder, on a robot with a wrist too."""
+    return resolve_action(rig.contract(**changes), rig.JOINTS)
+
+
+def test_positions_by_name():
+    command = action_command(rig_map(), np.array([1.0, 2.0], dtype=np.float32))
+    # shoulder: second action, default 0.03, scale 0.25; elbow: first action, default 0.02, scale 0.5; wrist: pinned
+    assert command.position.tolist() == [0.03 + 0.25 * 2.0, 0.02 + 0.5 * 1.0, 0.0]
+    assert command.stiffness.tolist() == [33.0, 32.0, 31.0]
+    assert command.damping.tolist() == [3.3, 3.2, 3.1]
+    assert command.velocity.tolist() == command.effort.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_scalar_scale():
+    command = action_command(rig_map(action_scale=2.0), np.array([1.0, 1.0], np.float32))
+    assert command.position.tolist() == [2.03, 2.02, 0.0]
+
+
+def test_actions_and_positions_are_clipped():
+    limits = [[-0.1, 0.1], [-1.0, 1.0]]
+    action_map = rig_map(action_clip=1.5, position_clip=limits)
+    command = action_command(action_map, np.array([9.0, 9.0], np.float32))
+    # elbow: 0.02 + 0.5 * 1.5, beyond its limit; shoulder: 0.03 + 0.25 * 1.5, within
+    assert command.position.tolist() == [0.03 + 0.25 * 1.5, 0.1, 0.0]
+    spread = rig_map(position_clip=[[-0.1, 0.1]])
+    assert action_command(spread, np.array([-9.0, 9.0], np.float32)).position.tolist() == [0.1, -0.1, 0.0]
+
+
+def test_an_offset_of_its_own_replaces_the_default_pose():
+    command = action_command(rig_map(action_offset=[0.5, 0.6]), np.zeros(2, np.float32))
+    assert command.position.tolist() == [0.6, 0.5, 0.0]
+
+
+def test_a_zero_action_is_the_default_pose_of_the_driven_joints():
+    command = action_command(rig_map(), np.zeros(2, np.float32))
+    assert command.position.tolist() == [0.03, 0.02, 0.0]
+
+
+@given(st.lists(st.tuples(st.floats(width=32), st.floats(width=32)), min_size=1, max_size=5))
+def test_commands_of_a_batch_are_those_of_its_robots(actions):
+    action_map = rig_map()
+    batch = np.array(actions, dtype=np.float32)
+    with np.errstate(all="ignore"):
+        together = action_command(action_map, batch)
+        one_by_one = [action_command(action_map, row) for row in batch]
+    for name in COMMAND_FIELDS:
+        assert getattr(together, name).shape == (len(actions), 3)
+        assert getattr(together, name).tobytes() == np.stack([getattr(c, name) for c in one_by_one]).tobytes()
+
+
+def test_two_batch_dimensions():
+    assert action_command(rig_map(), np.zeros((4, 5, 2), np.float32)).position.shape == (
+        4,
+        5,
+        3,
+    )
+
+
+@pytest.mark.parametrize(
+    ("joints", "message"),
+    [
+        (("shoulder", "elbow"), "the robot lacks wrist$"),
+        (("neck", *rig.JOINTS), "the policy lacks neck$"),
+        (("Shoulder", "elbow", "wrist"), "the robot lacks shoulder; the policy lacks Shoulder$"),
+    ],
+)
+def test_joints_that_do_not_match_are_named(joints, message):
+    with pytest.raises(FieldError, match=f"^joint_names of the policy do not match the robot's joints: {message}"):
+        resolve_action(rig.contract(), joints)
+
+
+# --- the gait clock ---
+
+
+def phases(rule: PhaseRule, commands: list[np.ndarray]) -> list[list[float]]:
+    walked, shown = 0.0, []
+    for command in commands:
+        walked, phase = advance_phase(rule, walked, command, 0.02)
+        shown.append(phase.tolist())
+    return shown
+
+
+def test_the_clock_advances_before_or_after_it_is_seen():
+    first = phases(PhaseRule(1.0, [0.0]), [WALK, WALK])
+    after = phases(PhaseRule(1.0, [0.0], advance_first=False), [WALK, WALK])
+    np.testing.assert_allclose(first, [[TURN], [2 * TURN]])
+    np.testing.assert_allclose(after, [[0.0], [TURN]])
+
+
+def test_phases_stay_within_a_turn_and_come_round():
+    shown = np.array(phases(PhaseRule(1.0), [WALK] * 120))
+    assert (shown >= -np.pi).all()
+    assert (shown < np.pi).all()
+    np.testing.assert_allclose(shown[50], shown[0], atol=1e-9)
+    np.testing.assert_allclose(np.cos(shown[:, 0]), -np.cos(shown[:, 1]), atol=1e-9)
+
+
+def test_standing_shows_its_value_and_walking_on_starts_again():
+    rule = PhaseRule(1.0, [0.0], standing_threshold=0.1)
+    np.testing.assert_allclose(phases(rule, [WALK, STAND, WALK]), [[TURN], [np.pi], [TURN]])
+
+
+def test_a_clock_may_run_on_while_the_robot_stands():
+    rule = PhaseRule(1.0, [0.0], standing_threshold=0.1, standing_restarts=False)
+    np.testing.assert_allclose(phases(rule, [WALK, STAND, WALK]), [[TURN], [np.pi], [3 * TURN]])
+
+
+def test_standing_may_have_no_phase():
+    rule = PhaseRule(1.0, [0.0], standing_threshold=0.1, standing_value=None)
+    assert np.isnan(phases(rule, [STAND])).all()
+
+
+def test_the_clocks_of_a_batch_are_those_of_its_robots():
+    rule = PhaseRule(0.8, standing_threshold=0.1)
+    commands, walked = np.stack([WALK, STAND]), np.array([1.0, 2.0])
+    moved, shown = advance_phase(rule, walked, commands, 0.02)
+    for i in range(2):
+        one_moved, one_shown = advance_phase(rule, walked[i], commands[i], 0.02)
+        assert moved[i].tobytes() == np.asarray(one_moved).tobytes()
+        assert shown[i].tobytes() == one_shown.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"period": 0.0}, "period: is 0.0, expected a finite number > 0"),
+        ({"offsets": []}, r"offsets: is \[\], expected one finite angle per foot"),
+        ({"offsets": [np.nan]}, r"offsets: is \[nan\], expected one finite angle per foot"),
+        ({"standing_threshold": -1.0}, "standing_threshold: is -1.0"),
+        ({"standing_value": np.inf}, "standing_value: is inf"),
+    ],
+)
+def test_what_is_wrong_with_a_phase_rule_is_named(changes, message):
+    with pytest.raises(FieldError, match=f"^PhaseRule.{message}"):
+        PhaseRule(**{"period": 1.0, **changes})

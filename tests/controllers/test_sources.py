@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rig import contract
 
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.sources import takes_velocity_command
 from humanoid_sim.controllers.terms import Term
 

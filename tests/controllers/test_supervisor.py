@@ -24,9 +24,8 @@ from rig import (
 from safety_properties import RigProperties
 
 from humanoid_sim.controllers.base import Fault, Memory
-from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.controllers.zero_torque import ZeroTorqueController
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput
 from humanoid_sim.mit import MITCommand

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.edits import RobotFacts
 

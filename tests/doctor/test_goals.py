@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from examples import JOINTS, tracker
 
-from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.doctor.goals import MotionGoal, UprightGoal, VelocityGoal
 from humanoid_sim.doctor.quality import Quality, Strain
-from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.simulation.floating_base import BaseState
 
 DT = 0.02

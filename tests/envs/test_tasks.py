@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from humanoid_sim.assets import motion_path
-from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
 from humanoid_sim.controllers.rotation import multiply, rotate
@@ -16,7 +15,7 @@ from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.sample import StepSample
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.floating_base import BaseState

@@ -4,11 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from humanoid_sim.controllers.context import ANCHOR_POSE
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, peak_speed
-from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.mit import ANCHOR_POSE, Extern, MITState
 from humanoid_sim.policy.motion import body_frames
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics

@@ -11,8 +11,7 @@ import numpy as np
 import yaml
 from hypothesis import strategies as st
 
-from humanoid_sim.controllers.contract import PolicyContract, TensorNames
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.policy.contract_json import encode
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from published import HOLOSOMA_REST
 
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.terms import TERM_KINDS, Term
 from humanoid_sim.policy.readers.contract_yaml import ContractFile, TermOptions, parse_contract
 from humanoid_sim.policy.readers.merge import merge

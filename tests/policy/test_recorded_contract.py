@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.base import RL_POLICY
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.messages import SessionHeader, TickInput
-from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import Motion, motion_bytes

@@ -15,11 +15,10 @@ from dialects import said
 from published import HOLOSOMA_REST, POLICIES, needs_policies
 
 from humanoid_sim.controllers.base import Fault
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy

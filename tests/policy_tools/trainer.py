@@ -14,8 +14,7 @@ import onnx
 from models import finished
 from onnx import TensorProto, helper, numpy_helper
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.errors import InputError
+from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.session.velocity import VELOCITY_KEYS, VelocityCommand, parse_velocity
 
 RANGES = np.array([[-0.5, 1.0], [-0.5, 0.5], [-1.0, 1.0]])

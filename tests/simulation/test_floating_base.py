@@ -7,9 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, MITCommand
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.imu import Imu

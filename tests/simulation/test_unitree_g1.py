@@ -11,12 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.controllers.context import VELOCITY_COMMAND
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import TickInput
-from humanoid_sim.mit import Extern
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
 from humanoid_sim.simulation.imu import Imu

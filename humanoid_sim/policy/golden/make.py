@@ -10,14 +10,12 @@ from typing import Any, get_args
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.action import action_command, resolve_action
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command, resolve_action
 from humanoid_sim.controllers.terms import OrientationLayout, Term
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GoldenSamples, recorded_state
 from humanoid_sim.policy.golden.trace import Recorded, Trace

@@ -34,11 +34,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray, MITState
 from humanoid_sim.policy.golden.samples import recorded_state
 
 __all__ = ["BodyReader", "Recorded", "Trace", "read_trace"]

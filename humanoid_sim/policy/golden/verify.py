@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.action import action_command
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
-from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring
+from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring, action_command
 from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep

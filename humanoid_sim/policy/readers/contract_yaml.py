@@ -10,8 +10,7 @@ import msgspec
 import numpy as np
 from msgspec import UNSET, UnsetType
 
-from humanoid_sim.controllers.contract import HistoryLayout, TaskType
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import HistoryLayout, PhaseRule, TaskType
 from humanoid_sim.controllers.terms import ActionForm, Frame, HistoryOrder, OrientationLayout, QuaternionOrder
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file

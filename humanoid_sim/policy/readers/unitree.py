@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.phase import PhaseRule
+from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES

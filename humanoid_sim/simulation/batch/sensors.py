@@ -9,10 +9,9 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS
 from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, Extern, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.body_tree import BodyTree, body_ids
 from humanoid_sim.simulation.batch.counter_random import Words, normals

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.controllers.context import ANCHOR_POSE, BASE_LINEAR_VELOCITY
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, MITState
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, COMMAND_FIELDS, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.kinematics import ForwardKinematics
