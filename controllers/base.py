@@ -46,6 +46,8 @@ class Fault:
     message: str
     policy_step: PolicyStep | None = None
     """What the policy saw and answered, if that is what went wrong."""
+    policy_error: str | None = None
+    """What the policy raised, if that is what went wrong."""
 
 
 class Controller(Protocol):

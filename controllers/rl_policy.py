@@ -114,7 +114,7 @@ class RLPolicyController:
             with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
                 action = np.array(answer, dtype=np.float32)
         except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
-            return Fault(f"policy failed: {error}")
+            return Fault(f"policy failed: {error}", policy_error=str(error))
         action.setflags(write=False)
         step = PolicyStep(frame, observation, action)
         problem = self.wiring.action_problem(action)

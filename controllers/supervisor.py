@@ -41,6 +41,7 @@ class _Outcome:
     faults: tuple[FaultReport, ...]
     standby: StandbyState | None
     policy_step: PolicyStep | None
+    policy_error: str | None
     notice: str
 
 
@@ -123,6 +124,7 @@ class Supervisor:
             faults=outcome.faults,
             refusals=refusals,
             policy_step=outcome.policy_step,
+            policy_error=outcome.policy_error,
         )
         return SupervisorMemory(outcome.controller, outcome.memory, status), output
 
@@ -134,17 +136,20 @@ class Supervisor:
         """
         faults: list[FaultReport] = []
         policy_step: PolicyStep | None = None
+        policy_error: str | None = None
         while True:
             result, is_bug = self._attempt(self.controllers[name], controller_memory, tick_input)
             if not isinstance(result, Fault):
-                step = result.policy_step or policy_step
-                return _Outcome(name, result.memory, result.command, tuple(faults), result.standby, step, result.notice)
+                policy_step = result.policy_step or policy_step
+                told = policy_step, policy_error, result.notice
+                return _Outcome(name, result.memory, result.command, tuple(faults), result.standby, *told)
             policy_step = policy_step or result.policy_step
+            policy_error = result.policy_error if policy_error is None else policy_error
             fallback = self.controllers[name].fallback or ZERO_TORQUE
             faults.append(FaultReport(name, fallback, result.message, is_bug))
             if name == ZERO_TORQUE:
                 # Cannot happen with this package's controller; a foreign one in its place may do anything.
-                return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), None, policy_step, "")
+                return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), None, policy_step, policy_error, "")
             name, controller_memory = fallback, before.controller_memory if fallback == before.controller else None
 
     def _attempt(
@@ -188,7 +193,8 @@ def _has_finished(controller_memory: Any) -> bool:
 def _readable(fault: Fault) -> Fault:
     """The fault with a message that can be printed and recorded, whatever a foreign controller put there."""
     message = _printable(fault.message)
-    return fault if message == fault.message else Fault(message, fault.policy_step)
+    error = None if fault.policy_error is None else _printable(fault.policy_error)
+    return Fault(message, fault.policy_step, error)
 
 
 def _printable(text: object) -> str:

@@ -19,6 +19,8 @@ from humanoid_sim.mit import FloatArray, MITCommand, MITState
 __all__ = [
     "OK",
     "ControlMode",
+    "Event",
+    "EventKind",
     "FaultReport",
     "Intent",
     "Mode",
@@ -196,6 +198,8 @@ class TickOutput:
     """Why intents of this tick took no effect."""
     policy_step: PolicyStep | None = None
     """Set in the ticks in which the policy ran."""
+    policy_error: str | None = None
+    """What the policy raised instead of an answer, in the ticks in which it did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,3 +235,30 @@ class TickRecord:
     """The tick missed its deadline."""
     qpos: FloatArray | None = None
     """Shape (nq,), MuJoCo's generalised position when the state was read, for viewers; None without a simulator."""
+
+
+class EventKind(IntEnum):
+    """What happened outside the ticks; the text of an event is for people alone."""
+
+    NOTE = 0
+    FRESH_START = 1
+    """The control stack began again, in ZERO_TORQUE, because an operator had the robot activated afresh."""
+    SUPPORT = 2
+    """The support let the base go, or holds it again."""
+    FAILURE = 3
+    """A part beside the control stack failed, or the run ended with an exception."""
+    LOSS = 4
+    """Ticks are missing from the recording."""
+    ENDING = 5
+    """The run is about to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened outside the ticks."""
+
+    time: float
+    """s, robot's clock."""
+    text: str
+    """One line."""
+    kind: EventKind = EventKind.NOTE

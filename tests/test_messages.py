@@ -74,7 +74,10 @@ def test_intents_are_the_service_names():
         (PolicyStep, ["frame", "observation", "action"]),
         (FaultReport, ["controller", "fallback", "message", "is_bug"]),
         (TickInput, ["state", "safety", "intents", "remote"]),
-        (TickOutput, ["command", "control_mode", "standby", "quit", "faults", "refusals", "policy_step"]),
+        (
+            TickOutput,
+            ["command", "control_mode", "standby", "quit", "faults", "refusals", "policy_step", "policy_error"],
+        ),
     ],
 )
 def test_field_order(message, names):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rich.console import Console
 
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
+from humanoid_sim.messages import Event
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.header import session_header
 from humanoid_sim.play.operators import Operator, drive, open_operators
@@ -69,7 +70,7 @@ def assemble(plan: Plan, console: Console) -> Run:
         config.manual,
         plan.velocity if policy.walks else None,
         reactivation,
-        lambda text: shown.event(plan.clock(), text),
+        lambda text: shown.event(Event(plan.clock(), text)),
     )
     script = None if plan.steps is None else Script(plan.steps, plan.motion_frames)
     intents, safety = drive(operators, script, plan.injector.safety)

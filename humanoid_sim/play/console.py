@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from humanoid_sim.messages import Mode, SessionHeader, TickRecord
+from humanoid_sim.messages import Event, Mode, SessionHeader, TickRecord
 from humanoid_sim.session.sinks import WorkerSink
 
 __all__ = ["MODE_STYLES", "ConsoleSink"]
@@ -59,10 +59,10 @@ class ConsoleSink(WorkerSink):
             self._queued_status = status
             super().tick(record)
 
-    def event(self, time: float, text: str) -> None:
+    def event(self, event: Event) -> None:
         """Queue an event."""
-        self._clock = time
-        super().event(time, text)
+        self._clock = event.time
+        super().event(event)
 
     def handle_start(self, header: SessionHeader) -> None:
         """Show the bar."""
@@ -84,10 +84,10 @@ class ConsoleSink(WorkerSink):
             if not bad:
                 self._print(f"[dim]{escape(control.status_message)}[/dim]")
 
-    def handle_event(self, time: float, text: str) -> None:
+    def handle_event(self, event: Event) -> None:
         """Print an event."""
-        self._time = time
-        self._print(f"[dim]{escape(text)}[/dim]")
+        self._time = event.time
+        self._print(f"[dim]{escape(event.text)}[/dim]")
 
     def handle_pause(self) -> None:
         """Move the bar."""

@@ -12,27 +12,24 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.recording.codec import decode_event, decode_tick
+from humanoid_sim.recording.earlier import (
+    decode_earlier_event,
+    decode_earlier_tick,
+    has_event_kind,
+    has_policy_error,
+)
 from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
-from humanoid_sim.recording.tick_codec import decode_tick
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
-from humanoid_sim.ros2.messages import decode_event
 
-__all__ = ["Entry", "EventRecord", "Recording", "TopicCount", "open_recording"]
-
-
-@dataclass(frozen=True, slots=True)
-class EventRecord:
-    """Something that happened outside the ticks."""
-
-    time: float
-    """s, robot's clock."""
-    text: str
+__all__ = ["Entry", "Recording", "TopicCount", "open_recording"]
 
 
-Entry: TypeAlias = TickRecord | EventRecord
+Entry: TypeAlias = TickRecord | Event
+_Decoder: TypeAlias = Callable[[bytes], Entry]
 
 
 @dataclass(slots=True)
@@ -70,22 +67,24 @@ class Recording:
         topics: dict[str, TopicCount] = {}
         with _open(self.path) as file:
             stream = McapStream(file)
-            schemas: dict[int, str] = {}
-            channels: dict[int, str] = {}
+            schemas: dict[int, Schema] = {}
+            channels: dict[int, tuple[str, _Decoder | None]] = {}
             for record in stream:
                 self.position = file.tell()
                 if isinstance(record, Message):
-                    topic = channels.get(record.channel_id, "")
-                    if topic not in topics:
+                    if record.channel_id not in channels:
                         raise InputError(f"{self.path}: a message on channel {record.channel_id}, which is not defined")
+                    topic, decode = channels[record.channel_id]
                     topics[topic].messages += 1
-                    if topic in _DECODERS:
-                        yield self._decode(topic, record)
+                    if decode is not None:
+                        yield self._decoded(topic, decode, record)
                 elif isinstance(record, Schema):
-                    schemas[record.id] = record.name
+                    schemas[record.id] = record
                 elif isinstance(record, Channel):
-                    channels[record.id] = record.topic
-                    topics.setdefault(record.topic, TopicCount(schemas.get(record.schema_id, "")))
+                    schema = schemas.get(record.schema_id)
+                    name, definition = ("", b"") if schema is None else (schema.name, schema.data)
+                    channels[record.id] = (record.topic, _decoder(record.topic, definition))
+                    topics.setdefault(record.topic, TopicCount(name))
             self.is_complete, self.damage = stream.is_complete, stream.damage
         self.topics = topics
 
@@ -93,18 +92,20 @@ class Recording:
         """The ticks alone. Raises as `entries` does."""
         return (entry for entry in self.entries() if isinstance(entry, TickRecord))
 
-    def _decode(self, topic: str, message: Message) -> Entry:
+    def _decoded(self, topic: str, decode: _Decoder, message: Message) -> Entry:
         try:
-            return _DECODERS[topic](message.data)
+            return decode(message.data)
         except CdrError as error:
             raise InputError(f"{self.path}: message {message.sequence} of {topic}: {error}") from None
 
 
-def _decode_event_record(data: bytes) -> EventRecord:
-    return EventRecord(*decode_event(data))
-
-
-_DECODERS: dict[str, Callable[[bytes], Entry]] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: _decode_event_record}
+def _decoder(topic: str, definition: bytes) -> _Decoder | None:
+    """What reads the messages of a topic, whose type the file defines so; None for topics that only viewers need."""
+    if topic == TICK_TOPIC:
+        return decode_tick if has_policy_error(definition) else decode_earlier_tick
+    if topic == EVENT_TOPIC:
+        return decode_event if has_event_kind(definition) else decode_earlier_event
+    return None
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:

@@ -18,13 +18,12 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.chunk_index import keep_index_in_file
+from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import write_header
-from humanoid_sim.recording.tick_codec import TickEncoder
 from humanoid_sim.recording.topics import LATCHED, TopicMessage, ViewerTopics
 from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
-from humanoid_sim.ros2.messages import encode_event
 
 __all__ = ["EVENT_TOPIC", "FLUSH_PERIOD", "QUEUE_LIMIT", "TICK_TOPIC", "McapRecorder"]
 
@@ -65,7 +64,7 @@ class McapRecorder:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """Name the file; `start` creates it, or replaces it."""
         self.path = Path(path)
-        self._queue: SimpleQueue[TickRecord | tuple[float, str]] = SimpleQueue()
+        self._queue: SimpleQueue[TickRecord | Event] = SimpleQueue()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._error: str | None = None
@@ -118,10 +117,10 @@ class McapRecorder:
         self._taken += 1
         self._queue.put(record)
 
-    def event(self, time: float, text: str) -> None:
+    def event(self, event: Event) -> None:
         """Queue an event. Never waits."""
         if self._error is None and self._thread is not None and self._queue.qsize() < 2 * QUEUE_LIMIT:
-            self._queue.put((time, text))
+            self._queue.put(event)
 
     def close(self) -> None:
         """Write what is queued, and the index. Never raises; `error` says whether it worked."""
@@ -158,7 +157,7 @@ class McapRecorder:
                     run.tick(item)
                     self._done += 1
                 else:
-                    run.event(*item)
+                    run.event(item)
                 if monotonic() >= next_flush:
                     break
                 if self._done % _BATCH == 0:
@@ -203,7 +202,7 @@ class _RunWriter:
     def tick(self, record: TickRecord) -> None:
         """Encode one tick and the viewers' share of it."""
         if record.index != self._index:
-            self._report_gap(record.index - self._index)
+            self._report_loss(f"{record.index - self._index} ticks left out before tick {record.index}")
         self._index = record.index + 1
         self._time = float(record.input.state.time)
         time_ns = self._log_time(self._time)
@@ -211,9 +210,9 @@ class _RunWriter:
         for message in self._topics.messages(record, time_ns):
             self._add(message, time_ns, record.index)
 
-    def event(self, time: float, text: str) -> None:
+    def event(self, event: Event) -> None:
         """Encode one event."""
-        self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(time, text)), self._log_time(time), self._index)
+        self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(event)), self._log_time(event.time), self._index)
 
     def flush(self) -> None:
         """End the chunk and hand it to the operating system."""
@@ -222,7 +221,7 @@ class _RunWriter:
     def finish(self, lost: int) -> None:
         """Write the index. `lost` is how many ticks were left out in all."""
         if lost:
-            self.event(self._time, f"recording: {lost} ticks left out in all")
+            self._report_loss(f"{lost} ticks left out in all")
         self._writer.finish()
 
     def close(self) -> None:
@@ -230,8 +229,8 @@ class _RunWriter:
         self._chunk_index.close()
         self.file.close()
 
-    def _report_gap(self, count: int) -> None:
-        self.event(self._time, f"recording: {count} ticks left out before tick {self._index + count}")
+    def _report_loss(self, text: str) -> None:
+        self.event(Event(self._time, f"recording: {text}", EventKind.LOSS))
 
     def _log_time(self, time: float) -> int:
         """Nanoseconds of the file's clock, which unlike the robot's neither runs backwards nor is ever no number."""

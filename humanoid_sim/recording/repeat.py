@@ -12,18 +12,14 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.messages import PolicyStep, SessionHeader, TickInput, TickOutput, TickRecord
-from humanoid_sim.recording.compare import Difference, first_difference
+from humanoid_sim.messages import EventKind, PolicyStep, SessionHeader, TickInput, TickOutput, TickRecord
+from humanoid_sim.recording.difference import Difference, first_difference
 from humanoid_sim.recording.reader import Entry, Recording
-from humanoid_sim.session.reactivation import is_fresh_start
 
 __all__ = ["ControlStack", "InferenceReport", "RecordedPolicy", "RepeatReport", "StackBuilder", "repeat_run"]
 
 Policy = Callable[[npt.NDArray[np.float32], int], npt.ArrayLike]
 """`(observation of shape (N,), frame) -> action of shape (M,)`."""
-
-_POLICY_FAILED = "policy failed: "
-"""How the policy controller begins the fault of a policy that raised."""
 
 
 class ControlStack(Protocol):
@@ -60,9 +56,8 @@ class RecordedPolicy:
         if self._output is not None:
             if self._output.policy_step is not None:
                 return self._output.policy_step.action
-            for fault in self._output.faults:
-                if fault.message.startswith(_POLICY_FAILED):
-                    raise RuntimeError(fault.message.removeprefix(_POLICY_FAILED))
+            if self._output.policy_error is not None:
+                raise RuntimeError(self._output.policy_error)
         raise RuntimeError("the recording has no policy step in this tick")
 
 
@@ -141,7 +136,7 @@ def repeat_run(
     report = RepeatReport()
     for record in recording.entries() if entries is None else entries:
         if not isinstance(record, TickRecord):
-            memory = stack.initial() if is_fresh_start(record.text) else memory
+            memory = stack.initial() if record.kind is EventKind.FRESH_START else memory
             continue
         if record.index != report.ticks:
             report.gap = record.index - report.ticks

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from humanoid_sim.messages import Mode, SafetyStatus, TickRecord
-from humanoid_sim.recording.reader import EventRecord, Recording, TopicCount
+from humanoid_sim.messages import Event, Mode, SafetyStatus, TickRecord
+from humanoid_sim.recording.reader import Recording, TopicCount
 
 __all__ = ["Stretch", "Summary", "Word", "summarize"]
 
@@ -117,7 +117,7 @@ def summarize(recording: Recording) -> Summary:
     summary = Summary(recording)
     safety: dict[str, SafetyStatus] = {}
     for entry in recording.entries():
-        if isinstance(entry, EventRecord):
+        if isinstance(entry, Event):
             summary.words.append(Word(entry.time, "event", entry.text))
         else:
             _add_tick(summary, entry, safety)

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from humanoid_sim import __version__
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, SessionHeader, TickInput, TickRecord
+from humanoid_sim.messages import Event, Intent, SessionHeader, TickInput, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import motion_bytes
@@ -110,7 +110,7 @@ def record_episode(
         for record in _ticks(supervisor, steps, actions, arena.policy_dt):
             recorder.tick(record)
             time = float(record.input.state.time)
-        recorder.event(time, f"regress: {suite.name}, {episode.label}: {episode.failure}")
+        recorder.event(Event(time, f"regress: {suite.name}, {episode.label}: {episode.failure}"))
     finally:
         recorder.close()
         if recorder.error or sys.exc_info()[0] is not None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import mujoco
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.rendering.camera import make_camera
 from humanoid_sim.rendering.caption import Caption
@@ -61,7 +61,7 @@ class NativeViewerSink:
         if record.qpos is not None:
             self._latest = record
 
-    def event(self, time: float, text: str) -> None:
+    def event(self, event: Event) -> None:
         """Not shown."""
 
     @property

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import choose_video_backend
 from humanoid_sim.rendering.caption import Caption, draw_caption
@@ -115,7 +115,7 @@ class VideoSink:
             self._fps /= 2
         self._next_frame = math.floor(self._clock * self._fps) + 1
 
-    def event(self, time: float, text: str) -> None:
+    def event(self, event: Event) -> None:
         """Not shown."""
 
     @property

@@ -126,8 +126,16 @@ string message
 """,
     "humanoid_sim_msgs/Event": """\
 # Something that happened outside the ticks.
+uint8 NOTE = 0
+uint8 FRESH_START = 1
+uint8 SUPPORT = 2
+uint8 FAILURE = 3
+uint8 LOSS = 4
+uint8 ENDING = 5
+
 float64 time    # s, robot's clock
 string text
+uint8 kind
 """,
     "humanoid_sim_msgs/Extern": """\
 # A named live input that is no joint state.
@@ -217,6 +225,7 @@ humanoid_sim_msgs/Safety[] safety           # one per source
 uint8[] intents
 humanoid_sim_msgs/Fault[] faults
 string[] refusals
+string[] policy_error                       # what the policy raised, or none
 """,
 }
 

@@ -12,10 +12,8 @@ from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.ros2.cdr import CdrError, CdrReader, CdrWriter
 
 __all__ = [
-    "decode_event",
     "decode_float32_array",
     "encode_control_mode",
-    "encode_event",
     "encode_float32_array",
     "encode_imu",
     "encode_joint_state",
@@ -107,23 +105,6 @@ def encode_safety_status(time_ns: int, status: SafetyStatus) -> bytes:
     writer.pack("I", status.flags)
     writer.string(status.message)
     return writer.message()
-
-
-def encode_event(time: float, text: str) -> bytes:
-    """`humanoid_sim_msgs/msg/Event`; `time` in s on the robot's clock."""
-    writer = CdrWriter()
-    writer.pack("d", time)
-    writer.string(text)
-    return writer.message()
-
-
-def decode_event(message: bytes) -> tuple[float, str]:
-    """Time (s, robot's clock) and text of a `humanoid_sim_msgs/msg/Event`. Raises `CdrError`."""
-    reader = CdrReader(message)
-    (time,) = reader.unpack("d")
-    text = reader.string()
-    reader.finish()
-    return time, text
 
 
 def encode_float32_array(values: npt.NDArray[np.float32]) -> bytes:

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.remote import RemoteInbox
@@ -75,7 +75,7 @@ class GravitySource:
         """Hear a state."""
         self._latest = record
 
-    def event(self, time: float, text: str) -> None:
+    def event(self, event: Event) -> None:
         """Events do not concern it."""
 
     @property

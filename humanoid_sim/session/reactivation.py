@@ -6,25 +6,15 @@ import threading
 from collections.abc import Callable, Sequence
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
 
-__all__ = ["REACTIVATE", "Reactivation", "is_fresh_start", "one_line"]
+__all__ = ["REACTIVATE", "Reactivation", "one_line"]
 
 REACTIVATE = "reactivate"
 """What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
 
-_DONE = "reactivated"
-_FAILED = "REACTIVATE failed"
 _FROM = (Mode.ZERO_TORQUE, Mode.DAMPING)
-
-
-def is_fresh_start(event: str) -> bool:
-    """Whether an event of a session says that the control stack began again, in ZERO_TORQUE: a replay must do likewise.
-
-    After an activation that failed too: what the robot then is nobody knows, and no torque is the answer to that.
-    """
-    return event.startswith((_DONE, _FAILED))
 
 
 class Reactivation:
@@ -52,21 +42,25 @@ class Reactivation:
         self.answer = ""
         self._asked.set()
 
-    def serve(self, robot: Robot, mode: Mode) -> str:
-        """Activate the robot again if the mode allows it; what became of it, one line."""
+    def serve(self, robot: Robot, mode: Mode) -> tuple[str, EventKind]:
+        """Activate the robot again if the mode allows it; what became of it, one line, and as what to record it.
+
+        A fresh start follows an activation that failed too: what the robot then is nobody knows, and no torque is the
+        answer to that.
+        """
         self._asked.clear()
         if mode not in _FROM:
             names = " or ".join(mode.name for mode in _FROM)
             self.answer = f"REACTIVATE refused: requires {names}, mode is {mode.name}"
-            return self.answer
+            return self.answer, EventKind.NOTE
         try:
             robot.activate()
         except RobotError as error:
-            self.answer = f"{_FAILED}: {one_line(str(error))}"
+            self.answer = f"REACTIVATE failed: {one_line(str(error))}"
         else:
-            told = (f"{_DONE}: the robot is verified and enabled afresh", *self._warnings())
+            told = ("reactivated: the robot is verified and enabled afresh", *self._warnings())
             self.answer = "; warning: ".join(told)
-        return self.answer
+        return self.answer, EventKind.FRESH_START
 
 
 def one_line(text: str) -> str:

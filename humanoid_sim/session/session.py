@@ -16,6 +16,7 @@ from typing import Protocol
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import (
+    EventKind,
     Intent,
     Mode,
     RemoteCommand,
@@ -28,7 +29,7 @@ from humanoid_sim.messages import (
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.session.pace import Pace
-from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
+from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.result import SessionResult
@@ -162,7 +163,7 @@ class Session:
                 self._rest()
             except BaseException as error:
                 self._damp_now()
-                self._sinks.event(f"ended by {type(error).__name__}: {error}")
+                self._sinks.event(f"ended by {type(error).__name__}: {error}", EventKind.FAILURE)
                 raise
         first = self.time if self._first_time is None else self._first_time
         return SessionResult(
@@ -195,11 +196,11 @@ class Session:
 
     def _begin_afresh(self, reactivation: Reactivation) -> None:
         """Activate the robot again, if the mode allows it, and put the control stack back to its start."""
-        told = reactivation.serve(self._robot, self.mode)
-        if is_fresh_start(told):
+        told, kind = reactivation.serve(self._robot, self.mode)
+        if kind is EventKind.FRESH_START:
             self._memory, self._output = self._supervisor.initial(), None
             self._pace.restart()
-        self._sinks.event(told)
+        self._sinks.event(told, kind)
         # What was asked for while the robot was busy was meant for the state before; DAMP is meant always.
         if self._output is None and Intent.DAMP in self._collect():
             self.tick((Intent.DAMP,))
@@ -211,7 +212,7 @@ class Session:
         """
         if self._output is None:
             return
-        self._sinks.event(f"ending: {self._stop_reason}")
+        self._sinks.event(f"ending: {self._stop_reason}", EventKind.ENDING)
         if self.mode is not Mode.ZERO_TORQUE:
             rest = RestDetector(self._settings.control_period)
             left = round(self._settings.damping_time / self._settings.control_period)
@@ -246,7 +247,7 @@ class Session:
         if self._mode_listener is not None and (self.mode is not before or self._index == 0):
             told = self._mode_listener(self.mode)
             if told:
-                self._sinks.event(told)
+                self._sinks.event(told, EventKind.SUPPORT)
         qpos = self._qpos() if self._qpos else None
         decided = perf_counter()
         self._robot.write(self._output.command)
@@ -272,7 +273,7 @@ class Session:
             self._robot.close()
         except RobotError as error:
             self._failures.append(f"robot: {error}")
-            self._sinks.event(f"failed to close the robot: {error}")
+            self._sinks.event(f"failed to close the robot: {error}", EventKind.FAILURE)
 
     def _damp_now(self) -> None:
         """Last resort after an exception; sources and sinks are left out, because one of them may be what broke."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from time import monotonic
 from typing import Protocol
 
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 
 __all__ = ["QUEUE_LIMIT", "Sink", "SinkGroup", "WorkerSink"]
 
@@ -28,8 +28,8 @@ class Sink(Protocol):
     def tick(self, record: TickRecord) -> None:
         """Called on the control thread every tick."""
 
-    def event(self, time: float, text: str) -> None:
-        """Something that happened outside the ticks: `time` in s on the robot's clock, and one line."""
+    def event(self, event: Event) -> None:
+        """Something happened outside the ticks."""
 
     @property
     def backlog(self) -> int:
@@ -72,11 +72,12 @@ class SinkGroup:
             except Exception as error:
                 self._drop(sink, error)
 
-    def event(self, text: str) -> None:
+    def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
         """Hand out something that happened outside the ticks, now."""
+        event = Event(self._clock(), text, kind)
         for sink in self._sinks:
             try:
-                sink.event(self._clock(), text)
+                sink.event(event)
             except Exception as error:
                 self._drop(sink, error)
 
@@ -90,7 +91,7 @@ class SinkGroup:
         failure = f"{type(sink).__name__}: {type(error).__name__}: {error}"
         self._sinks = tuple(other for other in self._sinks if other is not sink)
         self.failures.append(failure)
-        self.event(f"left out from here on: {failure}")
+        self.event(f"left out from here on: {failure}", EventKind.FAILURE)
 
 
 class WorkerSink:
@@ -110,7 +111,7 @@ class WorkerSink:
         self.error: BaseException | None = None
         self.lost = 0
         """Ticks and events left out because the worker could not keep up."""
-        self._queue: deque[TickRecord | tuple[float, str]] = deque()
+        self._queue: deque[TickRecord | Event] = deque()
         self._period = period
         self._busy_since: float | None = None
         self._stop = threading.Event()
@@ -125,9 +126,9 @@ class WorkerSink:
         """Queue a tick. Never waits."""
         self._put(record)
 
-    def event(self, time: float, text: str) -> None:
+    def event(self, event: Event) -> None:
         """Queue an event. Never waits."""
-        self._put((time, text))
+        self._put(event)
 
     @property
     def backlog(self) -> int:
@@ -158,7 +159,7 @@ class WorkerSink:
     def handle_tick(self, record: TickRecord) -> None:
         """Called for every tick, on the worker's thread."""
 
-    def handle_event(self, time: float, text: str) -> None:
+    def handle_event(self, event: Event) -> None:
         """Called for every event, in order with the ticks."""
 
     def handle_pause(self) -> None:
@@ -182,7 +183,7 @@ class WorkerSink:
         except Exception as error:  # a sink that cannot finish must not keep the session from closing the robot
             self.error = self.error or error
 
-    def _put(self, item: TickRecord | tuple[float, str]) -> None:
+    def _put(self, item: TickRecord | Event) -> None:
         if self.error is not None:
             return
         if len(self._queue) >= QUEUE_LIMIT:
@@ -198,7 +199,7 @@ class WorkerSink:
                 if isinstance(item, TickRecord):
                     self.handle_tick(item)
                 else:
-                    self.handle_event(*item)
+                    self.handle_event(item)
             self._busy_since = monotonic()
             self.handle_pause()
         except (Exception, SystemExit) as error:  # kept for the program to report; rich exits where a pipe has broken

@@ -212,6 +212,8 @@ def test_a_policy_that_misbehaves_is_a_fault(name, message):
     (fault,) = run(controller(BAD_ANSWERS[name]), 3)
     assert isinstance(fault, Fault)
     assert fault.message.startswith(message)
+    assert (fault.policy_error is not None) == message.startswith("policy failed: ")
+    assert fault.policy_error is None or fault.message == f"policy failed: {fault.policy_error}"
 
 
 def test_what_the_policy_answered_is_part_of_the_fault():

@@ -19,7 +19,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.envs.episode_robot import PlantState
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput, TickRecord
+from humanoid_sim.messages import Event, Intent, Mode, SessionHeader, TickInput, TickRecord
 from humanoid_sim.play import main
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
@@ -152,7 +152,7 @@ class Taker:
     def tick(self, record: TickRecord) -> None:
         self.ticks.append(record)
 
-    def event(self, time: float, text: str) -> None: ...
+    def event(self, event: Event) -> None: ...
 
     def close(self) -> None: ...
 

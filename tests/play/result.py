@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.messages import TickRecord
-from humanoid_sim.recording.reader import EventRecord
+from humanoid_sim.messages import Event, TickRecord
 
 Document = dict[str, Any]
 
@@ -21,7 +20,7 @@ class Result:
     err: str
     folder: Path
     ticks: list[TickRecord] = field(default_factory=list)
-    events: list[EventRecord] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
     summary: Document = field(default_factory=dict)
 
     @property

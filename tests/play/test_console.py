@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from humanoid_sim.messages import ControlMode, FaultReport, Mode, SessionHeader, TickInput, TickOutput, TickRecord
+from humanoid_sim.messages import (
+    ControlMode,
+    Event,
+    FaultReport,
+    Mode,
+    SessionHeader,
+    TickInput,
+    TickOutput,
+    TickRecord,
+)
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play.console import MODE_STYLES, ConsoleSink
 
@@ -28,7 +37,7 @@ def printed(*records: TickRecord, events: tuple[tuple[float, str], ...] = (), te
     for item in records:
         sink.tick(item)
     for event in events:
-        sink.event(*event)
+        sink.event(Event(*event))
     sink.close()
     assert sink.error is None
     return out.getvalue()
@@ -80,7 +89,7 @@ def test_only_ticks_that_print_something_are_queued() -> None:
     sink = ConsoleSink(Console(file=io.StringIO()), 10.0)
     for index, mode in enumerate((Mode.ZERO_TORQUE, Mode.ZERO_TORQUE, Mode.DAMPING, Mode.DAMPING, Mode.DAMPING)):
         sink.tick(record(index, mode, refusals=("LOAD_A refused: mode",) if index == 4 else ()))
-    sink.event(2.5, "ending: QUIT")
+    sink.event(Event(2.5, "ending: QUIT"))
     assert sink.backlog == 4
     sink.close()
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from humanoid_sim.messages import (
     ControlMode,
+    Event,
     FaultReport,
     Intent,
     Mode,
@@ -93,7 +94,7 @@ def write_recording(path, ticks, header=None, events=()) -> None:
     for record in ticks:
         recorder.tick(record)
     for time, text in events:
-        recorder.event(time, text)
+        recorder.event(Event(time, text))
     recorder.close()
     assert recorder.error is None
 
@@ -159,6 +160,7 @@ def tick_records(draw, joints: int | None = None) -> TickRecord:
             tuple(draw(st.lists(fault, max_size=2))),
             tuple(draw(st.lists(any_text, max_size=2))),
             draw(st.none() | step),
+            draw(st.none() | any_text),
         ),
         duration=draw(any_float),
         overrun=draw(st.booleans()),

@@ -7,10 +7,10 @@ from recording_samples import bits, make_header, make_tick, write_recording
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import TickRecord
+from humanoid_sim.recording.codec import TickEncoder
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import TICK_TOPIC
-from humanoid_sim.recording.tick_codec import TickEncoder
 from humanoid_sim.ros2.definitions import SCHEMA_ENCODING, TICK, schema_text
 
 COUNT = 4

@@ -14,10 +14,19 @@ from recording_samples import JOINTS, START_NS, bits, make_header, make_tick, wr
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput, TickRecord
+from humanoid_sim.messages import (
+    Event,
+    EventKind,
+    RemoteCommand,
+    SafetyFlag,
+    SafetyLevel,
+    SafetyStatus,
+    TickInput,
+    TickRecord,
+)
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording import recorder as recorder_module
-from humanoid_sim.recording.reader import EventRecord, open_recording
+from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 
 
@@ -46,7 +55,7 @@ def test_all_ticks_and_the_header_come_back(tmp_path):
     assert recording.header == make_header()
     entries = list(recording.entries())
     assert [bits(entry) for entry in entries[:-1]] == [bits(tick) for tick in ticks]
-    assert entries[-1] == EventRecord(0.6, "the hand let go")
+    assert entries[-1] == Event(0.6, "the hand let go")
     assert recording.is_complete
     assert recording.damage == ""
     assert recording.topics["/humanoid_sim/tick"].messages == 120
@@ -182,7 +191,7 @@ def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
         time.sleep(0.001)
     assert recorder.error == f"{tmp_path / 'run.mcap'}: recording stopped: No space left on device"
     recorder.tick(make_tick(index))
-    recorder.event(0.0, "still running")
+    recorder.event(Event(0.0, "still running"))
     assert recorder.backlog == 0
     recorder.close()
     read = list(open_recording(tmp_path / "run.mcap").ticks())
@@ -221,9 +230,9 @@ def test_a_writer_that_cannot_keep_up_leaves_a_gap_and_says_so(tmp_path, monkeyp
     recorder.close()
     entries = list(open_recording(tmp_path / "run.mcap").entries())
     assert [entry.index for entry in entries if isinstance(entry, TickRecord)] == [*range(8), 20]
-    assert [entry.text for entry in entries if isinstance(entry, EventRecord)] == [
-        "recording: 12 ticks left out before tick 20",
-        "recording: 12 ticks left out in all",
+    assert [(entry.text, entry.kind) for entry in entries if isinstance(entry, Event)] == [
+        ("recording: 12 ticks left out before tick 20", EventKind.LOSS),
+        ("recording: 12 ticks left out in all", EventKind.LOSS),
     ]
 
 

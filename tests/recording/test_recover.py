@@ -5,6 +5,7 @@ from recording_samples import bits, make_header, make_tick, write_recording
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Event
 from humanoid_sim.recording import recorder as recorder_module
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
@@ -22,7 +23,7 @@ def cut(tmp_path, monkeypatch):
     recorder.start(make_header())
     for index in range(COUNT):
         recorder.tick(make_tick(index))
-    recorder.event(1.0, "last words")
+    recorder.event(Event(1.0, "last words"))
     recorder.close()
     data = path.read_bytes()
     path.write_bytes(data[: len(data) * 3 // 5])

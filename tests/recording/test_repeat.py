@@ -100,6 +100,7 @@ def changed_output(name, output):
         "quit": not output.quit,
         "faults": (*output.faults, FaultReport("a", "b", "c")),
         "refusals": (*output.refusals, "no"),
+        "policy_error": "out of memory",
         "standby": None,
         "policy_step": None,
     }
@@ -112,7 +113,7 @@ FIELDS = [
     *((f"control_mode.{field}", IN_STANDBY) for field in ("mode", "controller_name", "status_message")),
     *((f"standby.{field}", IN_STANDBY) for field in ("progress", "is_finished", "current_segment", "total_segments")),
     *((f"policy_step.{field}", IN_LOCOMOTION) for field in ("frame", "observation")),
-    *((field, IN_STANDBY) for field in ("quit", "faults", "refusals", "standby")),
+    *((field, IN_STANDBY) for field in ("quit", "faults", "refusals", "policy_error", "standby")),
 ]
 
 

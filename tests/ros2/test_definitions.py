@@ -4,7 +4,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from humanoid_sim.messages import Intent, Mode, SafetyLevel
-from humanoid_sim.recording.tick_codec import INTENT_CODES
+from humanoid_sim.recording.codec import INTENT_CODES
 from humanoid_sim.ros2 import definitions
 from humanoid_sim.ros2.definitions import schema_text
 

@@ -10,7 +10,17 @@ import numpy as np
 import rig
 
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, SessionHeader, TickInput, TickOutput, TickRecord
+from humanoid_sim.messages import (
+    Event,
+    EventKind,
+    Intent,
+    RemoteCommand,
+    SafetyStatus,
+    SessionHeader,
+    TickInput,
+    TickOutput,
+    TickRecord,
+)
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.session.session import LoopSettings, Session
 
@@ -114,6 +124,7 @@ class FakeSink:
     def __post_init__(self) -> None:
         self.records: list[TickRecord] = []
         self.events: list[str] = []
+        self.kinds: list[EventKind] = []
         self.waiting: list[int] = []
         """Backlogs to report, one per question; 0 after the last."""
         self.questions = 0
@@ -126,8 +137,9 @@ class FakeSink:
         self.on_tick(record)
         self.records.append(record)
 
-    def event(self, time: float, text: str) -> None:
-        self.events.append(text)
+    def event(self, event: Event) -> None:
+        self.events.append(event.text)
+        self.kinds.append(event.kind)
 
     @property
     def backlog(self) -> int:

@@ -129,7 +129,7 @@ def test_reactivate_is_answered_once_the_session_has_served_it(folder: Path) -> 
     control.poll(0.04, None)
     thread.join()
     control.close()
-    assert answers == [told] == ["reactivated: the robot is verified and enabled afresh"]
+    assert answers == [told[0]] == ["reactivated: the robot is verified and enabled afresh"]
 
 
 def test_a_folder_that_others_may_enter_is_refused(folder: Path) -> None:

@@ -6,8 +6,8 @@ import pytest
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.session.reactivation import Reactivation, is_fresh_start
+from humanoid_sim.messages import EventKind, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script, parse_script
 from humanoid_sim.session.sources import IntentQueue
 
@@ -28,6 +28,7 @@ def test_the_stack_begins_again_without_torque() -> None:
     assert reactivation.answer == DONE
     assert not reactivation.is_asked
     assert sink.events == [DONE, "ending: duration of 0.4 s reached"]
+    assert sink.kinds == [EventKind.FRESH_START, EventKind.ENDING]
     modes = [record.output.control_mode.mode for record in sink.records]
     assert modes[:6] == [Mode.ZERO_TORQUE] + [Mode.DAMPING] * 5
     assert set(modes[6:]) == {Mode.ZERO_TORQUE}
@@ -67,7 +68,7 @@ def test_what_the_operator_should_know_is_told_with_it() -> None:
     session(robot, **options).run()
     assert reactivation.answer == f"{DONE}; warning: wrist: its position jumped; warning: elbow: old"
     assert sink.events[0] == reactivation.answer
-    assert is_fresh_start(reactivation.answer)
+    assert sink.kinds[0] is EventKind.FRESH_START
 
 
 def test_in_motion_it_is_refused() -> None:
@@ -77,7 +78,7 @@ def test_in_motion_it_is_refused() -> None:
     assert robot.log.count("activate") == 1
     refusal = "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"
     assert sink.events[0] == reactivation.answer == refusal
-    assert not is_fresh_start(refusal)
+    assert sink.kinds[0] is EventKind.NOTE
     assert sink.records[8].output.control_mode.mode is Mode.STANDBY
 
 
@@ -89,7 +90,7 @@ def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_sessio
     )
     session(robot, **options).run()
     assert sink.events[0] == reactivation.answer == "REACTIVATE failed: lite: 2 problems: can0: a; can1: b"
-    assert is_fresh_start(reactivation.answer)
+    assert sink.kinds[0] is EventKind.FRESH_START
     assert sink.records[6].output.control_mode.mode is Mode.ZERO_TORQUE
     assert len(sink.records) > 15
 

@@ -11,7 +11,7 @@ import rig
 from fakes import HEADER, BrokenError, FakeRobot, FakeSink, session
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.session import sinks
 from humanoid_sim.session.sinks import SinkGroup, WorkerSink
 
@@ -37,8 +37,8 @@ class Kept(WorkerSink):
         self.threads.add(threading.current_thread().name)
         self._note(record.index)
 
-    def handle_event(self, time: float, text: str) -> None:
-        self._note((time, text))
+    def handle_event(self, event: Event) -> None:
+        self._note((event.time, event.text))
 
     def handle_pause(self) -> None:
         if self._fail_at == "pause":
@@ -67,7 +67,7 @@ def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread() -> None:
     ticks = records(3)
     sink.tick(ticks[0])
     sink.tick(ticks[1])
-    sink.event(0.5, "half")
+    sink.event(Event(0.5, "half"))
     sink.tick(ticks[2])
     wait_for(lambda: sink.backlog == 0)
     sink.close()
@@ -99,12 +99,12 @@ def test_one_that_raises_keeps_the_exception_and_takes_no_more(where: str) -> No
     sink.start(HEADER)
     ticks = records(3)
     sink.tick(ticks[0])
-    sink.event(0.5, "half")
+    sink.event(Event(0.5, "half"))
     sink.tick(ticks[1])
     wait_for(lambda: sink.error is not None)
     for record in ticks:
         sink.tick(record)
-    sink.event(1.0, "late")
+    sink.event(Event(1.0, "late"))
     assert sink.backlog == 0
     sink.close()
     assert str(sink.error) == f"at {where}"
@@ -197,7 +197,7 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stu
     assert stuck.entered.wait(5.0)
     for _ in range(sinks.QUEUE_LIMIT + 3):
         stuck.tick(tick)
-    stuck.event(1.0, "late")
+    stuck.event(Event(1.0, "late"))
     assert stuck.backlog == sinks.QUEUE_LIMIT
     assert stuck.lost == 4
     wait_for(lambda: stuck.backlog == 0)  # nobody waits for it any more

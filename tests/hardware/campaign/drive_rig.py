@@ -19,6 +19,7 @@ from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
 from humanoid_sim.hardware.emulation.plant import PlantTruth
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.messages import (
+    Event,
     Intent,
     Mode,
     RemoteCommand,
@@ -140,7 +141,7 @@ class _Ticks:
         truth = self._truth()
         self.all.append(Tick(read, safety, record.output, truth.time, truth.joint_effort, truth.joint_velocity))
 
-    def event(self, time: float, text: str) -> None:
+    def event(self, event: Event) -> None:
         return
 
     def close(self) -> None:

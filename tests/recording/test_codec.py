@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recording_samples import bits, make_tick, tick_records
+from recording_samples import any_float, any_text, bits, make_tick, tick_records
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from humanoid_sim.messages import PolicyStep
+from humanoid_sim.messages import Event, EventKind, PolicyStep
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.recording.tick_codec import INTENT_CODES, TickEncoder, decode_tick
+from humanoid_sim.recording.codec import INTENT_CODES, TickEncoder, decode_event, decode_tick, encode_event
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import TICK, schema_text
 
@@ -64,6 +64,7 @@ def test_a_generic_reader_agrees(typestore, record):
         (f.controller, f.fallback, f.message, f.is_bug) for f in output.faults
     ]
     assert tuple(message.refusals) == output.refusals
+    assert list(message.policy_error) == ([] if output.policy_error is None else [output.policy_error])
     assert [bits(float(r.arrival_time)) for r in message.remote] == ([bits(remote.arrival_time)] if remote else [])
     assert [e.name for e in message.extern] == list(state.extern)
     assert len(message.policy_step) == (output.policy_step is not None)
@@ -105,3 +106,16 @@ def test_an_action_of_the_wrong_shape_keeps_it():
     step = PolicyStep(0, np.zeros(5, np.float32), np.zeros((1, 2), np.float32))
     decoded = decode_tick(TickEncoder(3).encode(make_tick(40, policy_step=step)))
     assert decoded.output.policy_step.action.shape == (1, 2)
+
+
+@given(any_float, any_text, st.sampled_from(EventKind))
+def test_an_event_comes_back(time, text, kind):
+    assert bits(decode_event(encode_event(Event(time, text, kind)))) == bits(Event(time, text, kind))
+
+
+def test_an_event_of_a_later_version_is_refused():
+    message = encode_event(Event(1.0, "news", EventKind.ENDING))
+    with pytest.raises(CdrError, match="event of kind 99, expected one below 6"):
+        decode_event(message[:-1] + b"c")
+    with pytest.raises(CdrError):
+        decode_event(message[:-1])

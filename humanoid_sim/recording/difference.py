@@ -45,6 +45,7 @@ def first_difference(header: SessionHeader, recorded: TickOutput, replayed: Tick
 def _differences(header: SessionHeader, recorded: TickOutput, replayed: TickOutput) -> Iterator[Difference]:
     yield from _policy_steps(header, recorded.policy_step, replayed.policy_step)
     yield from _plain("faults", recorded.faults, replayed.faults)
+    yield from _plain("policy_error", recorded.policy_error, replayed.policy_error)
     yield from _plain("refusals", recorded.refusals, replayed.refusals)
     before, now = recorded.control_mode, replayed.control_mode
     yield from _plain("control_mode.mode", before.mode.name, now.mode.name)

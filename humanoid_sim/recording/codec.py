@@ -1,4 +1,4 @@
-"""One tick as one ROS 2 message (`humanoid_sim_msgs/msg/Tick`): the whole `TickRecord`, bit for bit.
+"""One tick as one ROS 2 message (`humanoid_sim_msgs/msg/Tick`), the whole `TickRecord`, bit for bit; and events.
 
 Every tick of a run goes through here, so the encoder does little: the numbers leave their arrays as bytes, the parts
 that are nearly always empty cost one constant, and the texts are encoded again only when they change.
@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from humanoid_sim.messages import (
     ControlMode,
+    Event,
+    EventKind,
     FaultReport,
     Intent,
     Mode,
@@ -30,7 +32,7 @@ from humanoid_sim.messages import (
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
 
-__all__ = ["INTENT_CODES", "TickEncoder", "decode_tick"]
+__all__ = ["INTENT_CODES", "TickEncoder", "decode_event", "decode_tick", "encode_event"]
 
 INTENT_CODES = {intent: code for code, intent in enumerate(Intent)}
 """`INTENT_…` of the message definition."""
@@ -112,7 +114,14 @@ class TickEncoder:
 
     def _encode_texts(self, tick_input: TickInput, output: TickOutput) -> bytes:
         """What rarely changes. No field of it is wider than 4 bytes, so its bytes fit at any multiple of 4."""
-        texts = (output.control_mode, tick_input.safety, tick_input.intents, output.faults, output.refusals)
+        texts = (
+            output.control_mode,
+            tick_input.safety,
+            tick_input.intents,
+            output.faults,
+            output.refusals,
+            output.policy_error,
+        )
         if texts != self._texts:
             self._encoded_texts = _encode_texts(*texts)
             self._texts = texts
@@ -159,6 +168,7 @@ def _encode_texts(
     intents: tuple[Intent, ...],
     faults: tuple[FaultReport, ...],
     refusals: tuple[str, ...],
+    policy_error: str | None,
 ) -> bytes:
     writer = CdrWriter()
     writer.string(control_mode.controller_name)
@@ -176,6 +186,7 @@ def _encode_texts(
         writer.string(fault.message)
         writer.pack("?", fault.is_bug)
     writer.strings(refusals)
+    writer.strings(() if policy_error is None else (policy_error,))
     return writer.body()
 
 
@@ -183,19 +194,23 @@ def _command_arrays(command: MITCommand) -> tuple[FloatArray, ...]:
     return command.position, command.velocity, command.effort, command.stiffness, command.damping
 
 
-def decode_tick(message: bytes) -> TickRecord:
+def decode_tick(message: bytes, *, has_policy_error: bool = True) -> TickRecord:
     """The tick of one message.
+
+    Args:
+        message: the bytes.
+        has_policy_error: the message has the field; those of earlier versions end before it.
 
     Raises:
         CdrError: if the bytes are no tick.
     """
     try:
-        return _decode(CdrReader(message))
+        return _decode(CdrReader(message), has_policy_error)
     except ValueError as error:  # an unknown mode or level, arrays that do not fit each other
         raise CdrError(str(error)) from None
 
 
-def _decode(reader: CdrReader) -> TickRecord:
+def _decode(reader: CdrReader, has_policy_error: bool) -> TickRecord:
     index, time, duration = reader.unpack("Qdd")
     quaternion, angular_velocity, linear_acceleration = (reader.fixed_array(np.float64, width) for width in (4, 3, 3))
     overrun, has_quit, has_qpos, mode = reader.unpack(_FLAG_CODES)
@@ -217,9 +232,10 @@ def _decode(reader: CdrReader) -> TickRecord:
         for _ in range(reader.count(16))
     )
     refusals = reader.strings()
+    policy_error = _optional(reader, CdrReader.string) if has_policy_error else None
     reader.finish()
     tick_input = TickInput(state, safety, intents, remote)
-    output = TickOutput(command, control_mode, standby, has_quit, faults, refusals, step)
+    output = TickOutput(command, control_mode, standby, has_quit, faults, refusals, step, policy_error)
     return TickRecord(index, tick_input, output, duration, overrun, qpos if has_qpos else None)
 
 
@@ -267,3 +283,35 @@ def _decode_intent(code: int) -> Intent:
 
 def _reshaped(values: npt.NDArray[Any], shape: npt.NDArray[np.uint32]) -> npt.NDArray[Any]:
     return values.reshape(tuple(int(size) for size in shape))
+
+
+def encode_event(event: Event) -> bytes:
+    """The `humanoid_sim_msgs/msg/Event` of one event."""
+    writer = CdrWriter()
+    writer.pack("d", event.time)
+    writer.string(event.text)
+    writer.pack("B", event.kind)
+    return writer.message()
+
+
+def decode_event(message: bytes, *, has_kind: bool = True) -> Event:
+    """The event of one message.
+
+    Args:
+        message: the bytes.
+        has_kind: the message has the field; those of earlier versions end before it, and come out as a note.
+
+    Raises:
+        CdrError: if the bytes are no event.
+    """
+    reader = CdrReader(message)
+    (time,) = reader.unpack("d")
+    text = reader.string()
+    kind = EventKind.NOTE
+    if has_kind:
+        (code,) = reader.unpack("B")
+        if code >= len(EventKind):
+            raise CdrError(f"event of kind {code}, expected one below {len(EventKind)}")
+        kind = EventKind(code)
+    reader.finish()
+    return Event(time, text, kind)

@@ -1,0 +1,43 @@
+"""Ticks and events of recordings made before their messages had all of today's fields.
+
+What such a message lacks stands in its texts, in the words of the version that wrote it. They are looked at here and
+nowhere else; a recording's own definition of the message says whether that is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from humanoid_sim.messages import Event, EventKind, TickRecord
+from humanoid_sim.recording.codec import decode_event, decode_tick
+
+__all__ = ["decode_earlier_event", "decode_earlier_tick", "has_event_kind", "has_policy_error"]
+
+_FRESH_START = ("reactivated", "REACTIVATE failed")
+_POLICY_FAILED = "policy failed: "
+
+
+def has_event_kind(definition: bytes) -> bool:
+    """Whether a definition of `humanoid_sim_msgs/msg/Event` has the field `kind`; an empty one says nothing else."""
+    return not definition or b"\nuint8 kind" in definition
+
+
+def has_policy_error(definition: bytes) -> bool:
+    """Whether a definition of `humanoid_sim_msgs/msg/Tick` has the field `policy_error`; an empty one likewise."""
+    return not definition or b"\nstring[] policy_error" in definition
+
+
+def decode_earlier_event(message: bytes) -> Event:
+    """An event without a kind. Raises `CdrError`."""
+    event = decode_event(message, has_kind=False)
+    return replace(event, kind=EventKind.FRESH_START) if event.text.startswith(_FRESH_START) else event
+
+
+def decode_earlier_tick(message: bytes) -> TickRecord:
+    """A tick without a policy's error. Raises `CdrError`."""
+    record = decode_tick(message, has_policy_error=False)
+    for fault in record.output.faults:
+        if fault.message.startswith(_POLICY_FAILED):
+            error = fault.message.removeprefix(_POLICY_FAILED)
+            return replace(record, output=replace(record.output, policy_error=error))
+    return record
