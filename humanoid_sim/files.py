@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
@@ -16,7 +17,7 @@ from typing import IO
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["is_file", "regular_file", "whole_file"]
+__all__ = ["is_file", "output_file", "regular_file", "whole_file"]
 
 _SHOWN = 40
 """Characters of a file's name that its temporary one begins with; four bytes each at most, of 255."""
@@ -52,6 +53,37 @@ def regular_file(path: str | os.PathLike[str], what: str) -> Path:
 def is_file(path: str | os.PathLike[str]) -> bool:
     """Whether there is such a regular file; a name that no file can have is no error."""
     return os.path.isfile(path)
+
+
+def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwrite: bool = True) -> Path:
+    """The path of a file to write, looked at before the work whose result it will hold.
+
+    Args:
+        path: of the file.
+        what: it is, for messages, such as the option that names it.
+        suffixes: that its name may have, in lower case; none for any.
+        overwrite: replace a file that is there.
+
+    Raises:
+        InputError: its name has another suffix, is taken, or cannot be written.
+    """
+    path = Path(path)
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise InputError(f"{what}: is '{path}', expected a name that ends in {' or '.join(suffixes)}")
+    try:
+        exists = path.exists()
+        if path.is_dir():
+            raise InputError(f"{what}: '{path}' is a directory, expected a file name")
+        if exists and not path.is_file():
+            raise InputError(f"{what}: '{path}' is a pipe or a device, expected a file name")
+        if exists and not overwrite:
+            raise InputError(f"{what}: '{path}' exists; choose another name, or add --overwrite")
+        if not path.parent.is_dir():
+            raise InputError(f"{what}: the folder '{path.parent}' does not exist")
+        tempfile.TemporaryFile(dir=path.absolute().parent).close()
+    except OSError as error:
+        raise InputError(f"{what}: '{path}' cannot be written: {error.strerror}") from None
+    return path
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file, regular_file, whole_file
+from humanoid_sim.files import is_file, output_file, regular_file, whole_file
 
 
 def refusal(path: str | Path) -> str:
@@ -70,3 +70,38 @@ def test_a_block_that_raises_leaves_what_was_there(tmp_path: Path) -> None:
         file.write("text")
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_good_output_is_returned_and_nothing_is_left(tmp_path: Path) -> None:
+    assert output_file(str(tmp_path / "run.MP4"), "video", ".mp4") == tmp_path / "run.MP4"
+    assert output_file(tmp_path / "run", "video") == tmp_path / "run"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("run.avi", r"^video: is '.*run\.avi', expected a name that ends in \.mp4 or \.mov$"),
+        ("run", r"^video: is '.*run', expected a name that ends in \.mp4 or \.mov$"),
+        ("missing/run.mp4", r"^video: the folder '.*missing' does not exist$"),
+        ("folder.mp4", r"^video: '.*folder\.mp4' is a directory, expected a file name$"),
+        ("pipe.mp4", r"^video: '.*pipe\.mp4' is a pipe or a device, expected a file name$"),
+        ("there.mp4", r"^video: '.*there\.mp4' exists; choose another name, or add --overwrite$"),
+        (f"{'x' * 300}.mp4", r"^video: '.*' cannot be written: File name too long$"),
+    ],
+)
+def test_a_bad_output_is_refused(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / "folder.mp4").mkdir()
+    os.mkfifo(tmp_path / "pipe.mp4")
+    (tmp_path / "there.mp4").touch()
+    with pytest.raises(InputError, match=message):
+        output_file(tmp_path / name, "video", ".mp4", ".mov", overwrite=False)
+    assert output_file(tmp_path / "there.mp4", "video") == tmp_path / "there.mp4"
+
+
+def test_a_folder_that_takes_no_files_is_refused(tmp_path: Path) -> None:
+    target = Path("/proc/self") if os.geteuid() == 0 else tmp_path
+    if os.geteuid() != 0:
+        tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match=r"'.*run\.mp4' cannot be written: \w+"):
+        output_file(target / "run.mp4", "video", ".mp4")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import output_file
 from humanoid_sim.messages import Intent
 from humanoid_sim.play.config import PlayConfig
 from humanoid_sim.rendering.backend import has_display
@@ -133,21 +133,8 @@ def choose_outputs(config: PlayConfig) -> Outputs:
         "--summary": (config.summary, outputs.summary, ".json"),
     }
     for option, (value, path, suffix) in named.items():
-        if path is None or value == "auto":
-            continue
-        if path.suffix.lower() != suffix:
-            raise InputError(f"{option}: is '{path}', expected a name that ends in {suffix}")
-        exists = _exists(option, path)
-        if path.is_dir():
-            raise InputError(f"{option}: '{path}' is a directory, expected a file name")
-        if exists and not path.is_file():
-            raise InputError(f"{option}: '{path}' is a pipe or a device, expected a file name")
-        if exists and not config.overwrite:
-            raise InputError(f"{option}: '{path}' exists; choose another name, or add --overwrite")
-        if not path.parent.is_dir():
-            raise InputError(f"{option}: the folder '{path.parent}' does not exist")
-        if not os.access(path.parent, os.W_OK):
-            raise InputError(f"{option}: the folder '{path.parent}' cannot be written to")
+        if path is not None and value != "auto":
+            output_file(path, option, suffix, overwrite=config.overwrite)
     if any(value == "auto" and path is not None for value, path, _ in named.values()):
         try:
             _RUNS.mkdir(exist_ok=True)
@@ -166,14 +153,6 @@ def _output(option: str, value: str | None, automatic: Path | None) -> Path | No
     if not value:
         raise InputError(f"{option}: is empty, expected a file name")
     return Path(value)
-
-
-def _exists(option: str, path: Path) -> bool:
-    """Whether there is such a file already; a name that no file can have is noticed before the run and not after."""
-    try:
-        return path.exists()
-    except OSError as error:
-        raise InputError(f"{option}: '{path}' cannot be written: {error.strerror}") from None
 
 
 def _free(path: Path) -> Path:

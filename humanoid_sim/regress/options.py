@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 from msgspec.structs import replace
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import output_file
 from humanoid_sim.regress.config import RegressConfig
 from humanoid_sim.regress.report import require_report
 from humanoid_sim.regress.suite import Suite
@@ -34,7 +34,7 @@ def check_outputs(config: RegressConfig) -> None:
     for option, (path, suffix) in files.items():
         if path is None:
             continue
-        _check_file(option, path, suffix, config.overwrite)
+        output_file(path, option, suffix, overwrite=config.overwrite)
         other = named.setdefault(path.absolute(), option)
         if other != option:
             raise InputError(f"{option}: is '{path}', as {other} is; expected different files")
@@ -46,21 +46,6 @@ def check_outputs(config: RegressConfig) -> None:
             raise InputError(f"{name}: is {number}, expected a whole number >= 1")
     if config.report is not None:
         require_report()
-
-
-def _check_file(option: str, path: Path, suffix: str, overwrite: bool) -> None:
-    if path.suffix != suffix:
-        raise InputError(f"{option}: is '{path}', expected a name that ends in {suffix}")
-    if path.is_dir():
-        raise InputError(f"{option}: '{path}' is a folder, expected a file")
-    if path.exists() and not overwrite:
-        raise InputError(f"{option}: '{path}' exists; choose another name, or add --overwrite")
-    if not path.absolute().parent.is_dir():
-        raise InputError(f"{option}: '{path.parent}' is no folder, expected one that exists")
-    try:
-        tempfile.TemporaryFile(dir=path.absolute().parent).close()
-    except OSError as error:
-        raise InputError(f"{option}: '{path}' cannot be written: {error.strerror}") from None
 
 
 def chosen_suite(config: RegressConfig, suite: Suite) -> Suite:

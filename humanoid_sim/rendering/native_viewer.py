@@ -11,9 +11,8 @@ import mujoco
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.rendering.camera import make_camera
 from humanoid_sim.rendering.caption import Caption
-from humanoid_sim.rendering.offscreen import update_pose
+from humanoid_sim.rendering.offscreen import make_camera, update_pose
 
 __all__ = ["NativeViewerSink"]
 

@@ -15,8 +15,7 @@ import numpy.typing as npt
 from PIL import Image, ImageChops, ImageDraw, ImageFilter
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.rendering.raster import DepthBuffer, View
-from humanoid_sim.rendering.tessellation import Mesh, tessellate
+from humanoid_sim.rendering.polygons import DepthBuffer, Mesh, View, tessellate
 
 __all__ = ["Painter"]
 

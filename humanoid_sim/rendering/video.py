@@ -16,17 +16,16 @@ import numpy.typing as npt
 from PIL import Image
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import choose_video_backend
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.offscreen import make_renderer, update_pose
-from humanoid_sim.rendering.output import check_output, replacing
 
-__all__ = ["SNAPSHOT_SUFFIXES", "VIDEO_SUFFIXES", "VideoReport", "VideoSink", "save_snapshot"]
+__all__ = ["VideoReport", "VideoSink", "save_snapshot"]
 
-VIDEO_SUFFIXES = (".mp4",)
-SNAPSHOT_SUFFIXES = (".png", ".jpg", ".jpeg")
+_SNAPSHOT_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 _LONGEST_PAUSE = 1.0
 """s. A longer jump of the robot's clock is shortened to this."""
@@ -83,7 +82,7 @@ class VideoSink:
         camera: str | None = None,
         max_frames: int = 3600,
     ) -> None:
-        self.path = check_output(path, "video", VIDEO_SUFFIXES)
+        self.path = output_file(path, "video", ".mp4")
         if fps < 1:
             raise InputError(f"video '{path}': frame rate is {fps}, accepted: 1 and more")
         if min(size) < 16 or any(side % 2 for side in size):
@@ -140,10 +139,10 @@ class VideoSink:
         model = self._model_factory()
         renderer = make_renderer(model, *self._size, self._camera, choice=choose_video_backend())
         try:
-            with replacing(self.path) as temporary:
-                count = self._encode(temporary, self._pictures(model, renderer.render), progress)
-        except (av.FFmpegError, OSError) as error:
-            raise InputError(f"video '{self.path}': cannot be written: {error.strerror or error}") from None
+            with whole_file(self.path) as file:
+                count = self._encode(file.name, self._pictures(model, renderer.render), progress)
+        except av.FFmpegError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
         finally:
             renderer.close()
         fps = float(self._fps)
@@ -173,13 +172,13 @@ class VideoSink:
 
     def _encode(
         self,
-        path: Path,
+        path: str,
         pictures: Iterator[npt.NDArray[np.uint8]],
         progress: Callable[[int, int], None] | None,
     ) -> int:
         codec = next(name for name in _H264 if name in av.codecs_available)
         done = 0
-        with av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"}) as container:
+        with av.open(path, "w", format="mp4", options={"movflags": "+faststart"}) as container:
             stream = cast(
                 "av.VideoStream",
                 container.add_stream(codec, rate=self._fps, options={"crf": "20", "preset": "veryfast"}),
@@ -211,17 +210,16 @@ def save_snapshot(
     Raises:
         InputError: the file cannot be written, or there is no such camera.
     """
-    path = check_output(path, "snapshot", SNAPSHOT_SUFFIXES)
+    path = output_file(path, "snapshot", *_SNAPSHOT_FORMATS)
     renderer = make_renderer(model, *size, camera)
     try:
         data = mujoco.MjData(model)
         update_pose(model, data, data.qpos.copy())
         update_pose(model, data, qpos)
         picture = renderer.render(data)
-        with replacing(path) as temporary:
-            Image.fromarray(picture if caption is None else draw_caption(picture, caption)).save(temporary)
-    except OSError as error:
-        raise InputError(f"snapshot '{path}': cannot be written: {error.strerror or error}") from None
+        image = Image.fromarray(picture if caption is None else draw_caption(picture, caption))
+        with whole_file(path) as file:
+            image.save(file, _SNAPSHOT_FORMATS[path.suffix.lower()])
     finally:
         renderer.close()
     return renderer.backend

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from humanoid_sim.errors import HumanoidSimError, InputError
+from humanoid_sim.files import output_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.training.arm import ArmModel
@@ -59,10 +60,7 @@ def _check(config: TrainConfig, path: Path) -> None:
             raise InputError(f"--{name.replace('_', '-')}: is {getattr(config, name)}, expected at least 1")
     if config.seed < 0:
         raise InputError(f"--seed: is {config.seed}, expected at least 0")
-    if not path.parent.is_dir():
-        raise InputError(f"--output: {path.parent} is no folder")
-    if path.is_dir():
-        raise InputError(f"--output: {path} is a folder, expected a file name")
+    output_file(path, "--output")
 
 
 def _train(config: TrainConfig, arm: ArmModel, progress: Progress) -> ArmNetwork:

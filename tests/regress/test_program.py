@@ -130,7 +130,7 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
         ),
         ((policy, *short, "--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
         ((policy, *short, "--json", str(there)), f"--json: '{there}' exists; choose another name, or add --overwrite"),
-        ((policy, *short, "--junit", "no/where.xml"), "--junit: 'no' is no folder, expected one that exists"),
+        ((policy, *short, "--junit", "no/where.xml"), "--junit: the folder 'no' does not exist"),
         ((policy, *short, "--json", "/proc/out.json"), "--json: '/proc/out.json' cannot be written: "),
         ((policy, *short, "--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave"),
         ((policy, *short, "--seeds", "1"), "--seeds: is 1, expected at least 2"),

@@ -5,7 +5,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from humanoid_sim.rendering.camera import make_camera
+from humanoid_sim.rendering.offscreen import make_camera
 from humanoid_sim.rendering.painter import Painter
 
 CAMERA = '<camera name="eye" pos="3 0 0" xyaxes="0 1 0 0 0 1" fovy="45"/>'

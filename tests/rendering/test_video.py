@@ -124,13 +124,13 @@ def test_a_full_disk_leaves_no_half_of_a_video(tmp_path: Path, pendulum: mujoco.
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=(640, 480))
     for index in range(60):
         sink.tick(make_tick(index, index / 30, [index / 10]))
-    with pytest.raises(InputError, match=r"video '.*run\.mp4': cannot be written: File too large"), full_disk():
+    with pytest.raises(InputError, match=r"run\.mp4: cannot be written: File too large"), full_disk():
         sink.render()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_leaves_no_half_of_a_snapshot(tmp_path: Path, pendulum: mujoco.MjModel) -> None:
-    with pytest.raises(InputError, match=r"snapshot '.*run\.png': cannot be written: File too large"), full_disk():
+    with pytest.raises(InputError, match=r"run\.png: cannot be written: File too large"), full_disk():
         save_snapshot(tmp_path / "run.png", pendulum, np.zeros(1))
     assert list(tmp_path.iterdir()) == []
 
@@ -146,7 +146,7 @@ def test_a_snapshot_is_a_picture_of_the_pose(tmp_path: Path, pendulum: mujoco.Mj
             pictures.append(np.asarray(image, dtype=np.int64))
     assert np.abs(pictures[0] - pictures[1]).max() > 60
     np.testing.assert_array_equal(pictures[0], pictures[2])
-    with pytest.raises(InputError, match=r"snapshot '.*': suffix is '\.bmp', accepted: \.png, \.jpg, \.jpeg"):
+    with pytest.raises(InputError, match=r"snapshot: is '.*\.bmp', expected a name that ends in \.png or "):
         save_snapshot(tmp_path / "run.bmp", pendulum, np.zeros(1))
 
 

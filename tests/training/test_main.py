@@ -44,8 +44,8 @@ def test_evaluate_names_a_missing_file(capsys):
     [
         (["--motions", "0"], "--motions: is 0, expected at least 1"),
         (["--seed", "-1"], "--seed: is -1, expected at least 0"),
-        (["--output", "no/where.onnx"], "--output: no is no folder"),
-        (["--output", "."], "--output: . is a folder"),
+        (["--output", "no/where.onnx"], "--output: the folder 'no' does not exist"),
+        (["--output", "."], "--output: '.' is a directory, expected a file name"),
     ],
 )
 def test_training_refuses_what_would_stop_it_later(options, message, capsys):

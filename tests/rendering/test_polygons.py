@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.rendering.tessellation import Mesh, tessellate
+from humanoid_sim.rendering.polygons import Mesh, tessellate
 
 EMPTY = mujoco.MjModel.from_xml_string("<mujoco/>")
 GEOM = mujoco.mjtGeom
