@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LINKED = ("controllers", "envs", "hardware", "assets")
-SUFFIXES = {".py", ".yaml", ".xml", ".onnx", ".mcap"}
+SUFFIXES = {".py", ".yaml", ".xml", ".html", ".onnx", ".mcap"}
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +49,7 @@ def test_the_wheel_holds_every_file_of_the_package_as_an_ordinary_file(wheel: Pa
     for name in (
         "humanoid_sim/py.typed",
         "humanoid_sim/controllers/supervisor.py",
+        "humanoid_sim/regress/report/page.html",
         "humanoid_sim/assets/robots/lite.yaml",
         "humanoid_sim/assets/mjcf/lite.xml",
         "humanoid_sim/assets/policies/lite_tracking.onnx",

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from invented import Behaviour
 
-from humanoid_sim.regress.report.intervals import interval_bar
 from humanoid_sim.regress.report.pairs import Pair, mean_over_cases, metric_values, pair_up, trace_difference, worst
-from humanoid_sim.regress.results import Comparison, MetricInfo
+from humanoid_sim.regress.results import MetricInfo
 
 ERROR = MetricInfo(name="error", unit="m", better="lower", summary="")
 SURVIVAL = MetricInfo(name="survival", unit="share", better="higher", summary="")
@@ -37,13 +36,21 @@ def test_pairs_are_by_case_and_seed():
     assert all(pair.baseline is None for pair in pair_up(new, None))
 
 
-def test_worse_is_positive_whichever_way_a_metric_counts():
+def test_a_change_is_candidate_less_baseline():
     pair = Pair(episode(0.3, survival=0.5), episode(0.1, survival=1.0))
-    assert pair.worsening(ERROR) == pytest.approx(0.2)
+    assert pair.change(ERROR) == pytest.approx(0.2)
     assert pair.change(SURVIVAL) == pytest.approx(-0.5)
-    assert pair.worsening(SURVIVAL) == pytest.approx(0.5)
     assert Pair(episode(None), episode(0.1)).change(ERROR) is None
     assert Pair(episode(0.3), None).change(ERROR) is None
+
+
+def test_the_worst_comes_first_whichever_way_a_metric_counts():
+    pairs = [
+        Pair(episode(0.3, survival=0.9, seed=0), episode(0.1, survival=0.1)),
+        Pair(episode(0.2, survival=0.5, seed=1), episode(0.1, survival=1.0)),
+    ]
+    assert [pair.candidate.seed for pair in worst(pairs, ERROR, 2)] == [0, 1]
+    assert [pair.candidate.seed for pair in worst(pairs, SURVIVAL, 2)] == [1, 0]
 
 
 def test_new_failures_come_first_then_old_ones_then_the_largest_worsening():
@@ -87,33 +94,3 @@ def test_traces_are_compared_over_the_time_that_both_have():
     assert trace_difference(Pair(long, episode(0.1)), "error") == 0.0
     holes = episode(0.1, times=[0.5, 1.5], traces={"error": (None, 1.5 + 4.0)})
     assert trace_difference(Pair(holes, long), "error") == pytest.approx(4.0)
-
-
-def bar(metric, **changes):
-    values = {
-        "metric": metric.name,
-        "verdict": "worse",
-        "baseline": 1.0,
-        "candidate": 1.2,
-        "change": 0.2,
-        "low": 0.1,
-        "high": 0.3,
-        "tolerance": 0.1,
-        "episodes": 8,
-        "paired": True,
-    }
-    return interval_bar(metric, Comparison(**values | changes))
-
-
-def test_worse_lies_to_the_right():
-    """The bar is 190 wide; 0.33 is its reach."""
-    assert 'cx="152.6"' in bar(ERROR)
-    assert 'cx="37.4"' in bar(SURVIVAL)
-    assert 'cx="152.6"' in bar(SURVIVAL, change=-0.2, low=-0.3, high=-0.1)
-    assert "fill: var(--worse)" in bar(ERROR)
-    assert "fill: var(--faint)" in bar(ERROR, verdict="same")
-
-
-def test_a_bar_without_change_or_tolerance():
-    assert bar(ERROR, change=None, low=None, high=None) == ""
-    assert 'cx="95.0"' in bar(ERROR, change=0.0, low=0.0, high=0.0, tolerance=0.0, verdict="same")

@@ -1,7 +1,7 @@
 """The report of a regression run: one self-contained HTML page (extra `report`).
 
-Matplotlib draws its plots as SVG inside the page, which needs no network, no script and no other file. The same results
-give the same page, to the byte.
+Its text is the template `page.html`; Matplotlib draws the plots as SVG inside it. The page needs no network, no script
+and no other file, and the same results give the same page, to the byte.
 """
 
 from __future__ import annotations
@@ -31,6 +31,6 @@ def report_page(results: Results) -> str:
         MissingPackageError: if Matplotlib is not installed.
     """
     require_report()
-    from humanoid_sim.regress.report.page import assemble  # noqa: PLC0415 - Matplotlib only where there is a report
+    from humanoid_sim.regress.report.page import render  # noqa: PLC0415 - Matplotlib only where there is a report
 
-    return assemble(results)
+    return render(results)

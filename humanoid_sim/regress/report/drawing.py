@@ -1,27 +1,61 @@
-"""Matplotlib figures as SVG inside a page: no display, no global state, the same bytes every time."""
+"""Matplotlib figures as SVG inside a page: no display, no global state, the same bytes every time, light and dark."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
 from typing import Any, Literal
 
 import matplotlib as mpl
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from humanoid_sim.regress.report.markup import attributes
-from humanoid_sim.regress.report.palette import COLOURS, themed
-from humanoid_sim.regress.words import displayed_unit
+__all__ = ["DARK", "LIGHT", "Sheet", "candidate_colour", "drawing", "style_axes"]
 
-__all__ = ["WIDTH", "Sheet", "axis_label", "drawing", "style_axes"]
+LIGHT: Mapping[str, str] = MappingProxyType(
+    {
+        "ink": "#1c2733",
+        "faint": "#66727f",
+        "grid": "#dfe4e9",
+        "paper": "#ffffff",
+        "baseline": "#7c8a99",
+        "candidate1": "#2563b8",
+        "candidate2": "#b8650f",
+        "candidate3": "#7a3fb0",
+        "candidate4": "#0f7f7a",
+        "worse": "#c42f3d",
+        "better": "#1e8a4f",
+        "unclear": "#a87800",
+    }
+)
+"""By what they mean. Blue and orange, and red and blue-green, stay apart for eyes that do not tell red from green."""
 
-WIDTH = 11.1
+DARK: Mapping[str, str] = MappingProxyType(
+    {
+        "ink": "#e3e8ed",
+        "faint": "#98a4b0",
+        "grid": "#313b46",
+        "paper": "#12181e",
+        "baseline": "#8f9dab",
+        "candidate1": "#6ea8f5",
+        "candidate2": "#eda350",
+        "candidate3": "#bd90ea",
+        "candidate4": "#4fc3bd",
+        "worse": "#f0707b",
+        "better": "#58c98a",
+        "unclear": "#e0b34a",
+    }
+)
+"""The same where the reader's system is dark."""
+
+_CANDIDATES = 4
+_WIDTH = 11.1
 """Inches of 72 points: the page's column."""
-
 _DPI = 72.0
 """Of SVG output: one figure inch is 72 points."""
 
@@ -32,20 +66,17 @@ _SETTINGS: dict[Any, Any] = {
     "font.sans-serif": ["DejaVu Sans"],  # comes with Matplotlib: the layout does not depend on the machine's fonts
     "font.size": 9.0,
     "text.parse_math": False,  # a dollar in a name is a dollar
-    "axes.edgecolor": COLOURS["grid"],
-    "axes.labelcolor": COLOURS["faint"],
-    "axes.titlecolor": COLOURS["ink"],
+    "axes.edgecolor": LIGHT["grid"],
+    "axes.labelcolor": LIGHT["faint"],
+    "axes.titlecolor": LIGHT["ink"],
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "text.color": COLOURS["ink"],
-    "xtick.color": COLOURS["grid"],
-    "ytick.color": COLOURS["grid"],
-    "xtick.labelcolor": COLOURS["faint"],
-    "ytick.labelcolor": COLOURS["faint"],
-    "grid.color": COLOURS["grid"],
+    "text.color": LIGHT["ink"],
+    "xtick.labelcolor": LIGHT["faint"],
+    "ytick.labelcolor": LIGHT["faint"],
+    "grid.color": LIGHT["grid"],
     "grid.linewidth": 0.7,
-    "axes.grid": True,
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -58,13 +89,18 @@ _SETTINGS: dict[Any, Any] = {
 }
 
 
+def candidate_colour(index: int) -> str:
+    """Of the candidate at `index`; the fifth has the first one's again."""
+    return LIGHT[f"candidate{index % _CANDIDATES + 1}"]
+
+
 class Sheet:
     """A figure that is being drawn, and the SVG that becomes of it."""
 
     def __init__(self, height: float) -> None:
-        self.figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        self.figure = Figure(figsize=(_WIDTH, height), layout="constrained")
         FigureCanvasSVG(self.figure)
-        self.svg = ""
+        self.svg = Markup()
         """Complete once the `drawing` has ended."""
 
 
@@ -73,7 +109,7 @@ def drawing(height: float, name: str, description: str) -> Iterator[Sheet]:
     """A sheet to draw on; afterwards its `svg` is ready.
 
     Args:
-        height: inches of 72 points; the width is `WIDTH`.
+        height: inches of 72 points.
         name: unique in the page: what the SVG defines must not be confused with another's.
         description: for readers who cannot see it.
     """
@@ -82,33 +118,23 @@ def drawing(height: float, name: str, description: str) -> Iterator[Sheet]:
         yield sheet
         buffer = io.StringIO()
         sheet.figure.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})
-    sheet.svg = _inline(buffer.getvalue(), name, description)
+    sheet.svg = Markup(_inline(buffer.getvalue(), name, description))
 
 
-def style_axes(axes: Axes, *, grid: Literal["both", "x", "y"] = "both") -> None:
-    """Ticks without marks, and a grid along one axis only where the other counts nothing."""
+def style_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
+    """Ticks without marks, and a grid along x alone where y counts nothing."""
     axes.tick_params(length=0)
-    if grid != "both":
-        axes.grid(visible=False)
-        axes.grid(visible=True, axis=grid)
-
-
-def axis_label(name: str, unit: str) -> str:
-    """Such as `body position error [mm]`."""
-    return f"{name.replace('_', ' ')} [{displayed_unit(unit)[1]}]"
+    axes.grid(visible=True, axis=grid)
 
 
 def _inline(svg: str, name: str, description: str) -> str:
-    """The `svg` element alone, as wide as its column at most, every name in it made unique."""
-    element = svg[svg.index("<svg") :]
-    opening, rest = element.split(">", 1)
+    """The `svg` element alone, every name in it made unique, its colours those of the page in light and dark."""
+    opening, body = svg[svg.index("<svg") :].split(">", 1)
     box = re.search(r'viewBox="[^"]*"', opening)
-    width = re.search(r'width="([\d.]+)pt"', opening)
     assert box is not None
-    assert width is not None
-    rest = re.sub(r"<metadata>.*?</metadata>\s*", "", rest, flags=re.DOTALL)
-    rest = re.sub(r'\bid="', f'id="{name}-', rest)
-    rest = rest.replace("url(#", f"url(#{name}-").replace('xlink:href="#', f'href="#{name}-')
-    style = f"max-width: {float(width.group(1)) * 4 / 3:.0f}px"  # a point is 4/3 of a CSS pixel
-    head = f"<svg {box.group()} {attributes(role='img', style=style)} {attributes(**{'aria-label': description})}>"
-    return themed(head + rest.strip())
+    body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
+    body = re.sub(r'\bid="', f'id="{name}-', body)
+    body = body.replace("url(#", f"url(#{name}-").replace('xlink:href="#', f'href="#{name}-')
+    for meaning, colour in LIGHT.items():
+        body = body.replace(colour, f"var(--{meaning})")
+    return f'<svg {box.group()} role="img" aria-label="{escape(description)}">{body.strip()}'

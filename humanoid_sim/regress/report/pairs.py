@@ -20,24 +20,11 @@ class Pair:
     candidate: Episode
     baseline: Episode | None
 
-    def value(self, metric: MetricInfo) -> float | None:
-        """The candidate's, in the metric's unit."""
-        return self.candidate.metrics.get(metric.name)
-
     def change(self, metric: MetricInfo) -> float | None:
         """Candidate less baseline, in the metric's unit; None where one of them is missing."""
-        value = self.value(metric)
+        value = self.candidate.metrics.get(metric.name)
         before = None if self.baseline is None else self.baseline.metrics.get(metric.name)
         return None if value is None or before is None else value - before
-
-    def worsening(self, metric: MetricInfo) -> float | None:
-        """The change, positive where it is for the worse."""
-        change = self.change(metric)
-        return None if change is None else change * _sign(metric)
-
-
-def _sign(metric: MetricInfo) -> float:
-    return 1.0 if metric.better == "lower" else -1.0
 
 
 def pair_up(candidate: PolicyRun, baseline: PolicyRun | None) -> tuple[Pair, ...]:
@@ -56,9 +43,10 @@ def worst(pairs: Sequence[Pair], metric: MetricInfo, count: int) -> tuple[Pair, 
         failed = bool(pair.candidate.failure)
         is_new = failed and not (pair.baseline is not None and pair.baseline.failure)
         rank = 0 if is_new else 1 if failed else 2
-        value, change = pair.value(metric), pair.worsening(metric)
-        size = change if change is not None else -np.inf if value is None else _sign(metric) * value
-        return rank, pair.candidate.duration if failed else 0.0, -size
+        value, change = pair.candidate.metrics.get(metric.name), pair.change(metric)
+        size = value if change is None else change
+        worsening = -np.inf if size is None else size if metric.better == "lower" else -size
+        return rank, pair.candidate.duration if failed else 0.0, -worsening
 
     return tuple(sorted(pairs, key=key)[:count])
 

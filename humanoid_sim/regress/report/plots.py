@@ -1,0 +1,233 @@
+"""The three pictures of the page: what changed in which case, the traces of an episode, and the margins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.regress.report.drawing import LIGHT, Sheet, candidate_colour, drawing, style_axes
+from humanoid_sim.regress.report.pairs import Pair, by_case, metric_values, pair_up, trace, trace_difference
+from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results
+from humanoid_sim.regress.words import displayed_unit
+
+__all__ = ["case_plot", "margin_plot", "moved_metrics", "trace_plot"]
+
+_COLUMNS = 3
+_SPREAD = 0.618033988749895
+"""Multiples of it, less their whole part, spread evenly over an interval however many there are."""
+_LONGEST_NAME = 30
+_VERDICTS = ("worse", "unclear", "better")
+"""Of a metric that moved, the most urgent first."""
+
+
+def moved_metrics(results: Results) -> list[MetricInfo]:
+    """Those that are not the same for some candidate, the most urgent first; without a baseline all that vary."""
+    if results.baseline is None:
+        episodes = [episode for candidate in results.candidates for episode in candidate.run.episodes]
+        return [metric for metric in results.metrics if np.unique(metric_values(episodes, metric.name)).size > 1]
+    verdicts: dict[str, set[str]] = {}
+    for candidate in results.candidates:
+        for comparison in candidate.comparisons:
+            verdicts.setdefault(comparison.metric, set()).add(comparison.verdict)
+    moved = {name: [v for v in _VERDICTS if v in found] for name, found in verdicts.items()}
+    names = sorted((name for name in moved if moved[name]), key=lambda name: _VERDICTS.index(moved[name][0]))
+    return [results.metric(name) for name in names]
+
+
+def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, name: str) -> Markup:
+    """A panel for each metric with a row for each case: a dot per episode, a tick at the mean.
+
+    Args:
+        results: of the run.
+        metrics: to be shown, at least one.
+        paired: show candidate less baseline, seed by seed, and what is worse than tolerated; else all policies' values.
+        name: unique in the page.
+    """
+    cases = results.suite.cases
+    shown = _policies(results)[paired:]
+    rows = -(-len(metrics) // _COLUMNS)
+    with drawing(0.35 + rows * (0.7 + 0.30 * len(cases)), name, "the metrics that moved, by case") as sheet:
+        panels = _panels(sheet, len(metrics))
+        for axes, metric in zip(panels, metrics, strict=True):
+            factor, unit = displayed_unit(metric.unit)
+            for i, (run, colour) in enumerate(shown):
+                values = _changes(run, results.baseline, metric) if paired else _values(run, metric)
+                for place, case in enumerate(cases):
+                    y = -place + 0.35 - 0.7 * (i + 0.5) / len(shown)
+                    _draw_row(axes, factor * values.get(case, np.empty(0)), y, 0.7 / len(shown), colour, metric)
+            if paired:
+                _shade_worse(axes, results, metric)
+            axes.set_yticks([-place for place in range(len(cases))], [_short(case) for case in cases])
+            axes.set_ylim(0.5 - len(cases), 0.5)
+            axes.set_title(f"{'change of ' * paired}{metric.name.replace('_', ' ')} [{unit}]")
+            style_axes(axes, grid="x")
+        if len(shown) > 1:
+            _name_policies(sheet, shown)
+    return sheet.svg
+
+
+def _policies(results: Results) -> list[tuple[PolicyRun, str]]:
+    """Every policy with its colour; the baseline first, if there is one."""
+    candidates = [(candidate.run, candidate_colour(i)) for i, candidate in enumerate(results.candidates)]
+    return candidates if results.baseline is None else [(results.baseline, LIGHT["baseline"]), *candidates]
+
+
+def _panels(sheet: Sheet, count: int) -> list[Axes]:
+    """`count` places for plots, in rows."""
+    rows = -(-count // _COLUMNS)
+    grid = list(sheet.figure.subplots(rows, min(count, _COLUMNS), squeeze=False).flat)
+    for axes in grid[count:]:
+        axes.set_visible(False)
+    return grid[:count]
+
+
+def _name_policies(sheet: Sheet, policies: Sequence[tuple[PolicyRun, str]]) -> None:
+    lines = [Line2D([], [], color=colour, label=_short(run.name)) for run, colour in policies]
+    sheet.figure.legend(handles=lines, loc="outside upper right", ncols=len(lines))
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+
+
+def _values(run: PolicyRun, metric: MetricInfo) -> Mapping[str, FloatArray]:
+    """By case, in the metric's unit."""
+    return {case: metric_values(episodes, metric.name) for case, episodes in by_case(run.episodes).items()}
+
+
+def _changes(run: PolicyRun, baseline: PolicyRun | None, metric: MetricInfo) -> Mapping[str, FloatArray]:
+    """Candidate less baseline of the episodes that both have, by case, in the metric's unit."""
+    found: dict[str, list[float]] = {}
+    for pair in pair_up(run, baseline):
+        change = pair.change(metric)
+        if change is not None:
+            found.setdefault(pair.candidate.case, []).append(change)
+    return {case: np.array(changes) for case, changes in found.items()}
+
+
+def _shade_worse(axes: Axes, results: Results, metric: MetricInfo) -> None:
+    """The line of no change, and the side that is worse than the suite tolerates."""
+    axes.axvline(0.0, color=LIGHT["faint"], linewidth=0.8)
+    tolerances = [
+        comparison.tolerance
+        for candidate in results.candidates
+        for comparison in candidate.comparisons
+        if comparison.metric == metric.name and comparison.tolerance is not None
+    ]
+    if tolerances:
+        sign = 1.0 if metric.better == "lower" else -1.0
+        edge = sign * displayed_unit(metric.unit)[0] * min(tolerances)
+        low, high = axes.get_xlim()
+        low, high = min(low, 1.4 * edge, -0.4 * edge), max(high, 1.4 * edge, -0.4 * edge)
+        axes.axvspan(edge, high if edge > 0.0 else low, color=LIGHT["worse"], alpha=0.10, linewidth=0)
+        axes.set_xlim(low, high)
+
+
+def _draw_row(axes: Axes, values: FloatArray, y: float, height: float, colour: str, metric: MetricInfo) -> None:
+    """A dot per episode and a tick at their mean; of a share the mean alone says all."""
+    if not values.size:
+        return
+    mean = values.mean()
+    axes.plot([mean, mean], [y - 0.4 * height, y + 0.4 * height], color=colour, linewidth=2.2)
+    if metric.unit != "share":
+        offsets = np.mod(np.arange(1, values.size + 1) * _SPREAD, 1.0) - 0.5  # no chance: the same page every time
+        axes.scatter(values, y + 0.5 * height * offsets, s=9, c=colour, alpha=0.55, linewidths=0)
+
+
+def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> Markup:
+    """The traces of an episode that differ most from the baseline's, beside those; '' where none differs.
+
+    Args:
+        results: of the run.
+        pair: the episode and its counterpart.
+        colour: of the candidate.
+        name: unique in the page.
+    """
+    names = list(pair.candidate.traces)
+    if pair.baseline is not None:
+        sizes = {name: trace_difference(pair, name) / _usual(pair.baseline, name) for name in names}
+        largest = sorted(sizes, key=lambda name: -sizes[name])[:_COLUMNS]
+        names = [name for name in names if name in largest and sizes[name] > 0.0]
+    names = names[:_COLUMNS]
+    if not names:
+        return Markup()
+    others = [e for e in (results.baseline.episodes if results.baseline else ()) if e.case == pair.candidate.case]
+    with drawing(2.4, name, f"traces of {pair.candidate.label}") as sheet:
+        for axes, trace_name in zip(_panels(sheet, len(names)), names, strict=True):
+            unit = next((metric.unit for metric in results.metrics if metric.name == trace_name), "")
+            factor, shown = displayed_unit(unit)
+            _draw_range(axes, others, trace_name, factor)
+            for episode, line in ((pair.baseline, LIGHT["baseline"]), (pair.candidate, colour)):
+                if episode is not None and trace_name in episode.traces:
+                    _draw_trace(axes, episode, factor * trace(episode, trace_name), line)
+            axes.set_title(trace_name.replace("_", " ") + (f" [{shown}]" if unit else ""))
+            axes.set_xlabel("time [s]")
+            axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+            style_axes(axes)
+    return sheet.svg
+
+
+def _usual(episode: Episode, name: str) -> float:
+    """Root mean square of a trace; 1 where it has none."""
+    values = trace(episode, name) if name in episode.traces else np.empty(0)
+    known = values[np.isfinite(values)]
+    return float(np.sqrt((known * known).mean())) or 1.0 if known.size else 1.0
+
+
+def _draw_trace(axes: Axes, episode: Episode, values: FloatArray, colour: str) -> None:
+    """A line; a cross where the episode failed."""
+    axes.plot(episode.trace_times, values, color=colour)
+    known = np.flatnonzero(np.isfinite(values))
+    if episode.failure and known.size:
+        axes.plot(episode.trace_times[known[-1]], values[known[-1]], marker="X", markersize=7, color=colour)
+
+
+def _draw_range(axes: Axes, episodes: Sequence[Episode], name: str, factor: float) -> None:
+    """Between the least and the greatest of the baseline's episodes of the same case, at each time."""
+    known = [e for e in episodes if name in e.traces and len(e.trace_times) > 1]
+    if not known:
+        return
+    times = np.array(max(known, key=lambda e: e.trace_times[-1]).trace_times)
+    rows = [np.interp(times, e.trace_times, factor * trace(e, name), right=np.nan) for e in known]
+    stacked = np.ma.masked_invalid(np.stack(rows))
+    low, high = stacked.min(axis=0).filled(np.nan), stacked.max(axis=0).filled(np.nan)
+    axes.fill_between(times, low, high, color=LIGHT["baseline"], alpha=0.16, linewidth=0)
+
+
+def margin_plot(results: Results, name: str) -> Markup:
+    """A panel for each disturbance: the share of episodes that fail as it is raised; '' where no margin was measured.
+
+    Args:
+        results: of the run.
+        name: unique in the page.
+    """
+    policies = _policies(results)
+    disturbances = list(dict.fromkeys(margin.axis for run, _ in policies for margin in run.margins))
+    if not disturbances:
+        return Markup()
+    rows = -(-len(disturbances) // _COLUMNS)
+    with drawing(0.4 + 1.75 * rows, name, "share of failed episodes over each disturbance") as sheet:
+        for axes, disturbance in zip(_panels(sheet, len(disturbances)), disturbances, strict=True):
+            for run, colour in policies:
+                for margin in run.margins:
+                    if margin.axis == disturbance:
+                        _draw_margin(axes, margin, colour, 4.0 if run is results.baseline else 1.4)
+            axes.set_ylabel("failed [%]")
+            axes.set_ylim(-5.0, 105.0)
+            style_axes(axes)
+        _name_policies(sheet, policies)
+    return sheet.svg
+
+
+def _draw_margin(axes: Axes, margin: Margin, colour: str, width: float) -> None:
+    factor, unit = displayed_unit(margin.unit)
+    levels = factor * np.array([margin.nominal, *margin.levels])
+    shares = 100.0 * np.array([0.0, *margin.failed_share])
+    axes.plot(levels[: len(shares)], shares, color=colour, linewidth=width, marker="o", markersize=3.5)
+    axes.axvline(factor * margin.limit, color=colour, linewidth=0.7 * width, dashes=(3, 2))
+    axes.set_title(f"{margin.axis.replace('_', ' ')} [{unit}]")
