@@ -1,11 +1,15 @@
-"""What a checkpoint needs to run: one frozen struct, whatever file it came from."""
+"""What a checkpoint needs to run: one frozen struct, whatever file it came from.
+
+The annotations of its fields are the one table of them: the checks at construction go by it, and so does whatever reads
+a contract from a file, writes it, or shows it. A new field is one line here.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import numpy as np
 
@@ -14,12 +18,42 @@ from humanoid_sim.controllers.terms import QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, frozen_array
 
-__all__ = ["HistoryLayout", "PhaseRule", "PolicyContract", "TaskType", "TensorNames"]
+__all__ = ["FORMS", "Form", "HistoryLayout", "PhaseRule", "PolicyContract", "TaskType", "TensorNames"]
 
 TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
 
 _OWNER = "PolicyContract"
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """What a field of the contract holds, and who has to say it."""
+
+    kind: Literal["choice", "names", "text", "flag", "number", "limit", "values", "pairs", "steps", "axes", "parts"]
+    """`limit`: a number that may be infinite; `values`: one number for each joint; `pairs`: least and greatest for each
+    joint; `axes`: pairs for vx, vy and yaw rate; `steps`: whole numbers; `parts`: a structure of its own."""
+    joints: str = ""
+    """The field that names the joints: of values and pairs those in their order, of names those that may be named."""
+    minimum: float = -np.inf
+    """Of values."""
+    may_be_empty: bool = False
+    """Of names."""
+    choices: tuple[str, ...] = ()
+    key: str = ""
+    """Among the thirteen of a model's metadata; empty for a field that they do not tell."""
+    is_required: bool = False
+    """Whether some source has to state it."""
+    needed_by: tuple[str, ...] = ()
+    """Kinds of observation terms that cannot do without it."""
+
+
+def _choice(choices: Any, key: str = "") -> Form:
+    return Form("choice", choices=get_args(choices), key=key)
+
+
+def _values(joints: str, key: str = "", minimum: float = -np.inf) -> Form:
+    return Form("values", joints, minimum, key=key, is_required=bool(key))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,142 +104,74 @@ class PolicyContract:
     down.
     """
 
-    task_type: TaskType
+    task_type: Annotated[TaskType, _choice(TaskType, "task_type")]
     """Selects the layout of the motion reference."""
-    joint_names: tuple[str, ...]
+    joint_names: Annotated[tuple[str, ...], Form("names", key="joint_names", is_required=True)]
     """The full articulation, n joints; the order of the per-joint arrays."""
-    action_joint_names: tuple[str, ...]
+    action_joint_names: Annotated[tuple[str, ...], Form("names", "joint_names", key="action_joint_names")]
     """The m joints that the action drives, in its order; the others are pinned to position 0."""
-    joint_stiffness: FloatArray
+    joint_stiffness: Annotated[FloatArray, _values("joint_names", "joint_stiffness", minimum=0.0)]
     """Shape (n,), N·m/rad."""
-    joint_damping: FloatArray
+    joint_damping: Annotated[FloatArray, _values("joint_names", "joint_damping", minimum=0.0)]
     """Shape (n,), N·m·s/rad."""
-    default_joint_pos: FloatArray
+    default_joint_pos: Annotated[FloatArray, _values("joint_names", "default_joint_pos")]
     """Shape (n,), rad."""
-    observation: Sequence[Term | str]
+    observation: Annotated[Sequence[Term | str], Form("parts", key="observation_names", is_required=True)]
     """The flat observation, term by term; a plain name becomes the term with its usual conventions."""
-    command_names: tuple[str, ...]
+    command_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, key="command_names")]
     """Runtime command terms."""
-    action_scale: FloatArray
+    action_scale: Annotated[FloatArray, _values("action_joint_names", "action_scale")]
     """Shape (m,) or scalar, rad per unit of action."""
-    policy_dt: float
+    policy_dt: Annotated[float, Form("number", key="policy_dt", is_required=True)]
     """s"""
-    body_names: tuple[str, ...]
+    body_names: Annotated[
+        tuple[str, ...],
+        Form("names", may_be_empty=True, key="body_names", needed_by=("motion_body_pos_b", "motion_body_ori_b")),
+    ]
     """Bodies that the motion reference describes, b of them."""
-    dataset_repo_id: str = ""
+    dataset_repo_id: Annotated[str, Form("text", key="dataset_repo_id")] = ""
     """Where the default motion comes from; empty for none."""
-    lookahead_steps: tuple[int, ...] = ()
+    lookahead_steps: Annotated[
+        tuple[int, ...], Form("steps", key="lookahead_steps", needed_by=("target_keys_future",))
+    ] = ()
     """Policy steps ahead of the present one that `target_keys_future` shows (piano)."""
-    action_offset: FloatArray | None = None
+    action_offset: Annotated[FloatArray | None, _values("action_joint_names")] = None
     """Shape (m,) or scalar, rad, added to the scaled action; None: the default pose of the driven joints."""
-    action_clip: float = float("inf")
+    action_clip: Annotated[float, Form("limit")] = float("inf")
     """Magnitude at which a raw action is clipped before it is scaled."""
-    position_clip: FloatArray | None = None
+    position_clip: Annotated[FloatArray | None, Form("pairs", "action_joint_names")] = None
     """Shape (m, 2) or (1, 2), rad, least and greatest position that leaves as a command; None: any."""
-    history_layout: HistoryLayout = "per_term"
+    history_layout: Annotated[HistoryLayout, _choice(HistoryLayout)] = "per_term"
     """Of terms that show more than one step: each term's steps together, or each step's terms together."""
-    command_ranges: FloatArray | None = None
+    command_ranges: Annotated[FloatArray | None, Form("axes")] = None
     """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
-    phase: PhaseRule | None = None
+    phase: Annotated[PhaseRule | None, Form("parts", needed_by=("sin_phase", "cos_phase", "gait_phase"))] = None
     """The gait clock of policies that observe one."""
-    anchor_body: str = ""
+    anchor_body: Annotated[str, Form("text", needed_by=("motion_anchor_pos", "motion_anchor_ori"))] = ""
     """The body that the reference's anchor terms compare."""
-    align_reference: bool = True
+    align_reference: Annotated[bool, Form("flag")] = True
     """Lay the reference onto the robot at activation: turned to its heading, moved to where it stands."""
-    reference_quaternion: QuaternionOrder = "wxyz"
+    reference_quaternion: Annotated[QuaternionOrder, _choice(QuaternionOrder)] = "wxyz"
     """Order in which the motion's source gives quaternions."""
-    tensors: TensorNames = field(default_factory=TensorNames)
+    tensors: Annotated[TensorNames, Form("parts")] = field(default_factory=TensorNames)
     """Names in the model's graph."""
     provenance: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Field to the source it came from."""
 
     def __post_init__(self) -> None:
-        set_field = object.__setattr__
-        if self.task_type not in get_args(TaskType):
-            raise FieldError(
-                f"{_OWNER}.task_type: is {self.task_type!r}, expected one of {', '.join(get_args(TaskType))}"
-            )
-        set_field(self, "joint_names", joint_tuple(_OWNER, self.joint_names, "joint_names"))
-        set_field(self, "action_joint_names", joint_tuple(_OWNER, self.action_joint_names, "action_joint_names"))
-        strangers = [joint for joint in self.action_joint_names if joint not in self.joint_names]
-        if strangers:
-            raise FieldError(
-                f"{_OWNER}.action_joint_names: {', '.join(strangers)} not in joint_names: {', '.join(self.joint_names)}"
-            )
-        for name in ("joint_stiffness", "joint_damping"):
-            set_field(self, name, per_joint(_OWNER, name, getattr(self, name), self.joint_names, minimum=0.0))
-        set_field(
-            self, "default_joint_pos", per_joint(_OWNER, "default_joint_pos", self.default_joint_pos, self.joint_names)
-        )
-        set_field(self, "action_scale", per_joint(_OWNER, "action_scale", self.action_scale, self.action_joint_names))
-        self._check_observation()
-        self._check_action()
-        set_field(self, "policy_dt", number(_OWNER, "policy_dt", self.policy_dt, above=True))
-        for name in ("command_names", "body_names"):
-            set_field(self, name, joint_tuple(_OWNER, getattr(self, name), name, may_be_empty=True))
-        self._check_lookahead()
-        self._check_command()
-        set_field(self, "provenance", MappingProxyType(dict(self.provenance)))
+        for name, form in FORMS.items():
+            object.__setattr__(self, name, self._checked(name, form, getattr(self, name)))
+        lengths = sorted({term.history for term in self.terms})
+        if self.history_layout == "per_step" and len(lengths) > 1:
+            raise FieldError(f"{_OWNER}.history_layout: per_step needs one history for all terms, they have {lengths}")
+        if "target_keys_future" in self.observation_names and not self.lookahead_steps:
+            raise FieldError(f"{_OWNER}.lookahead_steps: is empty, but the observation has target_keys_future")
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled through the constructor: a read-only mapping cannot be, and arrays would come back writable."""
         values = [getattr(self, f.name) for f in fields(self)]
         return type(self), (*values[:-1], dict(self.provenance))
-
-    def _check_observation(self) -> None:
-        if isinstance(self.observation, str) or not isinstance(self.observation, Iterable):
-            raise FieldError(f"{_OWNER}.observation: is {self.observation!r}, expected a sequence of terms")
-        terms = tuple(term if isinstance(term, Term) else Term(term) for term in self.observation)
-        joint_tuple(_OWNER, [term.name for term in terms], "observation")
-        for term in terms:
-            strangers = [joint for joint in term.joints or () if joint not in self.joint_names]
-            if strangers:
-                raise FieldError(
-                    f"{_OWNER}.observation: term '{term.name}' shows {', '.join(strangers)}, not in joint_names"
-                )
-        object.__setattr__(self, "observation", terms)
-        if self.history_layout not in get_args(HistoryLayout):
-            accepted = ", ".join(get_args(HistoryLayout))
-            raise FieldError(f"{_OWNER}.history_layout: is {self.history_layout!r}, expected one of {accepted}")
-        lengths = sorted({term.history for term in terms})
-        if self.history_layout == "per_step" and len(lengths) > 1:
-            raise FieldError(f"{_OWNER}.history_layout: per_step needs one history for all terms, they have {lengths}")
-        if self.reference_quaternion not in get_args(QuaternionOrder):
-            raise FieldError(
-                f"{_OWNER}.reference_quaternion: is {self.reference_quaternion!r}, "
-                f"expected one of {', '.join(get_args(QuaternionOrder))}"
-            )
-
-    def _check_action(self) -> None:
-        offset = self.action_offset
-        if offset is None:
-            driven = [self.joint_names.index(name) for name in self.action_joint_names]
-            offset = self.default_joint_pos[driven]
-        set_field = object.__setattr__
-        set_field(self, "action_offset", per_joint(_OWNER, "action_offset", offset, self.action_joint_names))
-        clip = self.action_clip
-        if isinstance(clip, bool) or not isinstance(clip, int | float | np.floating) or not clip > 0.0:
-            raise FieldError(f"{_OWNER}.action_clip: is {clip!r}, expected a number > 0")
-        set_field(self, "action_clip", float(clip))
-        if self.position_clip is not None:
-            limits = frozen_array(_OWNER, "position_clip", self.position_clip)
-            count = len(self.action_joint_names)
-            if limits.shape not in ((1, 2), (count, 2)) or not (limits[:, 0] <= limits[:, 1]).all():
-                raise FieldError(
-                    f"{_OWNER}.position_clip: is {limits.tolist()}, expected [least, greatest] for each of "
-                    f"{count} action joints, or one for all"
-                )
-            set_field(self, "position_clip", frozen_array(_OWNER, "position_clip", np.broadcast_to(limits, (count, 2))))
-
-    def _check_command(self) -> None:
-        if self.command_ranges is None:
-            return
-        ranges = frozen_array(_OWNER, "command_ranges", self.command_ranges)
-        if ranges.shape != (3, 2) or not (ranges[:, 0] <= ranges[:, 1]).all():
-            raise FieldError(
-                f"{_OWNER}.command_ranges: is {ranges.tolist()}, expected [least, greatest] for vx, vy and yaw rate"
-            )
-        object.__setattr__(self, "command_ranges", ranges)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -217,17 +183,82 @@ class PolicyContract:
         """Names of the observation terms, in order."""
         return tuple(term.name for term in self.terms)
 
-    def _check_lookahead(self) -> None:
-        if not isinstance(self.lookahead_steps, Iterable):
-            raise FieldError(f"{_OWNER}.lookahead_steps: is {self.lookahead_steps!r}, expected integers >= 0")
-        steps = tuple(self.lookahead_steps)
-        if any(isinstance(step, bool) or not isinstance(step, int | np.integer) or step < 0 for step in steps):
-            raise FieldError(f"{_OWNER}.lookahead_steps: is {steps}, expected integers >= 0")
-        if "target_keys_future" in self.observation_names and not steps:
-            raise FieldError(f"{_OWNER}.lookahead_steps: is empty, but the observation has target_keys_future")
-        object.__setattr__(self, "lookahead_steps", tuple(int(step) for step in steps))
-
     @property
     def action_count(self) -> int:
         """m, the width of the action."""
         return len(self.action_joint_names)
+
+    def _checked(self, name: str, form: Form, value: Any) -> Any:
+        """The value as it is kept; the fields before it are checked already."""
+        match form.kind:
+            case "choice":
+                accepted, is_right = f"one of {', '.join(form.choices)}", value in form.choices
+            case "names":
+                return self._checked_names(name, form, value)
+            case "number":
+                return number(_OWNER, name, value, above=True)
+            case "limit":
+                is_number = isinstance(value, int | float | np.floating) and not isinstance(value, bool)
+                accepted, is_right = "a number > 0", is_number and value > 0.0
+                value = float(value) if is_right else value
+            case "values":
+                if value is None:  # the offset of an action that is counted from the default pose
+                    value = self.default_joint_pos[[self.joint_names.index(joint) for joint in self.action_joint_names]]
+                return per_joint(_OWNER, name, value, getattr(self, form.joints), minimum=form.minimum)
+            case "pairs" | "axes":
+                return None if value is None else self._checked_pairs(name, form, value)
+            case "steps":
+                value = tuple(value) if isinstance(value, Iterable) else value
+                accepted, is_right = "integers >= 0", isinstance(value, tuple) and all(map(_is_step, value))
+                value = tuple(map(int, value)) if is_right else value
+            case _:
+                return self._checked_terms(value) if name == "observation" else value
+        if not is_right:
+            raise FieldError(f"{_OWNER}.{name}: is {value!r}, expected {accepted}")
+        return value
+
+    def _checked_names(self, name: str, form: Form, value: Any) -> tuple[str, ...]:
+        names = joint_tuple(_OWNER, value, name, may_be_empty=form.may_be_empty)
+        strangers = [joint for joint in names if form.joints and joint not in self.joint_names]
+        if strangers:
+            known = ", ".join(self.joint_names)
+            raise FieldError(f"{_OWNER}.{name}: {', '.join(strangers)} not in {form.joints}: {known}")
+        return names
+
+    def _checked_pairs(self, name: str, form: Form, value: Any) -> FloatArray:
+        limits = frozen_array(_OWNER, name, value)
+        if form.kind == "axes":
+            rows, shapes, what = 3, [(3, 2)], "vx, vy and yaw rate"
+        else:
+            rows = len(getattr(self, form.joints))
+            shapes, what = [(1, 2), (rows, 2)], f"each of {rows} action joints, or one for all"
+        if limits.shape not in shapes or not (limits[:, 0] <= limits[:, 1]).all():
+            raise FieldError(f"{_OWNER}.{name}: is {limits.tolist()}, expected [least, greatest] for {what}")
+        return frozen_array(_OWNER, name, np.broadcast_to(limits, (rows, 2)))
+
+    def _checked_terms(self, value: Any) -> tuple[Term, ...]:
+        if isinstance(value, str) or not isinstance(value, Iterable):
+            raise FieldError(f"{_OWNER}.observation: is {value!r}, expected a sequence of terms")
+        terms = tuple(term if isinstance(term, Term) else Term(term) for term in value)
+        joint_tuple(_OWNER, [term.name for term in terms], "observation")
+        for term in terms:
+            strangers = [joint for joint in term.joints or () if joint not in self.joint_names]
+            if strangers:
+                raise FieldError(
+                    f"{_OWNER}.observation: term '{term.name}' shows {', '.join(strangers)}, not in joint_names"
+                )
+        return terms
+
+
+def _is_step(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(value >= 0)
+
+
+FORMS: Mapping[str, Form] = MappingProxyType(
+    {
+        name: hint.__metadata__[0]
+        for name, hint in get_type_hints(PolicyContract, include_extras=True).items()
+        if hasattr(hint, "__metadata__")
+    }
+)
+"""By the field's name, in order; all fields but the provenance."""

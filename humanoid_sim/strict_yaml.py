@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import re
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
+import msgspec
 import yaml
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 
-__all__ = ["UNREADABLE", "StrictLoader", "load_strictly", "read_yaml"]
+__all__ = ["UNREADABLE", "StrictLoader", "load_strictly", "read_yaml", "type_at", "value_at"]
 
 
 UNREADABLE = (ValueError, OverflowError, TypeError, LookupError, AttributeError, RecursionError)
@@ -127,3 +129,28 @@ def _place(error: yaml.YAMLError) -> str:
 def _problem(error: yaml.YAMLError) -> str:
     text = getattr(error, "problem", None) or str(error)
     return " ".join(text.split())
+
+
+def value_at(document: Any, place: str) -> Any:
+    """The value at a place as msgspec names it, such as `joints[3].upper`, or the last that is there on the way."""
+    for key in _keys(place):
+        try:
+            document = document[int(key) if isinstance(document, list) else key]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return document
+    return document
+
+
+def type_at(struct: type[msgspec.Struct], place: str) -> Any:
+    """What a schema expects at a place: of several types a struct before others."""
+    kind: Any = struct
+    for key in _keys(place):
+        kind = get_args(kind)[0] if key.isdigit() else get_type_hints(kind)[key]
+        if get_origin(kind) in (Union, UnionType):
+            kinds = [one for one in get_args(kind) if one not in (NoneType, msgspec.UnsetType)]
+            kind = next((one for one in kinds if hasattr(one, "__struct_fields__")), kinds[0])
+    return kind
+
+
+def _keys(place: str) -> list[str]:
+    return re.findall(r"[^.\[\]]+", place)

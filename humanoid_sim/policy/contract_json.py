@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
+from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contract
@@ -35,13 +35,13 @@ def encode(contract: PolicyContract) -> str:
     infinite is written as Python's `Infinity`, everything else as plain JSON.
     """
     document: dict[str, Any] = {"version": _VERSION}
-    for field in fields(PolicyContract):
-        value = getattr(contract, field.name)
-        if field.name == "command_ranges" and value is not None:
-            document[field.name] = dict(zip(COMMAND_AXES, value.tolist(), strict=True))
-        elif field.name != "action_clip" or math.isfinite(value):
-            document[field.name] = _plain(value)
-    return json.dumps(document)
+    for name, form in FORMS.items():
+        value = getattr(contract, name)
+        if form.kind == "axes" and value is not None:
+            document[name] = dict(zip(COMMAND_AXES, value.tolist(), strict=True))
+        elif form.kind != "limit" or math.isfinite(value):
+            document[name] = _plain(value)
+    return json.dumps({**document, "provenance": dict(contract.provenance)})
 
 
 def decode(text: str, where: str) -> PolicyContract:
@@ -96,11 +96,9 @@ def read_stamp(text: str, where: str) -> PartialContract:
 
 def _fields(contract: PolicyContract) -> Iterator[tuple[str, Any]]:
     """The fields as sources give them: names of terms alone, tensors one by one."""
-    for field in fields(PolicyContract):
-        if field.name == "observation":
-            yield field.name, contract.observation_names
-        elif field.name not in ("provenance", "tensors"):
-            yield field.name, getattr(contract, field.name)
+    for name in FORMS:
+        if name != "tensors":
+            yield name, contract.observation_names if name == "observation" else getattr(contract, name)
     for field in fields(TensorNames):
         value, name = getattr(contract.tensors, field.name), f"tensors.{field.name}"
         if value or name in contract.provenance:
@@ -108,15 +106,13 @@ def _fields(contract: PolicyContract) -> Iterator[tuple[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays as lists, structs and mappings as objects; JSON keeps a float64's repr, and with it every bit."""
+    """Arrays as lists, structs as objects; JSON keeps a float64's repr, and with it every bit."""
     if isinstance(value, Term | PhaseRule | TensorNames):
         plain = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
         # In the schema a term that shows all joints, or whose positions are as usual, leaves the option out.
         return {name: item for name, item in plain.items() if item is not None or name == "standing_value"}
     if isinstance(value, np.ndarray):
         return value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
     return value

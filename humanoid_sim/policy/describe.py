@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.mit import FloatArray
@@ -130,11 +130,10 @@ def _conventions(term: Term) -> Iterator[str]:
 def field_lines(contract: PolicyContract) -> list[FieldLine]:
     """Every field, its value and its source; options of observation terms that have one source are put together."""
     lines = []
-    for field in fields(PolicyContract):
-        if field.name in ("provenance", "tensors", "observation"):
-            continue
-        value = _value(field.name, getattr(contract, field.name), contract)
-        lines.append(FieldLine(field.name, value, contract.provenance.get(field.name, NOT_STATED)))
+    for name in FORMS:
+        if name not in ("tensors", "observation"):
+            value = _value(name, getattr(contract, name), contract)
+            lines.append(FieldLine(name, value, contract.provenance.get(name, NOT_STATED)))
     lines.append(
         FieldLine("observation", f"{len(contract.terms)} terms", contract.provenance.get("observation", NOT_STATED))
     )

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import re
 from pathlib import Path
-from types import NoneType
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
@@ -20,7 +18,7 @@ from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
-from humanoid_sim.strict_yaml import UNREADABLE, load_strictly
+from humanoid_sim.strict_yaml import UNREADABLE, load_strictly, type_at, value_at
 
 __all__ = ["RobotDescription", "load_robot", "shipped_robots", "with_contract"]
 
@@ -122,40 +120,16 @@ def _field_and_problem(message: str, document: dict[str, Any]) -> str:
     place = place.rstrip("`").lstrip(".")
     expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
     if is_type:
-        line = f"is {_shown(_at(document, place))}, expected {_ACCEPTED.get(expected, expected)}"
+        line = f"is {_shown(value_at(document, place))}, expected {_ACCEPTED.get(expected, expected)}"
     elif problem.startswith("Invalid enum value"):
-        accepted = " or ".join(str(value) for value in get_args(_type_at(place)))
-        line = f"is {_shown(_at(document, place))}, expected {accepted}"
+        accepted = " or ".join(str(value) for value in get_args(type_at(RobotDescription, place)))
+        line = f"is {_shown(value_at(document, place))}, expected {accepted}"
     elif problem.startswith("Object contains unknown field"):
-        line = known_names("field", problem.split("`")[1], _field_names(place))
+        known = [name for name in type_at(RobotDescription, place).__struct_fields__ if name != "folder"]
+        line = known_names("field", problem.split("`")[1], known)
     else:
         line = problem.replace("Object missing", "misses").replace("`", "'")
     return f"{place}: {line}" if place else line
-
-
-def _keys(place: str) -> list[str]:
-    return re.findall(r"[^.\[\]]+", place)
-
-
-def _at(document: Any, place: str) -> Any:
-    """The value at a place such as `joints[3].upper`."""
-    for key in _keys(place):
-        document = document[int(key)] if isinstance(document, list) else document[key]
-    return document
-
-
-def _type_at(place: str) -> Any:
-    """The schema's type at a place."""
-    kind: Any = RobotDescription
-    for key in _keys(place):
-        kind = get_args(kind)[0] if key.isdigit() else get_type_hints(kind)[key]
-        if NoneType in get_args(kind):
-            kind = get_args(kind)[0]
-    return kind
-
-
-def _field_names(place: str) -> list[str]:
-    return [name for name in _type_at(place).__struct_fields__ if name != "folder"]
 
 
 def _shown(value: object) -> str:

@@ -6,28 +6,13 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from humanoid_sim.controllers.contract import FORMS
 from humanoid_sim.controllers.terms import TERM_KINDS
 from humanoid_sim.errors import FieldError
 from humanoid_sim.policy.readers.partial import Given
 
 __all__ = ["complete", "kind_of", "missing_fields"]
 
-_REQUIRED = (
-    "joint_names",
-    "joint_stiffness",
-    "joint_damping",
-    "default_joint_pos",
-    "observation",
-    "action_scale",
-    "policy_dt",
-)
-_ONLY_FOR = {
-    "phase": ("sin_phase", "cos_phase", "gait_phase"),
-    "anchor_body": ("motion_anchor_pos", "motion_anchor_ori"),
-    "body_names": ("motion_body_pos_b", "motion_body_ori_b"),
-    "lookahead_steps": ("target_keys_future",),
-}
-"""Fields that a contract needs if its observation has one of these terms."""
 _TRACKING = ("motion_command", "motion_anchor_pos", "motion_anchor_ori", "motion_body_pos_b", "motion_body_ori_b")
 _PIANO = ("target_keys", "target_keys_future")
 _DERIVED = "follows from"
@@ -70,9 +55,9 @@ def complete(
 
 def missing_fields(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[str]:
     """The fields that a contract cannot do without, and that nobody gives."""
-    missing = [name for name in _REQUIRED if name not in known]
     kinds = _kinds(known, terms)
-    missing += [name for name, terms in _ONLY_FOR.items() if name not in known and any(k in kinds for k in terms)]
+    missing = [name for name, form in FORMS.items() if form.is_required and name not in known]
+    missing += [name for name, form in FORMS.items() if kinds.intersection(form.needed_by) and name not in known]
     if "observation" in known and "command" in known["observation"].value and not _value(known, "command_names"):
         missing.append("command_names")
     return missing
@@ -102,16 +87,16 @@ def _kinds(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]])
 
 def _complete_task(known: dict[str, Given], kinds: set[str]) -> None:
     task = "locomotion"
-    if any(kind in kinds for kind in _TRACKING):
+    if kinds.intersection(_TRACKING):
         task = "tracking"
-    elif any(kind in kinds for kind in _PIANO):
+    elif kinds.intersection(_PIANO):
         task = "piano"
     if task != "tracking":
         # Of no meaning without a motion; an assumption about it would only make noise.
         _drop_assumed(known, "reference_quaternion")
     known.setdefault("task_type", Given(task, f"{_DERIVED} the observation"))
     known.setdefault("command_names", Given((), f"{_DERIVED} the observation"))
-    if not any(kind in kinds for kind in _ONLY_FOR["body_names"]):
+    if kinds.isdisjoint(FORMS["body_names"].needed_by):
         known.setdefault("body_names", Given((), f"{_DERIVED} the observation"))
 
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.readers import text_values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
-from humanoid_sim.policy.readers.text_values import cut
+from humanoid_sim.policy.readers.values import cut, numbers, pair_of_numbers, plain_numbers
 
 __all__ = ["HOLOSOMA_SOURCE", "is_holosoma", "read_holosoma"]
 
@@ -56,7 +55,7 @@ def _action_scale(metadata: Mapping[str, str], where: str) -> Given:
     text = metadata["action_scale"].strip().strip('"')
     if text.startswith("["):
         return Given(_numbers("action_scale", metadata, where), HOLOSOMA_SOURCE)
-    return text_values.numbers("action_scale", text, where, HOLOSOMA_SOURCE)
+    return numbers("action_scale", text, where, HOLOSOMA_SOURCE)
 
 
 def _parse(key: str, metadata: Mapping[str, str], where: str) -> Any:
@@ -67,28 +66,18 @@ def _parse(key: str, metadata: Mapping[str, str], where: str) -> Any:
 
 
 def _numbers(key: str, metadata: Mapping[str, str], where: str) -> Any:
-    values = _parse(key, metadata, where)
-    if _is_number(values):
-        return float(values)
-    if not isinstance(values, list) or not values or not all(_is_number(value) for value in values):
+    found = plain_numbers(_parse(key, metadata, where))
+    if found is None:
         raise _wrong(where, key, metadata, "a JSON list of numbers")
-    return np.array(values, dtype=np.float64)
+    return found
 
 
 def _ranges(ranges: Any, metadata: Mapping[str, str], where: str) -> Any:
-    rows = [ranges.get(name) for name in _COMMANDS] if isinstance(ranges, dict) else []
-    pairs = [row for row in rows if isinstance(row, list) and len(row) == 2 and all(_is_number(v) for v in row)]
-    if len(pairs) != len(_COMMANDS):
-        raise _wrong(
-            where, "command_ranges", metadata, f"a JSON object with [least, greatest] for {', '.join(_COMMANDS)}"
-        )
+    pairs = [pair_of_numbers(ranges.get(name)) for name in _COMMANDS] if isinstance(ranges, dict) else [None]
+    if None in pairs:
+        expected = f"a JSON object with [least, greatest] for {', '.join(_COMMANDS)}"
+        raise _wrong(where, "command_ranges", metadata, expected)
     return np.array(pairs, dtype=np.float64)
-
-
-def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) < 1e300  # a longer integer does not fit a float
 
 
 def _wrong(where: str, key: str, metadata: Mapping[str, str], expected: str) -> InputError:

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract, TensorNames
+from humanoid_sim.controllers.contract import FORMS, PolicyContract, TensorNames
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.policy.readers.complete import complete, kind_of, missing_fields
 from humanoid_sim.policy.readers.partial import Given, PartialContract
-from humanoid_sim.policy.readers.text_values import one_line, shown
+from humanoid_sim.policy.readers.values import one_line, shown
 
 __all__ = ["agreed", "build_contract", "merge"]
 
@@ -131,9 +131,9 @@ def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
             tensors[name.removeprefix("tensors.")] = given.value
         else:
             values[name] = given.value
-    for field in fields(PolicyContract):
-        if field.name not in ("provenance", "tensors"):
-            provenance.setdefault(field.name, "default")
+    for name in FORMS:
+        if name != "tensors":
+            provenance.setdefault(name, "default")
     for name, options in terms.items():
         provenance |= {f"observation.{name}.{option}": given.source for option, given in options.items()}
     try:

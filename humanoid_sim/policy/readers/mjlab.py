@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.readers import text_values
+from humanoid_sim.policy.readers import values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
 
 __all__ = ["MJLAB_SOURCE", "is_mjlab", "read_mjlab"]
@@ -21,8 +21,13 @@ _FIELDS = {
     "observation_names": "observation",
     "command_names": "command_names",
     "body_names": "body_names",
+    "joint_stiffness": "joint_stiffness",
+    "joint_damping": "joint_damping",
+    "default_joint_pos": "default_joint_pos",
+    "action_scale": "action_scale",
+    "anchor_body_name": "anchor_body",
 }
-_NUMBERS = ("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale")
+"""Key of the metadata to field of the contract."""
 _SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
 _HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flatten_history_dim"
 
@@ -40,15 +45,8 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
     Raises:
         InputError: naming `where`, the key and its text, if one is malformed.
     """
-    fields: dict[str, Given] = {}
-    for key, field in _FIELDS.items():
-        if key in metadata:
-            fields[field] = Given(text_values.names(metadata[key]), MJLAB_SOURCE)
-    for key in _NUMBERS:
-        if key in metadata:
-            fields[key] = text_values.numbers(key, metadata[key], where, MJLAB_SOURCE)
-    if "anchor_body_name" in metadata:
-        fields["anchor_body"] = Given(metadata["anchor_body_name"].strip(), MJLAB_SOURCE)
+    known = {key: field for key, field in _FIELDS.items() if key in metadata}
+    fields = {field: values.csv_field(field, key, metadata[key], where, MJLAB_SOURCE) for key, field in known.items()}
     names = fields["observation"].value if "observation" in fields else ()
     return PartialContract(
         MJLAB_SOURCE,
@@ -63,10 +61,10 @@ def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dic
     """The options of each term that mjlab 1.6 writes, one entry per term."""
     terms: dict[str, dict[str, Given]] = {name: {} for name in names}
     readers: dict[str, Callable[[str], list[dict[str, Any]]]] = {
-        _SCALE: lambda text: [{"scale": _scalar(row)} for row in text_values.number_lists(_SCALE, text, where)],
-        _CLIP: lambda text: [_clip(row, text, where) for row in text_values.number_lists(_CLIP, text, where)],
+        _SCALE: lambda text: [{"scale": _scalar(row)} for row in values.number_lists(_SCALE, text, where)],
+        _CLIP: lambda text: [_clip(row, text, where) for row in values.number_lists(_CLIP, text, where)],
         # 0 stands for a term without a history: it shows the present step alone.
-        _HISTORY: lambda text: [{"history": max(n, 1)} for n in text_values.integers(_HISTORY, text, where)],
+        _HISTORY: lambda text: [{"history": max(n, 1)} for n in values.integers(_HISTORY, text, where)],
     }
     for key, read in readers.items():
         if key not in metadata:
@@ -92,7 +90,7 @@ def _clip(row: list[float], text: str, where: str) -> dict[str, Any]:
 
 def _refuse_stacks(metadata: Mapping[str, str], terms: Mapping[str, Mapping[str, Given]], where: str) -> None:
     """A history that is not flattened makes an observation of rank 3."""
-    flat = text_values.names(metadata.get(_FLATTEN, ""))
+    flat = values.names(metadata.get(_FLATTEN, ""))
     for (name, options), is_flat in zip(terms.items(), flat, strict=False):
         if is_flat == "False" and "history" in options and options["history"].value > 1:
             raise InputError(f"{where}: {_FLATTEN} is False for {name}, expected True: the observation has to be flat")

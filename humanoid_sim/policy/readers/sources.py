@@ -17,10 +17,14 @@ from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.mjlab import is_mjlab, read_mjlab
 from humanoid_sim.policy.readers.partial import PartialContract
-from humanoid_sim.policy.readers.text_values import shown
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
+from humanoid_sim.policy.readers.values import shown
 
 __all__ = ["assemble_contract", "assumptions", "metadata_contract", "source_files"]
+
+_DIALECTS = ((is_mjlab, read_mjlab), (is_holosoma, read_holosoma))
+"""Of trainers that write into a model's metadata: whether it is there, and what it says. A new one is a line here, and
+a module of its own."""
 
 
 def assemble_contract(
@@ -61,12 +65,7 @@ def metadata_contract(metadata: Mapping[str, str], where: str) -> list[PartialCo
         return [read_stamp(metadata[STAMP_KEY], where)]
     if is_own(metadata):
         return [read_own(metadata, where)]
-    partials = []
-    if is_mjlab(metadata):
-        partials.append(read_mjlab(metadata, where))
-    if is_holosoma(metadata):
-        partials.append(read_holosoma(metadata, where))
-    return partials
+    return [read(metadata, where) for is_spoken, read in _DIALECTS if is_spoken(metadata)]
 
 
 def _check_stamp(metadata: Mapping[str, str], where: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.partial import Given, PartialContract, given
-from humanoid_sim.policy.readers.text_values import cut, one_line
+from humanoid_sim.policy.readers.values import cut, is_number, one_line, pair_of_numbers, plain_numbers
 from humanoid_sim.strict_yaml import read_yaml
 
 __all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]
@@ -199,19 +198,19 @@ class _Reader:
         return np.array([self._pair(row, f"{where}[{index}]") for index, row in enumerate(rows)])
 
     def _pair(self, value: Any, where: str) -> tuple[float, float]:
-        if not isinstance(value, list) or len(value) != 2 or not all(_is_number(item) for item in value):
+        pair = pair_of_numbers(value)
+        if pair is None:
             raise self._wrong(where, value, "[least, greatest]")
-        return float(value[0]), float(value[1])
+        return pair
 
     def _numbers(self, value: Any, where: str) -> Any:
-        if _is_number(value):
-            return float(value)
-        if not isinstance(value, list) or not value or not all(_is_number(item) for item in value):
+        found = plain_numbers(value)
+        if found is None:
             raise self._wrong(where, value, "a number, or a list of numbers")
-        return np.array(value, dtype=np.float64)
+        return found
 
     def _number(self, value: Any, where: str) -> float:
-        if not _is_number(value):
+        if not is_number(value):
             raise self._wrong(where, value, "a number")
         return float(value)
 
@@ -227,12 +226,6 @@ class _Reader:
 
     def _wrong(self, where: str, value: Any, expected: str) -> InputError:
         return InputError(f"{self.path}: {one_line(f'{where} is {cut(str(value))}, expected {expected}')}")
-
-
-def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return not (isinstance(value, int) and abs(value) > 10**300) and not math.isnan(value)
 
 
 def _is_group(value: Any) -> bool:

@@ -1,15 +1,70 @@
-"""Values as text: lists in a model's metadata read, and anything of a stranger's shown in a message of one line."""
+"""Values as sources write them: comma-separated text, plain JSON and YAML; and as messages of one line show them."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
+from humanoid_sim.controllers.contract import FORMS
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.partial import Given
 
-__all__ = ["cut", "integers", "names", "number", "number_lists", "numbers", "one_line", "shown"]
+__all__ = [
+    "csv_field",
+    "cut",
+    "integers",
+    "is_number",
+    "names",
+    "number_lists",
+    "numbers",
+    "one_line",
+    "pair_of_numbers",
+    "plain_numbers",
+    "shown",
+]
+
+
+def csv_field(field: str, key: str, text: str, where: str, source: str) -> Given:
+    """A field of the contract from the text of a model's metadata.
+
+    Raises:
+        InputError: naming `where`, the key and the text, if it is malformed.
+    """
+    match FORMS[field].kind:
+        case "values":
+            return numbers(key, text, where, source)
+        case "number":
+            return Given(number(key, text, where), source)
+        case "steps":
+            return Given(integers(key, text, where), source)
+        case "names" | "parts":
+            return Given(names(text), source)
+    return Given(text.strip(), source)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value of JSON or YAML is a number that a float holds; infinity is one."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return not (isinstance(value, int) and abs(value) > 10**300) and not math.isnan(value)
+
+
+def plain_numbers(value: Any) -> Any:
+    """A number of JSON or YAML as a float, a list of them as an array of shape (k,); None for anything else."""
+    if is_number(value):
+        return float(value)
+    if not isinstance(value, list) or not value or not all(map(is_number, value)):
+        return None
+    return np.array(value, dtype=np.float64)
+
+
+def pair_of_numbers(value: Any) -> tuple[float, float] | None:
+    """`[least, greatest]` of JSON or YAML; None for anything else."""
+    if not isinstance(value, list) or len(value) != 2 or not all(map(is_number, value)):
+        return None
+    return float(value[0]), float(value[1])
 
 
 def names(text: str) -> tuple[str, ...]:
