@@ -41,20 +41,21 @@ class Imu:
         if self._id >= 0:
             body = int(model.site_bodyid[self._id])
         else:
-            self._object = mujoco.mjtObj.mjOBJ_BODY
+            self._object = mujoco.mjtObj.mjOBJ_XBODY  # the body's own axes; mjOBJ_BODY stands for those of its inertia
             body = self._id = mujoco.mj_name2id(model, self._object, name)
             if body < 0:
                 raise InputError(f"imu: '{name}' is neither a site nor a body of the model")
         self._twist = np.empty(6)
-        self._constant: ImuSample | None = None
-        if model.body_weldid[body] == 0:  # welded to the world: it feels gravity, for ever
+        self.constant: ImuSample | None = None
+        """What it always reads where it is fixed to the world; None where it moves."""
+        if model.body_weldid[body] == 0:  # it feels gravity, for ever
             mujoco.mj_kinematics(model, self._data)
             quaternion, rotation = self._orientation()
-            self._constant = ImuSample(quaternion, np.zeros(3), -rotation.T @ model.opt.gravity)
+            self.constant = ImuSample(quaternion, np.zeros(3), -rotation.T @ model.opt.gravity)
 
     def read(self, data: mujoco.MjData) -> ImuSample:
         """The reading at the data's present `qpos` and `qvel`, with the acceleration of its latest physics step."""
-        return self._constant or self._compute(data.qpos, data.qvel, data.qacc)
+        return self.constant or self._compute(data.qpos, data.qvel, data.qacc)
 
     def _compute(self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> ImuSample:
         model, data, twist = self._model, self._data, self._twist

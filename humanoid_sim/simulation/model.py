@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,7 +17,7 @@ from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
 from humanoid_sim.simulation.spec import compile_spec, read_spec
 
-__all__ = ["JointAddresses", "base_body", "build_model", "joint_addresses"]
+__all__ = ["JointAddresses", "base_body", "body_ids", "build_model", "joint_addresses"]
 
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -37,6 +38,7 @@ def build_model(
     physics_timestep: float | None = None,
     affine_actuators: bool = False,
     scene: bool | Literal["floor"] = True,
+    edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
     """The robot in a room, ready for the MIT law.
 
@@ -52,6 +54,7 @@ def build_model(
             limit. The gains start at 0; `humanoid_sim.simulation.plant` sets them.
         scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at: the room's
             textures are 2 MB.
+        edit: changes the model before it is compiled, when all else is in it.
 
     Raises:
         InputError: the MJCF cannot be read, or does not have what the description names.
@@ -69,6 +72,8 @@ def build_model(
     if scene:
         bare = compile_spec(spec, description.mjcf_path)
         (add_floor if scene == "floor" else add_scene)(spec, bare, description)
+    if edit is not None:
+        edit(spec)
     model = compile_spec(spec, description.mjcf_path)
     _set_limits(model, description)
     return model
@@ -98,6 +103,19 @@ def base_body(model: mujoco.MjModel, description: RobotDescription) -> int:
     while model.body_parentid[body] != 0:
         body = int(model.body_parentid[body])
     return body
+
+
+def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:
+    """Ids of bodies by name.
+
+    Raises:
+        InputError: a name is not a body of the model; the message lists those that are.
+    """
+    known = [model.body(i).name for i in range(1, model.nbody)]
+    for name in names:
+        if name not in known:
+            raise InputError(known_names("body", name, known))
+    return tuple(int(model.body(name).id) for name in names)
 
 
 def _remove_actuation(spec: mujoco.MjSpec) -> None:

@@ -79,6 +79,18 @@ def test_a_body_can_be_an_imu(model: mujoco.MjModel) -> None:
     assert after_one_step(model, data, "box")[2] == pytest.approx([0, 0, 0], abs=1e-6)
 
 
+def test_a_body_s_axes_are_its_own_wherever_its_mass_is() -> None:
+    lopsided = FREE.replace('pos="0 0 0" mass="1"', 'pos="0.1 0.2 0.3" euler="20 30 40" mass="1"')
+    model = mujoco.MjModel.from_xml_string(lopsided.replace('<site name="tilted"', '<site name="origin"/><site'))
+    data = mujoco.MjData(model)
+    data.qpos[3:], data.qvel[:] = [0.5, 0.1, -0.7, 0.5], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    mujoco.mj_step(model, data)
+    body, site = Imu(model, "box").read(data), Imu(model, "origin").read(data)
+    np.testing.assert_allclose(body.quaternion, site.quaternion, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(body.angular_velocity, site.angular_velocity, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(body.linear_acceleration, site.linear_acceleration, rtol=0, atol=1e-9)
+
+
 def test_an_imu_on_the_world_never_moves(model: mujoco.MjModel) -> None:
     imu = Imu(model, "wall")
     data = mujoco.MjData(model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from threading import Lock
 
 import mujoco
@@ -51,6 +52,9 @@ class BatchPhysics:
         """
         model = pool.nominal
         self._pool = pool
+        self.model = model
+        """The robots' as it is described."""
+        self.threads = threads
         self._steps = steps
         self._push_body = push_body
         self._pushed: FloatArray | None = None
@@ -150,6 +154,32 @@ class BatchPhysics:
         self._before[rows] = before
         self.acceleration[rows] = (last[:, self._qvel] - before[:, self._qvel]) / self._timestep
         return broken
+
+    def measure(self, model: mujoco.MjModel, data: Sequence[mujoco.MjData], force: FloatArray) -> FloatArray:
+        """What another model's sensors measure at the present states.
+
+        Args:
+            model: with the same joints.
+            data: of that model, one per thread.
+            force: shape (N, nv), generalised forces that act on it.
+
+        Returns:
+            Shape (N, nsensordata), a new array.
+        """
+        assert self._rollout is not None
+        sensordata = np.empty((len(force), 1, model.nsensordata))
+        with _SILENCE:
+            self._rollout.rollout(
+                [model] * len(force),
+                data,
+                self._state,
+                force[:, None],
+                control_spec=int(mujoco.mjtState.mjSTATE_QFRC_APPLIED),
+                skip_checks=True,
+                nstep=1,
+                sensordata=sensordata,
+            )
+        return sensordata[:, 0]
 
     def _with_wrench(self, control: FloatArray, wrench: FloatArray) -> FloatArray:
         """Controls followed by the wrenches on all bodies, as MuJoCo orders them."""

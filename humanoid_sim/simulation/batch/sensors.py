@@ -2,86 +2,127 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.rotation import multiply
+from humanoid_sim.controllers.rotation import multiply, seen_from
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, Extern, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.batch.body_tree import BodyTree, body_ids
 from humanoid_sim.simulation.batch.counter_random import Words, normals
-from humanoid_sim.simulation.batch.imu import BatchImu
+from humanoid_sim.simulation.batch.physics import BatchPhysics
 from humanoid_sim.simulation.batch.randomisation import Randomisation
-from humanoid_sim.simulation.model import JointAddresses
+from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.imu import Imu
+from humanoid_sim.simulation.model import JointAddresses, body_ids, build_model
 
 __all__ = ["BatchSensors"]
 
 _NOISE_STREAM = 33
+_SENSOR = mujoco.mjtSensor.__members__
+_BASE = "humanoid_sim_base"
+"""Name of the base in the model that measures, if the MJCF gives it none."""
+
+_ARMATURE = 2.0**60
+"""kg, or kg·m². The robot's own inertia vanishes beside it: a force of `_ARMATURE · qacc` accelerates by `qacc`."""
 
 
 class BatchSensors:
-    """Reads joints, IMU, the velocity of floating bases and the pose of an anchor body."""
+    """Reads joints, IMU, the velocity of floating bases and the poses of bodies, all of the present state.
+
+    MuJoCo's sensors are those of a physics step's first state. So a step is taken from the present one, in a model that
+    has these sensors and that nothing moves but the acceleration of the latest physics step.
+    """
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        physics: BatchPhysics,
         description: RobotDescription,
         addresses: JointAddresses,
         randomisation: Randomisation,
+        *,
         anchor_body: str,
+        bodies: Sequence[str],
     ) -> None:
-        """Find the frames.
+        """Build the model that measures.
+
+        Args:
+            physics: of the N robots.
+            description: the robot.
+            addresses: of its joints.
+            randomisation: the noise.
+            anchor_body: MJCF body whose pose the state reports; empty for none.
+            bodies: MJCF bodies whose poses can be asked for.
 
         Raises:
-            InputError: the IMU or the anchor body is not in the model.
+            InputError: a body is not in the model.
         """
         self._addresses = addresses
         self._noise = randomisation
-        self._imu = BatchImu(model, description.imu)
-        self._base_dof = -1
-        if description.is_floating:
-            joint = int(model.body_jntadr[model.body(description.base.body).id])
-            self._base_dof = int(model.jnt_dofadr[joint])
-        self._anchor: BodyTree | None = None
-        if anchor_body:
-            try:
-                self._anchor = BodyTree(model, body_ids(model, [anchor_body]))
-            except InputError as error:
-                raise InputError(f"anchor body: {error}") from None
-        names = [BASE_LINEAR_VELOCITY] * description.is_floating + [ANCHOR_POSE] * bool(anchor_body)
+        self._physics = physics
+        self._is_anchored = bool(anchor_body)
+        try:
+            body_ids(physics.model, [anchor_body] * self._is_anchored)
+        except InputError as error:
+            raise InputError(f"anchor body: {error}") from None
+        body_ids(physics.model, bodies)
+        names = [BASE_LINEAR_VELOCITY] * description.is_floating + [ANCHOR_POSE] * self._is_anchored
         self.widths: Mapping[str, int] = {name: EXTERN_WIDTHS[name] for name in names}
         """Names and widths of the live inputs."""
+        fixed = Imu(physics.model, description.imu).constant
+        # An accelerometer on what does not move at all measures nothing in MuJoCo, not even gravity.
+        self._constant = (
+            None
+            if fixed is None
+            else np.concatenate([fixed.quaternion, fixed.angular_velocity, fixed.linear_acceleration])
+        )
+        frames = [*bodies, anchor_body] if anchor_body else list(bodies)
+        self._body_count = len(bodies)
+        self._model = build_model(description, scene=False, edit=lambda spec: _add_sensors(spec, description, frames))
+        self._model.dof_armature[:] = _ARMATURE
+        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self._data = [mujoco.MjData(self._model) for _ in range(physics.threads)]
 
-    def read(
-        self, time: FloatArray, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray, effort: FloatArray
-    ) -> MITState:
-        """The true state of N robots at one instant each.
+    def measure(self) -> FloatArray:
+        """What `read` and `poses` take; shape (N, …), a new array."""
+        return self._physics.measure(self._model, self._data, _ARMATURE * self._physics.acceleration)
 
-        Args:
-            time: shape (N,), s.
-            qpos: shape (N, nq).
-            qvel: shape (N, nv).
-            qacc: shape (N, nv), of the latest physics step.
-            effort: shape (N, n), N·m.
-        """
-        position = qpos[:, self._addresses.qpos]
-        reading = self._imu.read(qpos, qvel, qacc)
+    def read(self, measured: FloatArray, effort: FloatArray, base: BaseState | None) -> MITState:
+        """The true state of N robots; effort is (N, n), N·m."""
+        physics = self._physics
+        position = physics.qpos[:, self._addresses.qpos]
+        live = {}
+        if base is not None:
+            live[BASE_LINEAR_VELOCITY] = Extern(base.linear_velocity, 0.0)
+        if self._is_anchored:
+            live[ANCHOR_POSE] = Extern(measured[:, -7:], 0.0)
+        imu = measured[:, :10]
+        if self._constant is not None:
+            imu = np.broadcast_to(self._constant, imu.shape)
         return MITState(
-            time=time,
+            time=physics.time,
             joint_position=position,
-            joint_velocity=qvel[:, self._addresses.dof],
+            joint_velocity=physics.qvel[:, self._addresses.dof],
             joint_effort=effort,
             joint_age=np.zeros_like(position),
-            imu_quaternion=reading.quaternion,
-            imu_angular_velocity=reading.angular_velocity,
-            imu_linear_acceleration=reading.linear_acceleration,
-            extern=self._live(qpos, qvel),
+            imu_quaternion=_as_from_matrix(imu[:, :4]),
+            imu_angular_velocity=imu[:, 4:7],
+            imu_linear_acceleration=imu[:, 7:10],
+            extern=live,
         )
+
+    def poses(self, measured: FloatArray, *, in_base: bool) -> tuple[FloatArray, FloatArray]:
+        """Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z, of the bodies, in the world or in the base."""
+        base = measured[:, 10:17]
+        poses = measured[:, 17 : 17 + 7 * self._body_count].reshape(len(measured), self._body_count, 7)
+        position, quaternion = poses[..., :3], poses[..., 3:]
+        if in_base:
+            return seen_from(base[:, :3], base[:, 3:], position, quaternion)
+        return position.copy(), quaternion.copy()
 
     def disturb(self, state: MITState, keys: Words, step: npt.NDArray[np.int64]) -> MITState:
         """What the sensors make of the true state.
@@ -108,12 +149,32 @@ class BatchSensors:
             imu_linear_acceleration=state.imu_linear_acceleration + noise.linear_acceleration_noise * shake,
         )
 
-    def _live(self, qpos: FloatArray, qvel: FloatArray) -> Mapping[str, Extern]:
-        live = {}
-        if self._base_dof >= 0:
-            live[BASE_LINEAR_VELOCITY] = Extern(qvel[:, self._base_dof : self._base_dof + 3], 0.0)
-        if self._anchor is not None:
-            pose = self._anchor.poses(qpos)[self._anchor.bodies[0]]
-            value = np.concatenate([pose.position, pose.quaternion])
-            live[ANCHOR_POSE] = Extern(np.broadcast_to(value, (7, len(qpos))).T, 0.0)
-        return live
+
+def _add_sensors(spec: mujoco.MjSpec, description: RobotDescription, bodies: Sequence[str]) -> None:
+    """IMU: orientation, gyroscope, accelerometer. Base, then bodies: position and orientation in the world."""
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    imu = description.imu
+    if spec.site(imu) is None:
+        spec.body(imu).add_site(name=imu)
+    for kind in ("FRAMEQUAT", "GYRO", "ACCELEROMETER"):
+        spec.add_sensor(type=_SENSOR[f"mjSENS_{kind}"], objtype=mujoco.mjtObj.mjOBJ_SITE, objname=imu)
+    base = spec.joint(description.joints[0].name).parent
+    while base.parent.name != spec.worldbody.name:
+        base = base.parent
+    base.name = base.name or _BASE
+    for name in (base.name, *bodies):
+        for kind in ("FRAMEPOS", "FRAMEQUAT"):
+            spec.add_sensor(type=_SENSOR[f"mjSENS_{kind}"], objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name)
+
+
+def _as_from_matrix(quaternion: FloatArray) -> FloatArray:
+    """Of the two quaternions of a rotation the one that `mju_mat2Quat` gives, as for one robot; shape (N, 4).
+
+    Its scalar part is positive where the matrix's trace is (|w| > 1/2), otherwise its largest component is.
+    """
+    w, x, y, z = quaternion.T
+    xx, yy, zz = x * x, y * y, z * z
+    leading = np.where((xx > yy) & (xx > zz), x, np.where(yy > zz, y, z))
+    leading = np.where(4.0 * w * w > 1.0, w, leading)
+    return np.where((leading < 0.0)[:, None], -quaternion, quaternion)

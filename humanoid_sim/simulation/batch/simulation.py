@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.rotation import seen_from
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.simulation.batch.body_tree import BodyTree, body_ids
 from humanoid_sim.simulation.batch.counter_random import seed_keys
 from humanoid_sim.simulation.batch.models import ModelPool
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.simulation.batch.physics import BatchPhysics, usable_processors
 from humanoid_sim.simulation.batch.placement import Placement
 from humanoid_sim.simulation.batch.randomisation import Randomisation, vary_models
-from humanoid_sim.simulation.batch.rows import read_only
 from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseState
-from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
+from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 from humanoid_sim.simulation.stability import DampingStability
 
 __all__ = ["BatchSimulation"]
 
+Scalar = TypeVar("Scalar", bound=np.generic)
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
@@ -91,21 +90,26 @@ class BatchSimulation:
         DampingStability(model, description).check_description()
         self._timestep = timestep
         self._joints = joint_addresses(model, description.joint_names)
-        self._sensors = BatchSensors(model, description, self._joints, self.randomisation, anchor_body)
-        base = base_body(model, description)
-        self._bodies = BodyTree(model, [*body_ids(model, bodies), base])
-        push = body_ids(model, [push_body])[0] if push_body else base
+        push = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
         self._placement = Placement(model, description, self._joints)
         self._pool = ModelPool(model, count)
         self.threads = min(usable_processors() if threads is None else threads, count)
         """Threads that step physics."""
         self._physics = BatchPhysics(self._pool, count, self.physics_steps, self.threads, push)
+        self._sensors = BatchSensors(
+            self._physics,
+            description,
+            self._joints,
+            self.randomisation,
+            anchor_body=anchor_body,
+            bodies=bodies,
+        )
         self._effort = np.zeros((count, len(self._joints.dof)))
         self._step = np.zeros(count, dtype=np.int64)
         self._fault = np.zeros(count, dtype=np.bool_)
         self._truth: MITState | None = None
         self._report: MITState | None = None
-        self._poses: tuple[FloatArray, FloatArray] | None = None
+        self._measured: FloatArray | None = None
         self._keys = seed_keys(np.zeros(count, dtype=np.uint64))
         self._motors = BatchMotors(
             self._pool,
@@ -130,27 +134,27 @@ class BatchSimulation:
     @property
     def qpos(self) -> FloatArray:
         """Shape (N, nq), MuJoCo's generalised position; a read-only view."""
-        return read_only(self._physics.qpos)
+        return _read_only(self._physics.qpos)
 
     @property
     def qvel(self) -> FloatArray:
         """Shape (N, nv), MuJoCo's generalised velocity; a read-only view."""
-        return read_only(self._physics.qvel)
+        return _read_only(self._physics.qvel)
 
     @property
     def effort(self) -> FloatArray:
         """Shape (N, n), N·m, the saturated torque of the latest physics step; a read-only view."""
-        return read_only(self._effort)
+        return _read_only(self._effort)
 
     @property
     def steps(self) -> IntArray:
         """Shape (N,), control periods since each environment was reset; a read-only view."""
-        return read_only(self._step)
+        return _read_only(self._step)
 
     @property
     def fault(self) -> BoolArray:
         """Shape (N,), environments that stand still because they broke; a read-only view."""
-        return read_only(self._fault)
+        return _read_only(self._fault)
 
     @property
     def base(self) -> BaseState | None:
@@ -216,7 +220,7 @@ class BatchSimulation:
         self._effort[where] = 0.0
         self._step[where] = 0
         self._fault[where] = False
-        self._truth = self._report = self._poses = None
+        self._truth = self._report = self._measured = None
 
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """Advance by one control period.
@@ -232,8 +236,7 @@ class BatchSimulation:
             RobotError: the command has another shape, or the simulation is closed.
         """
         name = self.description.name
-        if self._physics.is_closed:
-            raise RobotError(f"{name}: the batch simulation is closed")
+        self._check_open()
         if command.position.shape != self._effort.shape:
             raise RobotError(f"{name}: command has shape {command.position.shape}, expected {self._effort.shape}")
         moving = np.ones(self.count, dtype=np.bool_) if where is None else where
@@ -252,15 +255,12 @@ class BatchSimulation:
         )
         self._effort = np.where(moved[:, None], torque, self._effort)
         self._step = self._step + moved
-        self._truth = self._report = self._poses = None
+        self._truth = self._report = self._measured = None
 
     def truth(self) -> MITState:
         """The true state of the robots now, shape (N, …): what `state` is without noise."""
         if self._truth is None:
-            physics = self._physics
-            self._truth = self._sensors.read(
-                physics.time, physics.qpos, physics.qvel, physics.acceleration, self._effort
-            )
+            self._truth = self._sensors.read(self._measure(), self._effort, self.base)
         return self._truth
 
     def state(self) -> MITState:
@@ -278,13 +278,24 @@ class BatchSimulation:
         Returns:
             Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z; new arrays.
         """
-        if self._poses is None:
-            self._poses = self._bodies.arrays(self._physics.qpos)
-        position, quaternion = (array[:, :-1] for array in self._poses)  # the last is the base
-        if not in_base:
-            return position.copy(), quaternion.copy()
-        return seen_from(self._poses[0][:, -1], self._poses[1][:, -1], position, quaternion)
+        return self._sensors.poses(self._measure(), in_base=in_base)
+
+    def _measure(self) -> FloatArray:
+        if self._measured is None:
+            self._check_open()
+            self._measured = self._sensors.measure()
+        return self._measured
+
+    def _check_open(self) -> None:
+        if self._physics.is_closed:
+            raise RobotError(f"{self.description.name}: the batch simulation is closed")
 
     def close(self) -> None:
         """Stop the threads. May be called twice."""
         self._physics.close()
+
+
+def _read_only(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
+    view = array.view()
+    view.setflags(write=False)
+    return view
