@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -234,6 +235,24 @@ def test_a_writer_that_cannot_keep_up_leaves_a_gap_and_says_so(tmp_path, monkeyp
         ("recording: 12 ticks left out before tick 20", EventKind.LOSS),
         ("recording: 12 ticks left out in all", EventKind.LOSS),
     ]
+
+
+def test_memory_grows_by_the_index_of_the_chunks_alone(tmp_path):
+    run = recorder_module._RunWriter(recorder_module._UnbufferedFile(tmp_path / "run.mcap"), make_header())
+
+    def chunks(start, stop):
+        for index in range(start, stop):
+            run.tick(make_tick(index))
+            run.flush()
+
+    chunks(0, 100)
+    tracemalloc.start()
+    chunks(100, 400)
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    run.finish(0)
+    run.close()
+    assert grown < 300 * 2000  # 12 000 chunks in an hour: 24 MB at most
 
 
 def test_a_tick_does_not_wait_for_the_disk(tmp_path, monkeypatch):
