@@ -22,7 +22,7 @@ from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickI
 from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.session.remote import RemoteInbox
+from humanoid_sim.session.sources import RemoteInbox
 from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.stack import build_supervisor
 

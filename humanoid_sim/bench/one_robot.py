@@ -26,7 +26,8 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.pace import LoopSettings
+from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import build_supervisor

@@ -15,7 +15,7 @@ from humanoid_sim.doctor.subject import Subject, load_subject, robot_facts
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.velocity import parse_velocity
+from humanoid_sim.session.sources import parse_velocity
 
 __all__ = ["doctor"]
 

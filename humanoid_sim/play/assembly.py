@@ -21,12 +21,12 @@ from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.gravity_source import GravitySource
 from humanoid_sim.session.monitor import RunMonitor
+from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.remote import RemoteInbox
 from humanoid_sim.session.script import Script
-from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import RemoteSource
+from humanoid_sim.session.sources import RemoteInbox, RemoteSource
 
 __all__ = ["Run", "assemble"]
 

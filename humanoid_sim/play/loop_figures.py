@@ -6,8 +6,8 @@ from typing import Any
 
 from rich.table import Table
 
-from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.monitor import RunMonitor
+from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
 
 __all__ = ["loop_figures", "loop_table"]

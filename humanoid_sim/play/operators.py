@@ -11,8 +11,7 @@ from humanoid_sim.session.keyboard import Keyboard, key_help
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script
 from humanoid_sim.session.session import SafetyFilter
-from humanoid_sim.session.sources import IntentSource
-from humanoid_sim.session.velocity import VelocityCommand, velocity_key_help
+from humanoid_sim.session.sources import IntentSource, VelocityCommand, velocity_key_help
 
 __all__ = ["Operator", "drive", "keys_of", "open_operators"]
 

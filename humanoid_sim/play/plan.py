@@ -21,7 +21,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot, with_c
 from humanoid_sim.session.inject import Injector, parse_injections
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.velocity import VelocityCommand, parse_velocity
+from humanoid_sim.session.sources import VelocityCommand, parse_velocity
 from humanoid_sim.stack import build_supervisor
 
 __all__ = ["Plan", "RobotClock", "make_plan"]

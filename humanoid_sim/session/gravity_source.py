@@ -14,7 +14,7 @@ import numpy as np
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.session.remote import RemoteInbox
+from humanoid_sim.session.sources import RemoteInbox
 from humanoid_sim.simulation.gravity import GravityTorque
 
 __all__ = ["GravityForm", "GravitySource", "gravity_command"]

@@ -16,8 +16,7 @@ from types import MappingProxyType
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.sources import IntentQueue
-from humanoid_sim.session.velocity import VELOCITY_KEYS, VelocityCommand, velocity_key_help
+from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, VelocityCommand, velocity_key_help
 
 __all__ = ["KEYS", "REACTIVATE_KEY", "KeyReader", "Keyboard", "key_help"]
 

@@ -12,7 +12,7 @@ from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.messages import Mode, SafetyStatus, TickRecord
 from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray
-from humanoid_sim.session.histogram import DurationHistogram
+from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
 from humanoid_sim.simulation.floating_base import BaseState
 

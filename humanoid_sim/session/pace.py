@@ -1,12 +1,82 @@
-"""How the control loop keeps time: deadlines, what misses them, and how late the loop wakes up."""
+"""How a control loop keeps time: its settings, its deadlines and what misses them, and how late it wakes up."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from time import perf_counter, sleep
 
-from humanoid_sim.session.histogram import DurationHistogram
+import numpy as np
 
-__all__ = ["Pace"]
+__all__ = ["DurationHistogram", "LoopSettings", "Pace"]
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings:
+    """How the loop keeps time, and how it ends."""
+
+    control_period: float
+    """s"""
+    realtime: bool = True
+    """Keep real time. A simulated robot may run as fast as it can instead."""
+    simulated: bool = False
+    """Writing to the robot also advances its physics, which then does not count as a tick's own time."""
+    duration: float | None = None
+    """s on the robot's clock after which the run ends; None: when a source says so, or QUIT."""
+    punctual: bool = False
+    """Take the measures of `humanoid_sim.session.realtime` while the robot is active."""
+    damping_time: float = 3.0
+    """s at most that the end of a run stays in DAMPING for the joints to come to rest."""
+
+
+_LOWEST = 1e-7
+"""s, the lower edge of the first bin."""
+_PER_DECADE = 50
+"""Bins per decade: a percentile is exact to 10^(1/50), that is 4.7 %."""
+_DECADES = 9
+
+
+class DurationHistogram:
+    """Logarithmic bins from 0.1 µs to 100 s; count, mean and maximum are exact, percentiles to within 5 %."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._bins = np.zeros(_PER_DECADE * _DECADES, dtype=np.int64)
+        self._sum = 0.0
+        self.count = 0
+        self.max = 0.0
+
+    def add(self, seconds: float) -> None:
+        """Count one duration, s."""
+        bin_index = int(_PER_DECADE * math.log10(max(seconds, _LOWEST) / _LOWEST))
+        self._bins[min(bin_index, len(self._bins) - 1)] += 1
+        self._sum += seconds
+        self.count += 1
+        self.max = max(self.max, seconds)
+
+    @property
+    def mean(self) -> float:
+        """s; 0 if nothing was counted."""
+        return self._sum / self.count if self.count else 0.0
+
+    def percentile(self, percent: float) -> float:
+        """Duration in s that `percent` of the counted ones do not exceed; 0 if nothing was counted."""
+        if not self.count:
+            return 0.0
+        rank = max(math.ceil(self.count * percent / 100.0), 1)
+        bin_index = int(np.searchsorted(np.cumsum(self._bins), rank))
+        return float(min(_LOWEST * 10.0 ** ((bin_index + 1) / _PER_DECADE), self.max))
+
+    def counts(self, edges: Sequence[float]) -> tuple[int, ...]:
+        """How many durations lie up to the first edge, between that and the second, …, and beyond the last.
+
+        Args:
+            edges: s, ascending; each is moved by less than 5 % to where two bins meet.
+        """
+        cuts = [round(_PER_DECADE * math.log10(max(edge, _LOWEST) / _LOWEST)) for edge in edges]
+        return tuple(int(part.sum()) for part in np.split(self._bins, cuts))
+
 
 _SPIN = 0.0002
 """s before a deadline that are spent spinning: `sleep` wakes up to this much late on a common kernel."""

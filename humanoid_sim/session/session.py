@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter, sleep
 from typing import Protocol
 
@@ -28,19 +28,39 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.robot import Robot
-from humanoid_sim.session.pace import Pace
+from humanoid_sim.session.pace import DurationHistogram, LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
-from humanoid_sim.session.result import SessionResult
-from humanoid_sim.session.settings import LoopSettings
 from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
 
-__all__ = ["LoopSettings", "SafetyFilter", "Session", "SessionResult"]
+__all__ = ["SafetyFilter", "Session", "SessionResult"]
 
 _BACKLOG_LIMIT = 2000
 """Ticks that the slowest sink may lag behind before a run without deadlines waits for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionResult:
+    """How a run ended."""
+
+    ticks: int
+    reason: str
+    duration: float
+    """s on the robot's clock."""
+    wall_time: float
+    """s"""
+    overruns: int
+    skipped: int
+    """Deadlines that passed while a tick was still running."""
+    jitter: DurationHistogram
+    """How long after its due time each tick began; empty without real time."""
+    measures: tuple[str, ...] = ()
+    """What was done for punctuality, a line each."""
+    failures: tuple[str, ...] = ()
+    """A robot that is not confirmed to be without torque; sinks that raised on the control thread, and were left out
+    from then on, each with its exception."""
 
 
 class SafetyFilter(Protocol):

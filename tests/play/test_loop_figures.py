@@ -5,9 +5,9 @@ import pytest
 from rich.console import Console
 
 from humanoid_sim.play.loop_figures import loop_figures, loop_table
-from humanoid_sim.session.histogram import DurationHistogram
 from humanoid_sim.session.monitor import RunMonitor
-from humanoid_sim.session.result import SessionResult
+from humanoid_sim.session.pace import DurationHistogram
+from humanoid_sim.session.session import SessionResult
 
 
 def result(late: tuple[float, ...] = (), measures: tuple[str, ...] = ()) -> SessionResult:

@@ -22,7 +22,8 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.pace import LoopSettings
+from humanoid_sim.session.session import Session
 
 HEADER = SessionHeader("fake", rig.JOINTS, rig.PERIOD, 0)
 

@@ -7,7 +7,7 @@ import rig
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel
 from humanoid_sim.session.inject import Injection, Injector, parse_injections
-from humanoid_sim.session.remote import RemoteInbox
+from humanoid_sim.session.sources import RemoteInbox
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
 from humanoid_sim.session.keyboard import KEYS, REACTIVATE_KEY, Keyboard, KeyReader, key_help
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.velocity import VELOCITY_KEYS, VelocityCommand, velocity_key_help
+from humanoid_sim.session.sources import VELOCITY_KEYS, VelocityCommand, velocity_key_help
 
 
 @dataclass

@@ -25,7 +25,8 @@ from humanoid_sim.mit import Extern
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.robot import LoopbackRobot
 from humanoid_sim.session import pace
-from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.pace import LoopSettings
+from humanoid_sim.session.session import Session
 from humanoid_sim.stack import build_supervisor
 
 REST_TICKS = 25

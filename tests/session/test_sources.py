@@ -2,8 +2,14 @@ from __future__ import annotations
 
 import threading
 
+import numpy as np
+import pytest
+import rig
+
+from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import Intent
-from humanoid_sim.session.sources import IntentQueue
+from humanoid_sim.mit import VELOCITY_COMMAND
+from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, RemoteInbox, VelocityCommand, parse_velocity
 
 
 def test_an_intent_queue_gives_everything_once_and_in_order() -> None:
@@ -34,3 +40,95 @@ def test_an_intent_queue_loses_nothing_between_threads() -> None:
     for thread in threads:
         thread.join()
     assert {intent: got.count(intent) for intent in kinds} == dict.fromkeys(kinds, count)
+
+
+def inbox(time: list[float]) -> RemoteInbox:
+    return RemoteInbox(rig.JOINTS, lambda: time[0])
+
+
+def test_a_command_is_stamped_with_the_robots_clock_at_its_arrival() -> None:
+    time = [3.0]
+    box = inbox(time)
+    assert box.latest() is None
+    command = rig.command()
+    box.put(rig.JOINTS, command)
+    time[0] = 9.0
+    latest = box.latest()
+    assert latest is not None
+    assert latest.command is command
+    assert latest.arrival_time == 3.0
+    newer = rig.command(0.1)
+    box.put(list(rig.JOINTS), newer)
+    assert box.latest().command is newer  # type: ignore[union-attr]
+    assert box.latest().arrival_time == 9.0  # type: ignore[union-attr]
+    assert (box.accepted, box.rejected) == (2, 0)
+
+
+@pytest.mark.parametrize(
+    ("names", "command", "message"),
+    [
+        (
+            ("elbow", "shoulder", "wrist"),
+            rig.command(),
+            "joint_names are elbow, shoulder, wrist, expected shoulder, el",
+        ),
+        (("shoulder", "elbow"), rig.command(), "joint_names are shoulder, elbow, expected"),
+        ((), rig.command(), "joint_names are missing, expected"),
+        (rig.JOINTS, rig.command(n=2), r"^remote command has shape \(2,\), expected \(3,\)"),
+        (rig.JOINTS, rig.command(effort=np.array([0.0, np.nan, 0.0])), "effort of elbow is nan"),
+        (rig.JOINTS, rig.command(stiffness=np.array([np.inf, 0.0, 0.0])), "stiffness of shoulder is inf"),
+        (rig.JOINTS, rig.command(damping=np.array([-1.0, 0.0, 0.0])), "damping of shoulder is -1"),
+        (rig.JOINTS, rig.command(stiffness=np.array([0.0, 0.0, -1.0])), "stiffness of wrist is -1"),
+    ],
+)
+def test_a_command_that_does_not_fit_is_refused_and_the_last_one_stays(names, command, message) -> None:
+    box = inbox([1.0])
+    good = rig.command()
+    box.put(rig.JOINTS, good)
+    with pytest.raises(FieldError, match=message):
+        box.put(names, command)
+    assert box.latest().command is good  # type: ignore[union-attr]
+    assert (box.accepted, box.rejected) == (1, 1)
+
+
+RANGES = np.array([[-0.5, 1.0], [-0.5, 0.5], [-1.0, 1.0]])
+
+
+def test_three_numbers() -> None:
+    assert parse_velocity(" 0.5, -0.25,1", RANGES).tolist() == [0.5, -0.25, 1.0]
+
+
+@pytest.mark.parametrize("text", ["", "1", "1,2", "1,2,3,4", "a,b,c", "nan,0,0", "0,inf,0"])
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=f"^--command: is '{text}', expected vx,vy,wz"):
+        parse_velocity(text, None)
+
+
+@pytest.mark.parametrize(("text", "name"), [("1.1,0,0", "vx"), ("0,-0.6,0", "vy"), ("0,0,2", "wz")])
+def test_beyond_the_ranges_is_refused(text: str, name: str) -> None:
+    with pytest.raises(InputError, match=f"^--command: {name} is "):
+        parse_velocity(text, RANGES)
+
+
+def test_keys_add_up_within_the_ranges() -> None:
+    velocity = VelocityCommand(np.zeros(3), RANGES)
+    for _ in range(12):
+        velocity.press("w")
+    velocity.press("j")
+    velocity.press("x")
+    assert velocity.command.tolist() == [1.0, 0.0, 0.1]
+    assert velocity.latest()[VELOCITY_COMMAND].value.tolist() == [1.0, 0.0, 0.1]
+    velocity.press("0")
+    assert velocity.command.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_every_direction_has_its_keys() -> None:
+    changes = np.array([change for change in VELOCITY_KEYS.values() if any(change)])
+    assert sorted(map(tuple, changes.tolist())) == sorted(
+        [(0.1, 0, 0), (-0.1, 0, 0), (0, 0.1, 0), (0, -0.1, 0), (0, 0, 0.1), (0, 0, -0.1)]
+    )
+
+
+def test_the_command_does_not_grow_old() -> None:
+    live = VelocityCommand(np.array([0.5, 0.0, 0.0])).latest()[VELOCITY_COMMAND]
+    assert live.at(1e6).tolist() == [0.5, 0.0, 0.0]

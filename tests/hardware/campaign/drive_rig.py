@@ -35,7 +35,8 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.schema import StandbySettings
-from humanoid_sim.session.session import LoopSettings, Session
+from humanoid_sim.session.pace import LoopSettings
+from humanoid_sim.session.session import Session
 from humanoid_sim.stack import build_supervisor
 
 PERIOD = 0.02
