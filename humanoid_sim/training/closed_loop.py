@@ -23,10 +23,9 @@ from torch import Tensor, nn
 
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.training import scales
-from humanoid_sim.training.losses import patient, quadratic, soft, tensor
-from humanoid_sim.training.mirror import ARM_JOINTS
+from humanoid_sim.training.arm import ARM_JOINTS
 from humanoid_sim.training.motions import POLICY_DT
-from humanoid_sim.training.statics import PoseBatches
+from humanoid_sim.training.statics import PoseBatches, patient, quadratic, soft, tensor
 from humanoid_sim.training.student import ArmNetwork
 from humanoid_sim.training.teacher import TrainingMotions
 

@@ -6,27 +6,38 @@ position commands through the same controller, gains and robot.
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from rich.console import Console
+from rich.table import Table
 
+from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import HumanoidSimError
+from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.evaluation.tracking import TrackingErrors, TrackingSummary
+from humanoid_sim.files import whole_file
 from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.motion import Motion, body_poses
-from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.policy.motion import Motion, body_poses, read_motion
+from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import build_supervisor
+from humanoid_sim.training import EvaluateConfig
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
+from humanoid_sim.training.random_motions import held_out_motions
 
-__all__ = ["Rollout", "TrackingFailedError", "follow", "inverse_kinematics_policy"]
+__all__ = ["Rollout", "TrackingFailedError", "evaluate", "follow", "inverse_kinematics_policy"]
 
 _STANDBY_TIMEOUT = 60.0
 """s"""
@@ -34,6 +45,88 @@ _STANDBY_TIMEOUT = 60.0
 
 class TrackingFailedError(HumanoidSimError):
     """The policy did not get to the end of the motion."""
+
+
+def evaluate(config: EvaluateConfig) -> int:
+    """Measure, print, write; returns the exit status.
+
+    Raises:
+        InputError: if a file cannot be read or written, or does not fit the policy.
+    """
+    description = load_robot("lite")
+    checkpoint = load_checkpoint(Path(config.policy) if config.policy else asset_path("policies", "lite_tracking.onnx"))
+    if checkpoint.contract.task_type != "tracking":
+        raise InputError(f"{checkpoint.source}: task_type is {checkpoint.contract.task_type}, expected tracking")
+    if config.random < 0 or config.seed < 0:
+        raise InputError(f"--random and --seed: are {config.random} and {config.seed}, expected at least 0")
+    files = [Path(name) for name in config.motion] or sorted(asset_path("motions").glob("*.mcap"))
+    motions = [(file.stem, read_motion(file)) for file in files]
+    motions += [
+        (f"random {i}", motion) for i, motion in enumerate(held_out_motions(description, config.random, config.seed))
+    ]
+    console = Console()
+    rows: list[dict[str, Any]] = []
+    with console.status("") as status:
+        for name, motion in motions:
+            status.update(f"following {name}")
+            try:
+                rows += _measure(description, checkpoint, name, motion, config)
+            except (InputError, TrackingFailedError) as error:
+                raise InputError(f"{name}: {error}") from None
+    console.print(_table(rows))
+    if config.json:
+        with whole_file(config.json) as file:
+            file.write(json.dumps(rows, indent=1).encode())
+    return 0
+
+
+def _measure(
+    description: RobotDescription, checkpoint: Checkpoint, name: str, motion: Motion, config: EvaluateConfig
+) -> list[dict[str, Any]]:
+    """The policy and the baseline on one motion; the errors are the hands'."""
+    contract = checkpoint.contract
+    load_policy(contract, checkpoint.policy, motion)  # a motion that does not fit is refused before it is solved
+    baseline = inverse_kinematics_policy(description, contract, motion)
+    figures = []
+    for label, policy in (("policy", checkpoint.policy), ("ik", baseline)):
+        rollout = follow(
+            description, contract, policy, motion, command_delay=config.command_delay, as_on_bus=config.bus
+        )
+        hands = rollout.summary.hands
+        figures.append(
+            {
+                "motion": name,
+                "policy": label,
+                "peak_hand_speed": rollout.summary.peak_speed,  # m/s, of the reference
+                "position_rms": hands.position_rms,  # m, as the next
+                "position_max": hands.position_max,
+                "orientation_rms": hands.orientation_rms,  # rad, as the next
+                "orientation_max": hands.orientation_max,
+                "command_rate": rollout.command_rate,  # rad/s, root mean square
+            }
+        )
+    return figures
+
+
+def _table(rows: list[dict[str, Any]]) -> Table:
+    table = Table(title="hand tracking in closed loop")
+    table.add_column("motion")
+    table.add_column("policy")
+    for heading in ("peak m/s", "rms cm", "max cm", "rms °", "max °", "command rad/s"):
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(
+            row["motion"],
+            row["policy"],
+            f"{row['peak_hand_speed']:.2f}",
+            f"{100.0 * row['position_rms']:.2f}",
+            f"{100.0 * row['position_max']:.2f}",
+            f"{math.degrees(row['orientation_rms']):.2f}",
+            f"{math.degrees(row['orientation_max']):.2f}",
+            f"{row['command_rate']:.3f}",
+            end_section=row["policy"] == "ik",
+        )
+    return table
 
 
 @dataclass(frozen=True, slots=True, eq=False)

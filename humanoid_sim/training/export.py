@@ -21,7 +21,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.training import scales
-from humanoid_sim.training.mirror import ARM_JOINTS, JOINT_SIGN, ORIENTATION_SIGN, POSITION_SIGN
+from humanoid_sim.training.arm import ARM_JOINTS, JOINT_SIGN, ORIENTATION_SIGN, POSITION_SIGN
 from humanoid_sim.training.motions import BODIES, POLICY_DT, SAMPLE_DATASET, pose_a
 
 __all__ = ["OBSERVATIONS", "export_policy", "policy_graph", "sample_contract"]

@@ -1,21 +1,38 @@
-"""The sample motions: wave, two-hand circle, reach and drum. Each starts and ends in standby pose A, at rest."""
+"""The sample motions: wave, two-hand circle, reach and drum, and the smooth paths that all motions are made of.
+
+Each starts and ends in standby pose A, at rest.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.motion import Motion, body_frames
-from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.policy.motion import Motion, body_frames, write_motion
+from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.training.arm import JOINT_SIGN
 from humanoid_sim.training.inverse_kinematics import InverseKinematics
-from humanoid_sim.training.mirror import JOINT_SIGN
-from humanoid_sim.training.trajectory import ease, minimum_jerk_path
 
-__all__ = ["BODIES", "POLICY_DT", "SAMPLES", "SAMPLE_DATASET", "joint_frames", "pose_a", "sample_motion"]
+__all__ = [
+    "BODIES",
+    "POLICY_DT",
+    "SAMPLES",
+    "SAMPLE_DATASET",
+    "derivative",
+    "ease",
+    "joint_frames",
+    "minimum_jerk_path",
+    "pose_a",
+    "sample_motion",
+    "smooth",
+    "write_samples",
+]
 
 BODIES = ("left_elbow_pitch", "left_hand", "right_elbow_pitch", "right_hand")
 """Tracked bodies: where the elbows and the hands are, and how they are turned, determines all 14 joints."""
@@ -48,6 +65,23 @@ def sample_motion(description: RobotDescription, name: str) -> tuple[Motion, Flo
     """A sample motion by name, and the joint path (F, n), rad, that it was made from."""
     path = SAMPLES[name](description)
     return Motion(joint_frames(description, path), BODIES, POLICY_DT, "tracking", description.name), path
+
+
+def write_samples(folder: Path) -> None:
+    """Write every sample motion as an .mcap file; the folder is made if it is missing.
+
+    Raises:
+        InputError: if it cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made a folder: {error.strerror}") from None
+    description = load_robot("lite")
+    for name in SAMPLES:
+        motion, _ = sample_motion(description, name)
+        write_motion(folder / f"{name}.mcap", motion)
+        print(f"{folder / name}.mcap: {len(motion.frames)} frames, {motion.duration:g} s")
 
 
 def _wave(description: RobotDescription) -> FloatArray:
@@ -167,3 +201,43 @@ def _steady(t: npt.NDArray[np.floating], start: float, stop: float, ramp: float)
 
 def _stack(*points: FloatArray) -> FloatArray:
     return np.stack(points)
+
+
+def ease(phase: npt.ArrayLike) -> FloatArray:
+    """Minimum jerk: rises from 0 at phase 0 to 1 at phase 1, at rest at both ends; constant outside."""
+    s = np.clip(np.asarray(phase, dtype=np.float64), 0.0, 1.0)
+    risen: FloatArray = s * s * s * (10.0 + s * (6.0 * s - 15.0))
+    return risen
+
+
+def minimum_jerk_path(times: FloatArray, points: FloatArray, period: float) -> FloatArray:
+    """From point to point, at rest at each of them.
+
+    Args:
+        times: shape (k,), s, increasing from 0; two equal points in a row are a pause.
+        points: shape (k, n).
+        period: s between samples.
+
+    Returns:
+        Shape (F, n), from time 0 to the last one inclusive.
+    """
+    t = np.arange(round(times[-1] / period) + 1) * period
+    path = np.repeat(points[:1], len(t), axis=0)
+    for start, stop, step in zip(times[:-1], times[1:], np.diff(points, axis=0), strict=True):
+        path = path + ease((t - start) / (stop - start))[:, None] * step
+    return path
+
+
+def smooth(path: FloatArray, window: int) -> FloatArray:
+    """A path (F, n) averaged under a Hann window of `window` samples; it stays where it is beyond its ends."""
+    weights = np.hanning(window + 2)[1:-1]
+    weights /= weights.sum()
+    padded = np.concatenate([np.repeat(path[:1], window, axis=0), path, np.repeat(path[-1:], window, axis=0)])
+    averaged = np.stack([np.convolve(column, weights, mode="same") for column in padded.T], axis=-1)
+    return averaged[window:-window]
+
+
+def derivative(path: FloatArray, period: float) -> FloatArray:
+    """Central differences along the first axis of (F, ...), one-sided at the ends, per second."""
+    rate: FloatArray = np.gradient(path, period, axis=0)
+    return rate

@@ -1,4 +1,4 @@
-"""Random arm motions to train on, and to test on: none of the sample motions is among them.
+"""Random motions to train on, and, from other seeds, to test on: none of the sample motions is among them.
 
 Three families: way points through a smoothing window, sums of sines in joint space, and random twists of the hand.
 They cover the workspace that is free of collisions, at hand speeds up to 1.4 m/s, within limits and effort limits.
@@ -7,15 +7,20 @@ They cover the workspace that is free of collisions, at hand speeds up to 1.4 m/
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 
+import mujoco
 import numpy as np
 
+from humanoid_sim.evaluation.tracking import peak_speed
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.training.arm import ArmModel
-from humanoid_sim.training.mirror import ARM_JOINTS
-from humanoid_sim.training.trajectory import derivative, ease, smooth
+from humanoid_sim.policy.motion import Motion
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.training.arm import ARM_JOINTS, ArmModel, both_arms
+from humanoid_sim.training.motions import BODIES, POLICY_DT, derivative, ease, joint_frames, smooth
 
-__all__ = ["PERIOD", "random_motions"]
+__all__ = ["PERIOD", "collisions", "held_out_motions", "random_motions"]
 
 PERIOD = 0.01
 """s between samples: half a policy step, so that a step's middle is a sample too."""
@@ -26,6 +31,10 @@ _EFFORT_SHARE = 0.7
 """Of the effort limit: what following the motion may take. The rest is for correcting."""
 _LIMIT_ROOM = 0.005
 """rad"""
+_LEAST_SPEED = 0.5
+"""m/s that one of the hands reaches."""
+_HELD_OUT = 77
+"""Keeps evaluation apart from training, whatever the seed."""
 
 
 def random_motions(arm: ArmModel, rng: np.random.Generator, duration: float = 8.0) -> Iterator[FloatArray]:
@@ -129,3 +138,36 @@ def _is_feasible(arm: ArmModel, path: FloatArray) -> bool:
         return False
     touching = [arm.collides(q) for q in path[::20]]
     return float(np.mean(touching)) <= 0.1
+
+
+def held_out_motions(description: RobotDescription, count: int, seed: int) -> list[Motion]:
+    """`count` random motions of both arms from pose A, at rest there, without collisions."""
+    arm = ArmModel(description)
+    rng = np.random.default_rng([_HELD_OUT, seed])
+    paths = (path[::2] for path in random_motions(arm, rng) if np.abs(path[:3] - arm.home).max() < 1e-3)
+
+    def motions() -> Iterator[Motion]:
+        while True:
+            path = both_arms(next(paths), next(paths))
+            frames = joint_frames(description, path)
+            hands = frames[:, : 3 * len(BODIES)].reshape(len(frames), len(BODIES), 3)
+            if peak_speed(hands[:, 1::2], POLICY_DT) >= _LEAST_SPEED and not collisions(description, path[::5]):
+                yield Motion(frames, BODIES, POLICY_DT, "tracking", description.name)
+
+    return list(islice(motions(), count))
+
+
+def collisions(description: RobotDescription, path: FloatArray) -> set[tuple[str, str]]:
+    """Names of the bodies that touch anywhere on a joint path (F, n), rad."""
+    model = build_model(description, scene=False)
+    data = mujoco.MjData(model)
+    qpos = joint_addresses(model, description.joint_names).qpos
+    touching = set()
+    for q in path:
+        data.qpos[qpos] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        for a, b in model.geom_bodyid[data.contact.geom]:
+            touching.add((model.body(a).name, model.body(b).name))
+    return touching

@@ -1,4 +1,7 @@
-"""First part of training: the geometry of the arm, and the command that holds it against gravity. Nothing moves."""
+"""First part of training: the geometry of the arm, and the command that holds it against gravity. Nothing moves.
+
+The costs are those of the second part too.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,35 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.training import scales
-from humanoid_sim.training.losses import quadratic, soft, tensor
 from humanoid_sim.training.student import ArmNetwork
 from humanoid_sim.training.teacher import TrainingPoses
 
-__all__ = ["PoseBatches", "train_statics"]
+__all__ = ["PoseBatches", "patient", "quadratic", "soft", "tensor", "train_statics"]
 
 _HOLD_SHARE = 0.3
 """Weight of holding against gravity, relative to the geometry."""
+
+
+def tensor(array: FloatArray) -> Tensor:
+    """A float32 copy."""
+    return torch.tensor(array, dtype=torch.float32)
+
+
+def quadratic(error: Tensor, weight: Tensor) -> Tensor:
+    """`e W e` for errors (..., 7), rad, and weights (..., 7, 7), 1/rad²: shape (...)."""
+    return (error[..., None, :] @ weight @ error[..., :, None])[..., 0, 0]
+
+
+def soft(cost: Tensor, knee: float = 4.0) -> Tensor:
+    """Huber's idea for a cost that is a square: from `knee` on it grows with the root, so that outliers do not rule."""
+    return torch.where(cost < knee, cost, 2.0 * (knee * cost.clamp(min=knee)).sqrt() - knee)
+
+
+def patient(cost: Tensor, knee: float = 4.0) -> Tensor:
+    """From `knee` on a cost grows only with its logarithm: a far target is no reason to hurry."""
+    return knee * torch.log1p(cost / knee)
 
 
 class PoseBatches:

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.training import scales
-from humanoid_sim.training.mirror import ARM_JOINTS, JOINT_SIGN, ORIENTATION_SIGN, POSITION_SIGN
+from humanoid_sim.training.arm import ARM_JOINTS, JOINT_SIGN, ORIENTATION_SIGN, POSITION_SIGN
 
 __all__ = ["ArmNetwork", "ArmTarget", "Student"]
 

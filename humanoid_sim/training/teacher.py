@@ -18,10 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.training.arm import ArmModel
-from humanoid_sim.training.mirror import ARM_JOINTS
+from humanoid_sim.training.arm import ARM_JOINTS, ArmModel
+from humanoid_sim.training.motions import derivative
 from humanoid_sim.training.random_motions import PERIOD
-from humanoid_sim.training.trajectory import derivative
 
 __all__ = [
     "Plants",

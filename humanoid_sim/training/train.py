@@ -16,13 +16,12 @@ from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.files import output_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.training import TrainConfig
 from humanoid_sim.training.arm import ArmModel
 from humanoid_sim.training.closed_loop import ClosedLoop, train_closed_loop
-from humanoid_sim.training.config import TrainConfig
 from humanoid_sim.training.export import export_policy, sample_contract
-from humanoid_sim.training.losses import tensor
 from humanoid_sim.training.random_motions import random_motions
-from humanoid_sim.training.statics import PoseBatches, train_statics
+from humanoid_sim.training.statics import PoseBatches, tensor, train_statics
 from humanoid_sim.training.student import ArmNetwork, Student
 from humanoid_sim.training.teacher import training_motions, training_poses
 

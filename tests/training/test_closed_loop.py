@@ -8,9 +8,8 @@ torch = pytest.importorskip("torch")
 from humanoid_sim.robots.description import load_robot  # noqa: E402 - only where PyTorch is
 from humanoid_sim.training.arm import ArmModel  # noqa: E402
 from humanoid_sim.training.closed_loop import ClosedLoop, linearise, train_closed_loop  # noqa: E402
-from humanoid_sim.training.losses import patient, quadratic, soft, tensor  # noqa: E402
 from humanoid_sim.training.random_motions import random_motions  # noqa: E402
-from humanoid_sim.training.statics import PoseBatches, train_statics  # noqa: E402
+from humanoid_sim.training.statics import PoseBatches, patient, quadratic, soft, tensor, train_statics  # noqa: E402
 from humanoid_sim.training.student import ArmNetwork  # noqa: E402
 from humanoid_sim.training.teacher import training_motions, training_poses  # noqa: E402
 

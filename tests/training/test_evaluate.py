@@ -7,10 +7,10 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.training.arm import both_arms
 from humanoid_sim.training.evaluate import TrackingFailedError, follow, inverse_kinematics_policy
-from humanoid_sim.training.held_out import held_out_motions
-from humanoid_sim.training.mirror import both_arms
 from humanoid_sim.training.motions import BODIES, POLICY_DT, joint_frames, pose_a
+from humanoid_sim.training.random_motions import held_out_motions
 
 SAMPLES = ("circle", "drum", "reach", "wave")
 

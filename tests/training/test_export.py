@@ -10,8 +10,8 @@ from humanoid_sim.policy.metadata import METADATA_KEYS
 from humanoid_sim.policy.onnx_policy import read_metadata
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training import scales
+from humanoid_sim.training.arm import ORIENTATION_SIGN, POSITION_SIGN, arm_joints, both_arms
 from humanoid_sim.training.export import OBSERVATIONS, export_policy, sample_contract
-from humanoid_sim.training.mirror import ORIENTATION_SIGN, POSITION_SIGN, arm_joints, both_arms
 from humanoid_sim.training.motions import BODIES, joint_frames, pose_a
 
 SHIPPED = asset_path("policies", "lite_tracking.onnx")

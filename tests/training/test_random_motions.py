@@ -7,10 +7,8 @@ from humanoid_sim.evaluation.tracking import peak_speed
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training.arm import ArmModel
-from humanoid_sim.training.held_out import collisions, held_out_motions
-from humanoid_sim.training.motions import BODIES, joint_frames, pose_a
-from humanoid_sim.training.random_motions import PERIOD, random_motions
-from humanoid_sim.training.trajectory import derivative
+from humanoid_sim.training.motions import BODIES, derivative, joint_frames, pose_a
+from humanoid_sim.training.random_motions import PERIOD, collisions, held_out_motions, random_motions
 
 
 @pytest.fixture(scope="module")

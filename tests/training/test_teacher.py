@@ -4,11 +4,10 @@ import pytest
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.plant import make_plant
-from humanoid_sim.training.arm import ArmModel
-from humanoid_sim.training.mirror import both_arms
+from humanoid_sim.training.arm import ArmModel, both_arms
+from humanoid_sim.training.motions import derivative
 from humanoid_sim.training.random_motions import PERIOD, random_motions
 from humanoid_sim.training.teacher import Plants, error_weight, exact_command, training_motions, training_poses
-from humanoid_sim.training.trajectory import derivative
 
 
 @pytest.fixture(scope="module")
