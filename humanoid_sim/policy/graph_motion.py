@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +10,10 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_policy import OnnxModel, first_line
+from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 
-__all__ = ["GraphPolicy", "Progress", "graph_conventions", "has_graph_motion", "sweep_motion"]
+__all__ = ["Progress", "graph_conventions", "has_graph_motion", "sweep_motion"]
 
 Progress = Callable[[int], None]
 """Told the number of frames that have been read so far."""
@@ -32,20 +31,6 @@ _LONGEST = 90_000
 """Frames, half an hour at 50 Hz: whatever goes on beyond is no motion that ends."""
 
 
-class GraphPolicy(Protocol):
-    """A policy whose model has more outputs than the action."""
-
-    model: OnnxModel
-    observation_width: int
-    has_time_step: bool
-
-    def run(
-        self, outputs: list[str], observation: npt.NDArray[np.float32], frame: int
-    ) -> list[npt.NDArray[np.float32]]:
-        """Some outputs of one inference."""
-        ...
-
-
 def graph_conventions(outputs: Collection[str]) -> PartialContract:
     """What the names of a model's outputs imply for its contract."""
     source = f"output {_ANCHOR[1]}"
@@ -53,13 +38,13 @@ def graph_conventions(outputs: Collection[str]) -> PartialContract:
     return PartialContract(source, assumed=assumed)
 
 
-def has_graph_motion(policy: GraphPolicy, contract: PolicyContract) -> bool:
+def has_graph_motion(policy: OnnxPolicy, contract: PolicyContract) -> bool:
     """Whether the model answers with a reference, and the contract follows one."""
     names = {tensor.name for tensor in policy.model.outputs}
     return policy.has_time_step and contract.task_type == "tracking" and names.issuperset(_JOINTS)
 
 
-def sweep_motion(policy: GraphPolicy, contract: PolicyContract, progress: Progress | None = None) -> Motion:
+def sweep_motion(policy: OnnxPolicy, contract: PolicyContract, progress: Progress | None = None) -> Motion:
     """Read the motion frame by frame, up to where the outputs stop changing.
 
     Args:

@@ -31,7 +31,26 @@ _LARGEST = 10_000_000
 _LARGEST_MOTION = 50_000_000
 """Values of one table of a motion."""
 _EXTERN, _REFERENCE = "extern/", "reference/"
-_STATE = ("joint_position", "joint_velocity", "imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration")
+
+
+_ARRAYS: Mapping[str, tuple[str, tuple[int | str, ...] | None]] = {
+    "joint_position": ("<f8", ("J",)),
+    "joint_velocity": ("<f8", ("J",)),
+    "imu_quaternion": ("<f8", (4,)),
+    "imu_angular_velocity": ("<f8", (3,)),
+    "imu_linear_acceleration": ("<f8", (3,)),
+    "last_action": ("<f4", ("m",)),
+    "frame": ("<i8", ()),
+    "walked": ("<f8", ()),
+    "alignment": ("<f8", (7,)),
+    "observation": ("<f4", None),
+    "action": ("<f4", ("m",)),
+    "target": ("<f8", ("J",)),
+    "history": ("<f4", None),
+}
+"""Of one sample, each array's type and shape; None: another check."""
+_STATE = tuple(_ARRAYS)[:5]
+"""What the robot reports beside the live inputs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,22 +106,12 @@ class GoldenSamples:
         count, joints = len(self.frame), len(self.joint_names)
         if not count or self.frame_count < 1 or self.action.ndim != 2:
             raise FieldError(f"holds {count} samples of {self.frame_count} frames, expected at least one of each")
-        actions = self.action.shape[1]
-        widths: dict[str, tuple[int, ...]] = {
-            "joint_position": (joints,),
-            "joint_velocity": (joints,),
-            "imu_quaternion": (4,),
-            "imu_angular_velocity": (3,),
-            "imu_linear_acceleration": (3,),
-            "last_action": (actions,),
-            "frame": (),
-            "walked": (),
-            "alignment": (7,),
-            "action": (actions,),
-            "target": (joints,),
-        }
-        for name, width in widths.items():
-            _expect(name, getattr(self, name), (count, *width))
+        sizes = {"J": joints, "m": self.action.shape[1]}
+        for name, (_, shape) in _ARRAYS.items():
+            if shape is not None:
+                expected = (count, *(sizes[size] if isinstance(size, str) else size for size in shape))
+                if getattr(self, name).shape != expected:
+                    raise FieldError(f"{name}: has shape {getattr(self, name).shape}, expected {expected}")
         tables: dict[str, npt.NDArray[Any]] = {"observation": self.observation, **self.extern, **self.reference}
         for name, table in tables.items():
             if table.ndim != 2 or len(table) != count:
@@ -204,33 +213,16 @@ def decode_samples(text: str, where: str) -> GoldenSamples:
 
 
 def _arrays(samples: GoldenSamples) -> dict[str, npt.NDArray[Any]]:
-    names = [name for name, kind in _DTYPES.items() if getattr(samples, name) is not None]
+    names = [name for name in _ARRAYS if getattr(samples, name) is not None]
     arrays = {name: getattr(samples, name) for name in names}
     arrays |= {_EXTERN + name: array for name, array in samples.extern.items()}
     return arrays | {_REFERENCE + name: array for name, array in samples.reference.items()}
 
 
-_DTYPES = {
-    "joint_position": "<f8",
-    "joint_velocity": "<f8",
-    "imu_quaternion": "<f8",
-    "imu_angular_velocity": "<f8",
-    "imu_linear_acceleration": "<f8",
-    "last_action": "<f4",
-    "frame": "<i8",
-    "walked": "<f8",
-    "alignment": "<f8",
-    "observation": "<f4",
-    "action": "<f4",
-    "target": "<f8",
-    "history": "<f4",
-}
-
-
 def _dtype(name: str) -> str:
     if name.startswith(_EXTERN):
         return "<f8"
-    return "<f4" if name.startswith(_REFERENCE) else _DTYPES[name]
+    return "<f4" if name.startswith(_REFERENCE) else _ARRAYS[name][0]
 
 
 def _encode(array: npt.NDArray[Any]) -> dict[str, Any]:
@@ -239,7 +231,7 @@ def _encode(array: npt.NDArray[Any]) -> dict[str, Any]:
 
 
 def _decode(name: str, value: Any) -> npt.NDArray[Any]:
-    if not name.startswith((_EXTERN, _REFERENCE)) and name not in _DTYPES:
+    if not name.startswith((_EXTERN, _REFERENCE)) and name not in _ARRAYS:
         raise FieldError(f"hold the unknown array '{name}'")
     shape, dtype = tuple(value["shape"]), np.dtype(_dtype(name))
     if not all(type(size) is int and size >= 0 for size in shape) or prod(shape) > _LARGEST:
@@ -257,8 +249,3 @@ def _decode(name: str, value: Any) -> npt.NDArray[Any]:
 def _under(prefix: str, arrays: Mapping[str, npt.NDArray[Any]]) -> Mapping[str, npt.NDArray[Any]]:
     found = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
     return MappingProxyType(found)
-
-
-def _expect(name: str, array: npt.NDArray[Any], shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise FieldError(f"{name}: has shape {array.shape}, expected {shape}")
