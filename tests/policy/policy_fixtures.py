@@ -1,0 +1,68 @@
+"""Fixtures of the tests of policies: a checkpoint, its trainer's trace, and the program to run on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from trainer import MJCF, Run, save_checkpoint, save_trace
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.policy_tools import main
+from humanoid_sim.robots.description import RobotDescription, load_robot
+
+__all__ = ["cli", "lite", "robot", "stamped", "trace", "walker"]
+
+Cli = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Cli:
+    """Runs `policy` with arguments; returns exit status, standard output and standard error."""
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        try:
+            status = run_program(main, [str(argument) for argument in arguments])
+        except SystemExit as error:
+            status = int(error.code or 0)
+        output = capsys.readouterr()
+        return status, output.out, output.err
+
+    return run
+
+
+@pytest.fixture
+def walker(tmp_path: Path) -> Path:
+    """A checkpoint that walks, as its trainer exports it; `trainer` says how it is wired."""
+    return save_checkpoint(tmp_path / "walker.onnx")
+
+
+@pytest.fixture
+def trace(tmp_path: Path) -> Path:
+    """A run of `walker` in its trainer's own program."""
+    return save_trace(tmp_path / "trace.npz", Run())
+
+
+@pytest.fixture
+def stamped(cli: Cli, walker: Path, trace: Path, tmp_path: Path) -> Path:
+    """`walker` with golden vectors of its trainer's run, in a folder of its own."""
+    output = tmp_path / "stamped" / "walker.onnx"
+    output.parent.mkdir()
+    status, _, error = cli("stamp", walker, "-o", output, "--trace", trace)
+    assert status == 0, error
+    return output
+
+
+@pytest.fixture(scope="session")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> RobotDescription:
+    """The robot that the trainer's policy is for."""
+    path = tmp_path_factory.mktemp("robot") / "walker.xml"
+    path.write_text(MJCF, encoding="utf-8")
+    return load_robot(str(path))
+
+
+@pytest.fixture(scope="session")
+def lite() -> RobotDescription:
+    return load_robot("lite")
