@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -48,6 +49,16 @@ def test_a_notebook_says_what_it_is_about(path):
     document = json.loads(path.read_text(encoding="utf-8"))
     assert document["metadata"]["kernelspec"]["name"] == "python3"
     assert not re.search(r"/(home|root|work)/", path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_what_a_notebook_imports_from_here_exists(path):
+    code = "\n".join(source(cell) for cell in cells(path) if cell["cell_type"] == "code")
+    imports = re.findall(r"^from (humanoid_sim\S*) import ([^#\n(]+)", code, re.MULTILINE)
+    assert imports
+    for module, names in imports:
+        for name in names.split(","):
+            assert hasattr(importlib.import_module(module), name.strip()), f"{module} has no {name.strip()}"
 
 
 @pytest.mark.slow
