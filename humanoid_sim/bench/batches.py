@@ -70,7 +70,7 @@ class _BareRollout:
         self._rollout = rollout.Rollout(nthread=simulation.threads if simulation.threads > 1 else 0)
         self.run()
         if not np.allclose(self._path[:, -1, 1 : 1 + model.nq], reached, rtol=0.0, atol=1e-9):
-            raise AssertionError("the bare physics is not that of the batch")
+            raise AssertionError("the bare physics does not match the batch")
 
     def run(self) -> None:
         """From the start through all control periods, one call each, as whoever answers to the state needs it."""

@@ -186,7 +186,7 @@ def environment_step(repetitions: int) -> list[Row]:
     steps()
     bare()
     if not np.array_equal(data.qpos, robot.data.qpos):
-        raise AssertionError("the bare physics is not that of the environment")
+        raise AssertionError("the bare physics does not match the environment")
     try:
         return [paired_ratio("LiteTracking-v0.step", steps, bare, repetitions, 1.4, describe, prepare=begin)]
     finally:

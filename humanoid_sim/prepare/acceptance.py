@@ -79,8 +79,8 @@ def accept(
         method = ""
         _check_joints_alone(source, conventions, contract, skeleton, tolerance, excess)
         notes.append(
-            "the source holds no body poses, so the order of its joints could not be verified: all that is certain is "
-            "that they stay within the robot's limits"
+            "the source holds no body poses, so the order of its joints could not be verified, only that they stay "
+            "within the robot's limits"
         )
     if excess is not None:
         notes.append(
@@ -109,7 +109,7 @@ def _refuse_mismatch(
     )
     raise InputError(
         f"{source.source}: body '{worst.name}' is up to {_far(worst)} from where the robot's forward kinematics puts "
-        f"it (frame {worst.worst_frame}), as are {off} of {len(bodies)} bodies; tolerance {_shown(tolerance)}; {hint}"
+        f"it (frame {worst.worst_frame}); {off} of {len(bodies)} bodies are off; tolerance {_shown(tolerance)}; {hint}"
     )
 
 
@@ -129,13 +129,12 @@ def _check_rate(source: SourceMotion, motion: NamedMotion) -> RateCheck | None:
         return None
     if rate.correlation < _CORRELATION:
         raise InputError(
-            f"{source.source}: its joint velocities are not those of its joint positions (correlation "
+            f"{source.source}: its joint velocities do not match its joint positions (correlation "
             f"{rate.correlation:.2f}, expected about 1)"
         )
     if abs(rate.fps / source.fps - 1.0) > _RATE and rate.correlation > _CLEAR:
         raise InputError(
-            f"{source.source}: fps is {source.fps:g}, but its joint velocities are those of {rate.fps:.1f} frames per "
-            "second"
+            f"{source.source}: fps is {source.fps:g}, but its joint velocities match {rate.fps:.1f} frames per second"
         )
     return rate
 

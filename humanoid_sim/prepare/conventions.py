@@ -137,7 +137,7 @@ def _own_names(
 ) -> tuple[tuple[str, ...], str]:
     if option is not None:
         plural = {"joint": "joints", "body": "bodies"}[what]
-        raise InputError(f"--{what}-order: is given, but {source.source} names its {plural} itself")
+        raise InputError(f"--{what}-order: is given, but {source.source} names its {plural}")
     return names, "names in the file"
 
 

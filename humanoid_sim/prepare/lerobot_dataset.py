@@ -57,7 +57,7 @@ def _check_format(folder: Path) -> None:
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(f"{folder}: is no LeRobot dataset: it has no meta/info.json") from None
+        raise InputError(f"{folder}: is not a LeRobot dataset: it has no meta/info.json") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:

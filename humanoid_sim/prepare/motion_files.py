@@ -97,7 +97,7 @@ def _npz_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
     except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, KeyError) as error:
         # NumPy says ValueError for pickled objects, which may run code, and for what is no NumPy file at all.
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: is no whole .npz file of plain arrays: {reason}") from None
+        raise InputError(f"{path}: is not a complete .npz file of plain arrays: {reason}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
@@ -135,12 +135,12 @@ def read_csv(
     first_line, first = rows[0]
     if any(_number(cell) is None for cell in first):
         if len(rows) == 1:
-            raise InputError(f"{path}: line {first_line} is no frame of numbers, and no frame follows it")
+            raise InputError(f"{path}: line {first_line} is not a frame of numbers, and none follows it")
         return _named_columns(path, first, _csv_table(path, rows[1:]), joint_names, fps, floating)
     table = _csv_table(path, rows)
     joints = len(joint_names)
     if fps is None:
-        raise InputError(f"{path}: does not say how many frames make a second; use --fps")
+        raise InputError(f"{path}: does not state its frame rate; use --fps")
     order: QuaternionOrder = quaternions or "xyzw"
     said_by = "--quaternions" if quaternions else "assumed: csv"
     if table.shape[1] == _BASE + joints:
@@ -172,7 +172,7 @@ def _named_columns(
         if role is None:
             unknown.append(name)
         elif role in places:
-            raise InputError(f"{path}: columns '{names[places[role]]}' and '{name}' are the same")
+            raise InputError(f"{path}: columns '{names[places[role]]}' and '{name}' mean the same")
         else:
             places[role] = i
     if unknown:
@@ -216,11 +216,11 @@ def _csv_role(name: str, joints: tuple[str, ...]) -> str | None:
 def _csv_rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
     if times is None:
         if fps is None:
-            raise InputError(f"{path}: has no column 'time' and does not say its frame rate; use --fps")
+            raise InputError(f"{path}: has no column 'time' and does not state its frame rate; use --fps")
         return fps
     steps = np.diff(times)
     if not len(steps) or not np.isfinite(steps).all() or steps.min() <= 0.0:
-        raise InputError(f"{path}: column 'time' does not rise from frame to frame")
+        raise InputError(f"{path}: column 'time' does not increase from frame to frame")
     if np.abs(steps - steps.mean()).max() > _UNEVEN * steps.mean():
         frame = int(np.abs(steps - steps.mean()).argmax())
         raise InputError(

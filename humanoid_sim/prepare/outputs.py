@@ -156,7 +156,7 @@ def print_report(console: Console, report: MotionReport) -> None:
         "joints": _order(read.joint_names, read.joints_said_by),
         "bodies": _order(read.body_names, read.bodies_said_by),
         "quaternions": f"{read.quaternions} ({read.quaternions_said_by})",
-        "frame rate": "joint velocities say nothing about it"
+        "frame rate": "joint velocities do not show it"
         if report.rate is None
         else f"joint velocities fit {report.rate.fps:.1f} per second, correlation {report.rate.correlation:.3f}",
     }

@@ -53,7 +53,7 @@ def prepare(options: PrepareOptions) -> int:
     has_source = options.motion is not None or options.dataset is not None
     task = checkpoint.contract.task_type
     if task == "piano":
-        raise InputError(f"{path}: is a piano policy, and songs cannot be prepared by this version yet")
+        raise InputError(f"{path}: is a piano policy, and this version cannot prepare songs yet")
     if task == "locomotion" and has_source:
         option = "--motion" if options.motion is not None else "--dataset"
         raise InputError(f"{option}: is given, but {path} follows no motion")
@@ -87,7 +87,7 @@ def _write(
 ) -> None:
     copies = checkpoint_files(checkpoint, path)
     if not copies:
-        console.print(f"{path} stays where it is: its contract is complete only with the files beside it", markup=False)
+        console.print(f"{path} is not copied: its contract is complete only with the files next to it", markup=False)
     outputs.write(files | copies, console)
 
 
@@ -164,9 +164,9 @@ def _read_path(options: PrepareOptions, path: Path, roles: dict[str, str], skele
         floating = skeleton.description.is_floating
         return read_csv(path, skeleton.joints, options.fps, floating=floating, quaternions=options.quaternions)
     if suffix != ".npz":
-        raise InputError(f"--motion: '{path}' is no .npz or .csv file and no folder")
+        raise InputError(f"--motion: '{path}' is neither an .npz or .csv file nor a folder")
     if options.fps is not None:
-        raise InputError(f"--fps: is given, but {path} says its frame rate itself")
+        raise InputError(f"--fps: is given, but {path} states its frame rate")
     return read_npz(path)
 
 

@@ -66,7 +66,7 @@ class SourceMotion:
             if len(array) != len(arrays[first]):
                 raise InputError(
                     f"{self.source}: {name} has {len(array)} frames, {first} has {len(arrays[first])}; "
-                    "expected as many in all"
+                    "expected the same number in all"
                 )
             bad = np.argwhere(~np.isfinite(array))
             if len(bad):

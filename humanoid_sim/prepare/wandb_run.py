@@ -192,7 +192,7 @@ def _download(run_path: str, file: Any, folder: Path, timeout: float, progress: 
         _watch(partial, size, call.done, timeout, lambda so_far: progress(file.name, so_far, size))
         call.result()
         if not partial.is_file() or not _is_same(partial, file):
-            raise InputError(f"--wandb-run-path: '{file.name}' of run {run_path} did not arrive whole; try again")
+            raise InputError(f"--wandb-run-path: '{file.name}' of run {run_path} arrived incomplete; try again")
         target.parent.mkdir(parents=True, exist_ok=True)
         partial.replace(target)
     except _UnreachableError as error:
@@ -212,7 +212,7 @@ def _watch(partial: Path, size: int, done: threading.Event, timeout: float, tell
             last, since = so_far, time.monotonic()
             tell(so_far)
         elif time.monotonic() - since > timeout:
-            raise _UnreachableError(f"nothing came for {timeout:g} s, {so_far} of {size} bytes are here")
+            raise _UnreachableError(f"no data for {timeout:g} s, {so_far} of {size} bytes received")
     tell(size)
 
 

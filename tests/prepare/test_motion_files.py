@@ -56,10 +56,10 @@ def test_column_names_in_any_order(tmp_path: Path) -> None:
         (ROW.replace("0.3", "nan"), 30.0, "joint_position is nan at frame 0"),
         (ROW.replace(",1,", ",3,"), 30.0, "base_quaternion at frame 0 has norm 3"),
         ("hip,ankle\n1,2\n", 30.0, "unknown column 'ankle'"),
-        ("hip,hip\n1,2\n", 30.0, "columns 'hip' and 'hip' are the same"),
+        ("hip,hip\n1,2\n", 30.0, "columns 'hip' and 'hip' mean the same"),
         ("hip\n1\n", 30.0, "has no column for knee"),
         ("hip,knee\n1,2\n", 30.0, "needs all of the columns base_x"),
-        ("hip,knee\n", 30.0, "line 1 is no frame of numbers, and no frame follows it"),
+        ("hip,knee\n", 30.0, "line 1 is not a frame of numbers, and none follows it"),
         ("hip,knee\n1,2,3\n", 30.0, "has 2 column names and 3 numbers per line"),
     ],
 )
@@ -73,7 +73,7 @@ def test_a_bad_csv(tmp_path: Path, text: str, fps: float | None, reason: str) ->
 @pytest.mark.parametrize(
     ("times", "fps", "reason"),
     [
-        ("0,1,1", None, "does not rise"),
+        ("0,1,1", None, "does not increase"),
         ("0,1,2,4", None, "not evenly spaced in time: 2 s after frame 2"),
         ("0,0.02,0.04", 30.0, "--fps is 30, and its column 'time' says 50"),
     ],
@@ -137,7 +137,7 @@ def test_a_bad_npz(tmp_path: Path, changes: dict[str, np.ndarray | None], reason
 def test_what_is_no_npz(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "dance.npz"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"is no whole \.npz file of plain arrays"):
+    with pytest.raises(InputError, match=r"is not a complete \.npz file of plain arrays"):
         read_npz(path)
 
 

@@ -87,10 +87,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         arrays(body_pos_w=SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]),
         "body 'left_hand' is up to 2.0 cm and 0.0° from where the robot's forward kinematics puts it",
     ),
-    "rate": (arrays(fps=np.array([30])), "fps is 30, but its joint velocities are those of 50.0 frames per second"),
+    "rate": (arrays(fps=np.array([30])), "fps is 30, but its joint velocities match 50.0 frames per second"),
     "velocities": (
         arrays(joint_vel=SAMPLE["joint_vel"][:, ::-1]),
-        "its joint velocities are not those of its joint positions",
+        "its joint velocities do not match its joint positions",
     ),
     "not a number": (arrays(body_pos_w=np.full((40, 18, 3), np.nan)), "body_position is nan at frame 0"),
     "frames": (arrays(body_quat_w=SAMPLE["body_quat_w"][:-1]), "body_quaternion has 39 frames, joint_position has 40"),
@@ -212,13 +212,13 @@ def test_options_that_make_no_sense(
 def test_a_file_that_is_no_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "dance.bvh"
     path.write_text("HIERARCHY")
-    assert "is no .npz or .csv file and no folder" in refusal(capsys, tmp_path, path)
+    assert "is neither an .npz or .csv file nor a folder" in refusal(capsys, tmp_path, path)
 
 
 def test_a_folder_that_is_no_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "dances"
     (folder / "meta").mkdir(parents=True)
-    assert "is no LeRobot dataset: it has no meta/info.json" in refusal(capsys, tmp_path, folder)
+    assert "is not a LeRobot dataset: it has no meta/info.json" in refusal(capsys, tmp_path, folder)
     (folder / "meta" / "info.json").write_text('{"codebase_version": "v2.1"}')
     assert "is a LeRobot dataset of format v2.1, expected v3.0" in refusal(capsys, tmp_path, folder)
     (folder / "meta" / "info.json").write_text("{")

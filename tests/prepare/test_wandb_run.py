@@ -100,14 +100,14 @@ def test_no_answer_is_no_hang(service: Service) -> None:
 
 def test_a_download_that_stops(service: Service) -> None:
     service.add(RUN, "model_3.onnx").inside[0].hangs = True
-    with pytest.raises(InputError, match=r"nothing came for 0\.3 s, 90 of 180 bytes are here"):
+    with pytest.raises(InputError, match=r"no data for 0\.3 s, 90 of 180 bytes received"):
         fetch(timeout=0.3)
     assert not (cache_folder() / RUN / "model_3.onnx").exists()
 
 
 def test_a_download_that_is_torn(service: Service) -> None:
     service.add(RUN, "model_3.onnx").inside[0].torn = True
-    with pytest.raises(InputError, match=r"'model_3\.onnx' of run lab/arms/7xk2 did not arrive whole"):
+    with pytest.raises(InputError, match=r"'model_3\.onnx' of run lab/arms/7xk2 arrived incomplete"):
         fetch()
     assert list((cache_folder() / RUN).iterdir()) == []
 
