@@ -93,10 +93,7 @@ class LimitExcess:
 def check_bodies(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
     """Errors per body, in the motion's order; empty where the motion lacks joints or bodies to compare.
 
-    Args:
-        motion: with names.
-        skeleton: of the robot.
-        tolerance: decides which frame is the worst.
+    The tolerance decides which frame is the worst.
 
     Raises:
         InputError: if the world frame cannot be related to the robot's base.

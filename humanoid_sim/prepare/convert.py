@@ -80,11 +80,7 @@ def layout_of(contract: PolicyContract) -> MotionLayout:
 def convert(source: str, motion: NamedMotion, contract: PolicyContract, skeleton: Skeleton) -> tuple[Motion, str]:
     """The motion file's content, and where its body poses come from: the source, or forward kinematics of its joints.
 
-    Args:
-        source: what to call the motion in messages.
-        motion: at the policy's rate.
-        contract: of the policy.
-        skeleton: of the robot.
+    The motion is at the policy's rate; messages call it `source`.
 
     Raises:
         InputError: if the motion does not hold what the layout needs.

@@ -58,7 +58,7 @@ def episode_motion(
     """The motion in an episode's columns.
 
     Args:
-        source: what to call it in messages.
+        source: name for messages.
         columns: numeric features, each (F, …).
         names: what the dataset calls the values of each feature, if it does.
         fps: of the dataset.

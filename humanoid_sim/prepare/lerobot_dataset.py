@@ -27,12 +27,9 @@ _PURPOSE = "reading a LeRobot dataset"
 
 
 def import_lerobot(module: str, purpose: str, *, offline: bool) -> Any:
-    """A module of `lerobot`.
+    """A module of `lerobot`, such as `datasets.utils`; `purpose` is what needs it, for the message.
 
-    Args:
-        module: such as `datasets.utils`.
-        purpose: what needs it, for the message.
-        offline: keep it from asking the hub for files that a local dataset lacks.
+    With `offline` it does not ask the hub for files that a local dataset lacks.
 
     Raises:
         MissingPackageError: with the install command.
@@ -73,13 +70,9 @@ def _check_format(folder: Path) -> None:
 def read_local_dataset(
     folder: Path, episode: int | None, roles: dict[str, str], joint_names: tuple[str, ...]
 ) -> SourceMotion:
-    """One episode of a dataset in a folder. The network is not asked for anything.
+    """One episode of a dataset in a folder that holds `meta` and `data`. Nothing is fetched from the network.
 
-    Args:
-        folder: that holds `meta` and `data`.
-        episode: index; None if there is only one.
-        roles: features whose names are not the usual ones, by role.
-        joint_names: of the robot.
+    The rest as `read_hub_dataset`.
 
     Raises:
         InputError: one line with the folder and what is wrong with it.

@@ -34,16 +34,7 @@ def what_would_fit(
     joint_orders: Orders,
     body_orders: Orders,
 ) -> str:
-    """The options with which the motion would fit, in words; empty if none of those that were tried do.
-
-    Args:
-        source: the motion that does not fit.
-        conventions: as it was read.
-        skeleton: of the robot.
-        tolerance: of the comparison.
-        joint_orders: known orders of the robot's joints by name.
-        body_orders: likewise of its bodies.
-    """
+    """The options with which a motion that was read by these conventions would fit; empty if none tried does."""
     frames = np.linspace(0, source.frame_count - 1, min(_FRAMES, source.frame_count)).round()
     few = source.select(np.unique(frames.astype(np.intp)))
     named = _named_orders(conventions, joint_orders, body_orders)
@@ -110,10 +101,7 @@ def search_joint_order(source: SourceMotion, conventions: Conventions, skeleton:
     The answer is a guess until forward kinematics has confirmed it: columns of joints that do not move, or that turn
     no body of the motion, go where there is place.
 
-    Args:
-        source: a motion of few frames.
-        conventions: with the right bodies and the right order of quaternions.
-        skeleton: of the robot.
+    The motion has few frames; bodies and order of quaternions are right.
     """
     try:
         motion = interpret(source, conventions, skeleton)

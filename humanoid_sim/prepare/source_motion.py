@@ -16,6 +16,7 @@ __all__ = ["SourceMotion", "joint_of", "other_quaternion_order", "swap_quaternio
 
 _UNIT = 0.02
 """How far a quaternion's norm may be from 1: float32 and interpolation leave much less."""
+_ARRAYS = ("joint_position", "joint_velocity", "base_position", "base_quaternion", "body_position", "body_quaternion")
 _JOINT_SUFFIXES = ("", ".pos", ".position", "_pos", "_dof")
 """What exporters append to a joint's name."""
 
@@ -59,15 +60,13 @@ class SourceMotion:
             raise InputError(f"{self.source}: holds neither joint positions nor body poses")
         if not (np.isfinite(self.fps) and self.fps > 0.0):
             raise InputError(f"{self.source}: fps is {self.fps:g}, expected a positive number of frames per second")
-        first = next(iter(arrays))
+        first, count = next(iter(arrays)), self.frame_count
         for name, array in arrays.items():
             if len(array) == 0:
                 raise InputError(f"{self.source}: {name} has no frames")
-            if len(array) != len(arrays[first]):
-                raise InputError(
-                    f"{self.source}: {name} has {len(array)} frames, {first} has {len(arrays[first])}; "
-                    "expected the same number in all"
-                )
+            if len(array) != count:
+                others = f"{first} has {count}; expected the same number in all"
+                raise InputError(f"{self.source}: {name} has {len(array)} frames, {others}")
             bad = np.argwhere(~np.isfinite(array))
             if len(bad):
                 frame, *index = (int(i) for i in bad[0])
@@ -82,34 +81,23 @@ class SourceMotion:
 
     def arrays(self) -> dict[str, FloatArray]:
         """What the source holds, by field; each of F rows."""
-        fields = (
-            "joint_position",
-            "joint_velocity",
-            "base_position",
-            "base_quaternion",
-            "body_position",
-            "body_quaternion",
-        )
-        return {field: getattr(self, field) for field in fields if getattr(self, field) is not None}
+        return {field: getattr(self, field) for field in _ARRAYS if getattr(self, field) is not None}
 
     def _check_widths(self) -> None:
-        if self.joint_velocity is not None and self.joint_position is not None:
-            joints, rates = self.joint_position.shape[1], self.joint_velocity.shape[1]
-            if joints != rates:
-                raise InputError(f"{self.source}: has {joints} joint positions and {rates} joint velocities per frame")
-        if self.body_position is not None and self.body_quaternion is not None:
-            bodies, turns = self.body_position.shape[1], self.body_quaternion.shape[1]
-            if bodies != turns:
-                raise InputError(f"{self.source}: has {bodies} body positions and {turns} body orientations per frame")
-        pairs = (
-            ("joint_names", self.joint_names, self.joint_position),
-            ("body_names", self.body_names, self.body_position),
-        )
-        for name, names, array in pairs:
-            if names is None or array is None:
+        for position, other, what, names in (
+            (self.joint_position, self.joint_velocity, "joint velocities", self.joint_names),
+            (self.body_position, self.body_quaternion, "body orientations", self.body_names),
+        ):
+            if position is None:
                 continue
-            if len(names) != array.shape[1]:
-                raise InputError(f"{self.source}: {name} has {len(names)} names for {array.shape[1]} columns")
+            kind, count = what.partition(" ")[0], position.shape[1]
+            if other is not None and other.shape[1] != count:
+                raise InputError(f"{self.source}: has {count} {kind} positions and {other.shape[1]} {what} per frame")
+            if names is None:
+                continue
+            name = f"{kind}_names"
+            if len(names) != count:
+                raise InputError(f"{self.source}: {name} has {len(names)} names for {count} columns")
             twice = [other for other in names if names.count(other) > 1]
             if twice:
                 raise InputError(f"{self.source}: {name} has '{twice[0]}' twice")
@@ -136,11 +124,6 @@ class SourceMotion:
     def frame_count(self) -> int:
         """F."""
         return len(next(iter(self.arrays().values())))
-
-    @property
-    def duration(self) -> float:
-        """Time from the first frame to the last, s."""
-        return (self.frame_count - 1) / self.fps
 
 
 def swap_quaternion_order(quaternion: FloatArray, order: QuaternionOrder) -> FloatArray:

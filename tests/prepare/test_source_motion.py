@@ -23,7 +23,7 @@ def motion(**changes: Any) -> SourceMotion:
 
 def test_a_good_one() -> None:
     good = motion(fps=25)
-    assert (good.frame_count, good.duration) == (4, 3 / 25)
+    assert good.frame_count == 4
     assert set(good.arrays()) == {"joint_position", "body_position", "body_quaternion"}
     assert good.select(np.array([0, 3])).frame_count == 2
 
