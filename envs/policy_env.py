@@ -21,7 +21,7 @@ from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_re
 from humanoid_sim.envs.setting import make_setting
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.evaluation.sample import StepSample
+from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion

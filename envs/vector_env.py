@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -13,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.envs.inputs import Named
 from humanoid_sim.envs.rendering import Pictures
 from humanoid_sim.envs.setting import make_setting
@@ -22,10 +21,9 @@ from humanoid_sim.envs.start_numbers import StartNumbers
 from humanoid_sim.envs.tasks.task import Judgement
 from humanoid_sim.envs.vector_info import VectorInfo
 from humanoid_sim.envs.vector_options import autoreset, count_option, reset_command, reset_mask, reset_seeds
-from humanoid_sim.envs.vector_rows import memory_with, state_rows
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.sample import StepSample
-from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITState
+from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
@@ -138,10 +136,9 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self._longest = count_option("max_episode_steps", unlimited)
         self._numbers = StartNumbers(num_envs, setting.task.draws)
-        self._memory: PolicyMemory | None = None
+        self._loop: ClosedLoop | None = None
         self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)
         self._commands: FloatArray = setting.task.start(np.zeros((num_envs, setting.task.draws))).commands
-        self._velocity = np.zeros((num_envs, 3))
         self._steps = np.zeros(num_envs, dtype=np.int64)
         self._is_over = np.zeros(num_envs, dtype=np.bool_)
 
@@ -157,15 +154,14 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         mask = reset_mask(options.pop("reset_mask", None), self.num_envs)
         command = reset_command(options, self.num_envs)
         seeds = reset_seeds(seed, self.num_envs)
-        if self._memory is None and not mask.all():
+        if self._loop is None and not mask.all():
             raise gymnasium.error.ResetNeeded("reset_mask: the first reset is of all environments")
         super().reset(seed=seeds[0])
         chosen = np.flatnonzero(mask)
         self._seed(chosen, [seeds[i] for i in chosen.tolist()])
-        self._begin(chosen, command)
-        assert self._memory is not None
+        loop = self._begin(chosen, command)
         info = VectorInfo(self.num_envs)
-        info.add("frame", np.asarray(self._memory.frame), mask)
+        info.add("frame", np.asarray(loop.memory.frame), mask)
         return self._observation.copy(), info.entries
 
     def _seed(self, chosen: IndexArray, seeds: Sequence[int | None]) -> None:
@@ -176,23 +172,22 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         if is_new.any():
             self.simulation.reseed(self._numbers.seeds[is_new], np.flatnonzero(is_new))
 
-    def _begin(self, chosen: IndexArray, command: FloatArray | None = None) -> None:
+    def _begin(self, chosen: IndexArray, command: FloatArray | None = None) -> ClosedLoop:
         """Put some environments at the start of an episode, and observe it."""
-        task, wiring = self.setting.task, self.setting.wiring
+        task = self.setting.task
         start = task.start(self._numbers.take(chosen))
         qpos, qvel = self.setting.generalised(start)
         self.simulation.reset(chosen, qpos=qpos, qvel=qvel)
         self._commands[chosen] = start.commands if command is None else command[chosen, None]
         self._steps[chosen] = 0
         self._is_over[chosen] = False
-        self._velocity[chosen] = task.command(self._commands[chosen], self._steps[chosen])
-        state = self._with_command(self.simulation.state())
-        everyone = len(chosen) == self.num_envs
-        rows = state if everyone else state_rows(state, chosen)
-        observation, memory = wiring.observe(wiring.activate(rows), rows)
-        before = None if everyone else self._memory
-        self._memory = memory if before is None else memory_with(before, chosen, memory)
-        self._observation[chosen] = np.clip(observation, self._low, self._high)
+        velocity = task.command(self._commands, self._steps).copy()
+        if self._loop is None or len(chosen) == self.num_envs:
+            self._loop = ClosedLoop(self.simulation, self.setting.wiring, velocity)
+        else:
+            self._loop.restart(chosen, velocity)
+        self._observation[chosen] = np.clip(self._loop.observation[chosen], self._low, self._high)
+        return self._loop
 
     def step(self, actions: Float32Array) -> Step:
         """One policy step of every environment.
@@ -203,7 +198,8 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             InputError: the actions have another shape than the space's.
             gymnasium.error.ResetNeeded: there was no reset yet, or, without autoreset, none since an episode's end.
         """
-        if self._memory is None:
+        loop = self._loop
+        if loop is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         if self.autoreset_mode == AutoresetMode.DISABLED and self._is_over.any():
             raise gymnasium.error.ResetNeeded("an episode has ended: call reset with a reset_mask before step")
@@ -213,8 +209,8 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             raise InputError(f"actions: have shape {raw.shape}, expected {self.action_space.shape}")
         starting = self._is_over.copy()
         refused = ~self.setting.wiring.accepts(raw) & ~starting
-        before = self._memory
-        sound, judgement, faults = self._advance(raw, ~refused & ~starting)
+        before = loop.memory.frame
+        sound, judgement, faults = self._advance(loop, raw, ~refused & ~starting)
         faults |= {int(i): self.setting.wiring.action_problem(raw[i]) for i in np.flatnonzero(refused)}
         self.fault_count += len(faults)
 
@@ -222,13 +218,13 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         terminated = np.where(sound, judgement.terminated, ~starting)
         truncated = (sound & judgement.truncated) | (~starting & (self._steps + refused >= self._longest))
         info = VectorInfo(self.num_envs)
-        info.add("frame", np.where(sound, self._memory.frame, before.frame), ~starting)
+        info.add("frame", np.where(sound, loop.memory.frame, before), ~starting)
         info.add_terms("terms", judgement.terms, sound, ~starting)
         info.add_texts("fault", faults)
         self._is_over = terminated | truncated
         if starting.any():
-            self._begin(np.flatnonzero(starting))
-            info.merge("frame", np.asarray(self._memory.frame), starting)
+            loop = self._begin(np.flatnonzero(starting))
+            info.merge("frame", np.asarray(loop.memory.frame), starting)
         elif self.autoreset_mode == AutoresetMode.SAME_STEP and self._is_over.any():
             info = self._begin_again(info)
         return self._observation.copy(), reward, terminated, truncated, info.entries
@@ -237,54 +233,33 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         """Start the next episodes in the step that ended the last ones, whose info and observation go along."""
         over = self._is_over.copy()
         following = info.with_final(over, self._observation)
-        self._begin(np.flatnonzero(over))
-        assert self._memory is not None
-        following.merge("frame", np.asarray(self._memory.frame), over)
+        loop = self._begin(np.flatnonzero(over))
+        following.merge("frame", np.asarray(loop.memory.frame), over)
         return following
 
-    def _advance(self, raw: Float32Array, moving: BoolArray) -> tuple[BoolArray, Judgement, dict[int, str]]:
+    def _advance(
+        self, loop: ClosedLoop, raw: Float32Array, moving: BoolArray
+    ) -> tuple[BoolArray, Judgement, dict[int, str]]:
         """Let the actions of the moving environments act.
 
         Returns:
             Shape (N,), which of them are sound afterwards; what the task thinks of all; and the others' faults.
         """
-        wiring, task, simulation = self.setting.wiring, self.setting.task, self.simulation
-        assert self._memory is not None
-        previous, asked = self._memory.last_action, self._velocity
+        task, simulation = self.setting.task, self.simulation
         action = raw if moving.all() else np.where(moving[:, None], raw, 0.0).astype(np.float32)
-        memory, command = wiring.act(self._memory, action)
-        simulation.step(command, where=None if moving.all() else moving)
         self._steps = self._steps + moving
-        self._velocity = task.command(self._commands, self._steps).copy()
-        observation, self._memory = wiring.observe(memory, self._with_command(simulation.state()))
+        velocity = task.command(self._commands, self._steps).copy()
+        loop.act(action, velocity=velocity, where=None if moving.all() else moving)
+        observation = loop.observation
         inside = (observation >= self._low) & (observation <= self._high)
         broken = moving & simulation.fault
         sound = moving & ~broken & inside.all(axis=1)
         faults = {int(i): "simulation unstable" for i in np.flatnonzero(broken)}
         faults |= {
-            int(i): outlier(wiring, observation[i], inside[i]) for i in np.flatnonzero(moving & ~broken & ~sound)
+            int(i): outlier(loop.wiring, observation[i], inside[i]) for i in np.flatnonzero(moving & ~broken & ~sound)
         }
         self._observation = np.where(sound[:, None], observation, self._observation)
-        position, quaternion = simulation.body_poses(in_base=True)
-        sample = StepSample(
-            state=self._with_command(simulation.truth()),
-            action=action,
-            previous_action=previous,
-            torque=simulation.effort,
-            frame=memory.frame,
-            step=np.maximum(self._steps, 1),
-            body_position=position,
-            body_quaternion=quaternion,
-            command=asked,
-            base=simulation.base,
-            alignment=memory.alignment,
-        )
-        return sound, task.judge(sample), faults
-
-    def _with_command(self, state: MITState) -> MITState:
-        if not self.setting.wiring.takes_velocity_command:
-            return state
-        return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self._velocity, 0.0)})
+        return sound, task.judge(sample_step(loop, simulation, np.maximum(self._steps, 1))), faults
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """A picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import sys
 import threading
 import time
@@ -81,3 +82,9 @@ def no_leaks() -> Iterator[None]:
             leaks = _leaks(*before)
     if leaks:
         pytest.fail(f"left open: {', '.join(leaks)}", pytrace=False)
+
+
+@pytest.fixture
+def hopper(tmp_path: Path) -> Path:
+    """The MJCF of a small robot, as a user would bring it: no description beside it. May be changed."""
+    return Path(shutil.copy(Path(__file__).parent / "data" / "hopper.xml", tmp_path))

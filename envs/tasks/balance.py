@@ -10,7 +10,7 @@ import numpy as np
 
 from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.evaluation.errors import total
-from humanoid_sim.evaluation.sample import StepSample
+from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 
 __all__ = ["BalanceTask"]

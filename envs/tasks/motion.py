@@ -14,7 +14,7 @@ from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.evaluation.errors import PoseError, pose_error, total
 from humanoid_sim.evaluation.failure import describe_stray, has_strayed
-from humanoid_sim.evaluation.sample import StepSample
+from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 

@@ -14,7 +14,7 @@ from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_f
 from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.evaluation.errors import quaternion_angle, total
 from humanoid_sim.evaluation.failure import body_has_strayed, describe_body_stray
-from humanoid_sim.evaluation.sample import StepSample
+from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 

@@ -17,9 +17,9 @@ from humanoid_sim.bench.timing import Row, paired_ratio
 from humanoid_sim.controllers.policy_step import action_command
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.regress.episodes import Disturbance, EpisodeBatch, Step
-from humanoid_sim.regress.runner import prepare_contest
-from humanoid_sim.regress.subject import load_subject, suite_robot
+from humanoid_sim.regress.episodes import EpisodeBatch, Step
+from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
+from humanoid_sim.regress.suite import Disturbance
 from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.simulation.batch import BatchSimulation
 
@@ -171,7 +171,7 @@ def regress_speed(repetitions: int) -> list[Row]:
     steps: list[Step] = []
     batch.run(steps)
     reached = batch.simulation.qpos.copy()
-    action_map = batch.arena.setting.wiring.action_map
+    action_map = batch.case.setting.wiring.action_map
     targets = [action_command(action_map, step.action).position for step in steps if step.action is not None]
     physics = _BareRollout(batch.simulation, steps[0].qpos, steps[0].qvel, targets, reached)
 
@@ -189,8 +189,7 @@ def regress_speed(repetitions: int) -> list[Row]:
 
 def _episodes() -> EpisodeBatch:
     suite, folder = load_suite("lite_tracking")
-    suite = changed(suite, cases=suite.cases[:1])
-    contest = prepare_contest(suite, folder, suite_robot(suite, folder, None))
-    (arena,) = contest.arenas(load_subject(SAMPLE_POLICY, None, contest.description, suite))
-    drawn = replace(suite.draw(), command_delay=(0.0, 0.0))
-    return EpisodeBatch(suite, replace(arena, steps=_EPISODE_STEPS), range(_EPISODES), Disturbance(drawn))
+    prepared = prepare_suite(changed(suite, cases=suite.cases[:1]), folder)
+    (case,) = prepare_policy(prepared, SAMPLE_POLICY).cases
+    drawn = replace(suite.disturbance.randomisation, command_delay=(0.0, 0.0))
+    return EpisodeBatch(replace(case, steps=_EPISODE_STEPS), range(_EPISODES), Disturbance(drawn))

@@ -26,7 +26,7 @@ from humanoid_sim.prepare.conventions import Conventions, NamedMotion, body_orde
 from humanoid_sim.prepare.order_search import what_would_fit
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
-from humanoid_sim.training.inverse_kinematics import InverseKinematics
+from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 
 __all__ = ["FORWARD", "INVERSE", "Findings", "accept"]
 

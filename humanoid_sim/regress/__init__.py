@@ -11,12 +11,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `regress` with command-line arguments; returns the exit status."""
     import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
 
-    from humanoid_sim.regress.config import RegressConfig  # noqa: PLC0415
+    from humanoid_sim.regress.options import RegressConfig  # noqa: PLC0415
 
     config = tyro.cli(
         RegressConfig, prog="humanoid_sim.regress", args=arguments, config=(tyro.conf.PositionalRequiredArgs,)
     )
 
-    from humanoid_sim.regress.program import regress  # noqa: PLC0415
+    from humanoid_sim.regress.run import regress  # noqa: PLC0415
 
     return regress(config)

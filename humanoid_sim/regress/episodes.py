@@ -8,36 +8,33 @@ any company, on any machine of a kind, and compared seed by seed.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.policy_step import PolicyMemory
-from humanoid_sim.evaluation.sample import StepSample
-from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
-from humanoid_sim.regress.arena import Arena
+from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.regress.feet import find_feet
-from humanoid_sim.regress.measures import Measures, TrackingMeasures, VelocityMeasures
-from humanoid_sim.regress.metrics import METRICS, summarise
-from humanoid_sim.regress.pushes import PushSchedule
+from humanoid_sim.regress.metrics import METRICS, Measures, TrackingMeasures, VelocityMeasures, summarise
+from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
-from humanoid_sim.regress.suite import Pushes, Suite
-from humanoid_sim.regress.traces import thinned
-from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
+from humanoid_sim.regress.suite import Disturbance
+from humanoid_sim.simulation.batch import BatchSimulation
 
-__all__ = ["Disturbance", "EpisodeBatch", "Step", "episode_keys", "run_episodes"]
+__all__ = ["LONGEST_TRACE", "EpisodeBatch", "Step", "episode_keys", "run_episodes", "thinned"]
 
 Float32Array = npt.NDArray[np.float32]
+Trace = tuple[float | None, ...]
 
-
-@dataclass(frozen=True, slots=True)
-class Disturbance:
-    """What disturbs the robots, beside where they start."""
-
-    randomisation: Randomisation
-    pushes: Pushes | None = None
+LONGEST_TRACE = 128
+"""Values of a trace that is kept, at most."""
+_DIGITS = 5
+"""That are kept of each: for plots, not for comparisons."""
+_PUSH_STREAM = 1
+"""Apart from the draws of the start, which have the same seed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,8 +58,7 @@ def episode_keys(case: str, seeds: Sequence[int]) -> npt.NDArray[np.uint64]:
 
 
 def run_episodes(
-    suite: Suite,
-    arena: Arena,
+    case: PreparedCase,
     seeds: Sequence[int],
     disturbance: Disturbance,
     *,
@@ -72,8 +68,7 @@ def run_episodes(
     """Run one episode per seed.
 
     Args:
-        suite: that the case is of.
-        arena: policy and case.
+        case: policy and case.
         seeds: of the episodes.
         disturbance: of the robots.
         threads: that step physics; None for one per processor.
@@ -82,26 +77,25 @@ def run_episodes(
     Returns:
         The episodes in the order of their seeds.
     """
-    batch = EpisodeBatch(suite, arena, seeds, disturbance, threads)
+    batch = EpisodeBatch(case, seeds, disturbance, threads)
     try:
-        batch.run(watch)
+        return batch.run(watch)
     finally:
         batch.close()
-    return batch.episodes()
 
 
 class EpisodeBatch:
     """Episodes that are run together; they can be run again. Not thread-safe."""
 
     def __init__(
-        self, suite: Suite, arena: Arena, seeds: Sequence[int], disturbance: Disturbance, threads: int | None = None
+        self, case: PreparedCase, seeds: Sequence[int], disturbance: Disturbance, threads: int | None = None
     ) -> None:
         """Build the simulation; arguments as of `run_episodes`."""
-        setting, contract = arena.setting, arena.setting.contract
-        self.suite, self.arena, self.seeds = suite, arena, seeds
-        self._keys = episode_keys(arena.case.name, seeds)
-        self._disturbance = disturbance
-        self._feet = find_feet(setting.description) if suite.task == "velocity" else None
+        setting, contract = case.setting, case.setting.contract
+        self.case, self.seeds = case, seeds
+        self._keys = episode_keys(case.case.name, seeds)
+        self._pushes = disturbance.pushes
+        self._feet = find_feet(setting.description) if case.suite.task == "velocity" else None
         self.simulation = BatchSimulation(
             setting.description,
             len(seeds),
@@ -113,126 +107,87 @@ class EpisodeBatch:
             randomisation=disturbance.randomisation,
             seeds=self._keys,
         )
-        self._prepare()
 
-    def _prepare(self) -> None:
-        """Nothing measured, nobody failed."""
-        count, pushes = len(self.seeds), self._disturbance.pushes
-        self._measures: Measures = (
-            TrackingMeasures(self.arena, count)
-            if self._feet is None
-            else VelocityMeasures(self.arena, count, self._feet, self.suite.settle)
-        )
-        self._pushes = None if pushes is None else PushSchedule(pushes, self.simulation, self._keys)
-        self._alive = np.ones(count, dtype=np.bool_)
-        self._steps = np.zeros(count, dtype=np.int64)
-        self._failures: dict[int, tuple[str, str]] = {}
-
-    def run(self, watch: list[Step] | None = None) -> None:
+    def run(self, watch: list[Step] | None = None) -> list[Episode]:
         """All episodes from their start to their end; `watch` is filled with every policy step."""
-        arena, simulation = self.arena, self.simulation
-        wiring, policy = arena.setting.wiring, arena.subject.policy
-        command = np.array(arena.case.command or (0.0, 0.0, 0.0))
-        commands = np.broadcast_to(command, (len(self.seeds), 3))
-        self._prepare()
-        self._place()
-        state = self._commanded(commands)
-        memory = wiring.activate(state)
-        for step in range(arena.steps):
-            observation, memory = wiring.observe(memory, state)
-            action = policy(observation, np.asarray(memory.frame))
-            if watch is not None:
-                watch.append(Step(state, action, simulation.qpos.copy(), simulation.qvel.copy()))
-            self._refuse(observation, action)
-            if not self._alive.any():
-                return
-            previous = memory.last_action
-            memory, order = wiring.act(memory, np.where(self._alive[:, None], action, previous))
-            wrench = None if self._pushes is None else self._pushes.wrench(step)
-            simulation.step(order, wrench=wrench, where=self._alive)
-            for i in np.flatnonzero(self._alive & simulation.fault).tolist():
-                self._fail(i, "fault", "the simulation diverged: its state is no longer finite")
-            self._judge(step, self._sample(step, memory, previous, commands), order)
-            state = self._commanded(commands)
-            if not self._alive.any():
-                break
-        if watch is not None:
-            watch.append(Step(state, None, simulation.qpos.copy(), simulation.qvel.copy()))
-
-    def _refuse(self, observation: Float32Array, action: Float32Array) -> None:
-        """End the episodes whose observation or action the controller would not take."""
-        wiring = self.arena.setting.wiring
-        refused = self._alive & ~(wiring.accepts(action) & np.isfinite(observation).all(axis=-1))
-        for i in np.flatnonzero(refused).tolist():
-            self._fail(i, "fault", wiring.observation_problem(observation[i]) or wiring.action_problem(action[i]))
-
-    def _place(self) -> None:
-        """Start every episode where its seed has it."""
-        task = self.arena.task
-        numbers = np.stack([np.random.default_rng(int(key)).random(task.draws) for key in self._keys])
-        qpos, qvel = self.arena.setting.generalised(task.start(numbers))
-        self.simulation.reset(qpos=qpos, qvel=qvel)
-
-    def _commanded(self, commands: FloatArray) -> MITState:
-        """The robots' state with the velocity command, which is never too old."""
-        state = self.simulation.state()
-        return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(commands, 0.0)})
-
-    def _sample(self, step: int, memory: PolicyMemory, previous: Float32Array, commands: FloatArray) -> StepSample:
-        """The step as it truly was, whatever the sensors made of it."""
-        simulation, count = self.simulation, len(self.seeds)
-        tracked = simulation.body_poses(in_base=True) if self._feet is None else _no_bodies(count)
-        return StepSample(
-            state=simulation.truth(),
-            action=memory.last_action,
-            previous_action=previous,
-            torque=simulation.effort,
-            frame=memory.frame,
-            step=np.full(count, step + 1),
-            body_position=tracked[0],
-            body_quaternion=tracked[1],
-            command=commands,
-            base=simulation.base,
-            alignment=memory.alignment,
+        case, simulation, count = self.case, self.simulation, len(self.seeds)
+        task = case.setting.task
+        measures: Measures = (
+            TrackingMeasures(task, case.joint_reference, case.steps, count)
+            if self._feet is None
+            else VelocityMeasures(task, self._feet, case.suite.settle, case.steps, count)
         )
-
-    def _judge(self, step: int, sample: StepSample, order: MITCommand) -> None:
-        """Measure the step of those that are still under way, and end those that are lost."""
-        poses = _no_bodies(len(self.seeds)) if self._feet is None else self.simulation.body_poses()
-        self._measures.add(step, sample, order, poses)
-        self._steps += self._alive
-        lost = self._alive & self.arena.task.judge(sample).terminated
-        for i in np.flatnonzero(lost).tolist():
-            self._fail(i, "lost", self.arena.task.describe_failure(sample, i))
-
-    def _fail(self, i: int, kind: str, reason: str) -> None:
-        self._alive[i] = False
-        self._failures[i] = (kind, reason)
-
-    def close(self) -> None:
-        """Stop the simulation's threads. May be called twice."""
-        self.simulation.close()
-
-    def episodes(self) -> list[Episode]:
-        """What came of them, in the order of their seeds."""
-        traces = self._measures.traces()
+        numbers = np.stack([np.random.default_rng(int(key)).random(task.draws) for key in self._keys])
+        qpos, qvel = case.setting.generalised(task.start(numbers))
+        simulation.reset(qpos=qpos, qvel=qvel)
+        directions = [np.random.default_rng([_PUSH_STREAM, int(key)]) for key in self._keys]
+        loop = ClosedLoop(simulation, case.setting.wiring, np.tile(case.case.command or (0.0, 0.0, 0.0), (count, 1)))
+        alive, steps = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
+        failures: dict[int, tuple[str, str]] = {}
+        for step in range(case.steps):
+            action, accepted = loop.infer(case.policy)
+            if watch is not None:
+                watch.append(Step(loop.state, action, simulation.qpos.copy(), simulation.qvel.copy()))
+            failures |= {i: ("fault", loop.problem(action, i)) for i in np.flatnonzero(alive & ~accepted).tolist()}
+            alive = alive & accepted
+            if not alive.any():
+                break
+            held = np.where(alive[:, None], action, loop.memory.last_action)
+            command = loop.act(held, wrench=self._wrench(step, directions), where=alive)
+            for i in np.flatnonzero(alive & simulation.fault).tolist():
+                failures[i] = "fault", "the simulation diverged: its state is no longer finite"
+            alive = alive & ~simulation.fault
+            sample = sample_step(loop, simulation, np.full(count, step + 1))
+            measures.add(step, sample, command, simulation)
+            steps += alive
+            lost = alive & task.judge(sample).terminated
+            failures |= {i: ("lost", task.describe_failure(sample, i)) for i in np.flatnonzero(lost).tolist()}
+            alive = alive & ~lost
+            if not alive.any():
+                break
+        if watch is not None and watch[-1].state is not loop.state:
+            watch.append(Step(loop.state, None, simulation.qpos.copy(), simulation.qvel.copy()))
+        traces = measures.traces()
         return [
-            self._episode(i, {name: values[: self._steps[i], i] for name, values in traces.items()})
-            for i in range(len(self.seeds))
+            self._episode(i, steps, failures, {name: values[: steps[i], i] for name, values in traces.items()})
+            for i in range(count)
         ]
 
-    def _episode(self, i: int, traces: dict[str, FloatArray]) -> Episode:
-        kind, reason = self._failures.get(i, ("", ""))
-        steps = int(self._steps[i])
-        period = self.arena.policy_dt
+    def _wrench(self, step: int, directions: Sequence[np.random.Generator]) -> FloatArray | None:
+        """Of a push in this policy step, shape (N, 6), N and N·m, world frame; None where none is pushed.
+
+        The momentum for the robot's whole mass, spread over one policy step, in a direction that is drawn.
+        """
+        if self._pushes is None:
+            return None
+        simulation, period = self.simulation, self.simulation.control_period
+        interval = max(round(self._pushes.interval / period), 1)
+        if (step + interval // 2) % interval:
+            return None
+        masses = np.array([simulation.model(i).body_subtreemass[0] for i in range(simulation.count)])
+        force = masses * self._pushes.speed / period
+        angle = np.array([generator.uniform(-np.pi, np.pi) for generator in directions])
+        wrench = np.zeros((len(angle), 6))
+        wrench[:, 0], wrench[:, 1] = force * np.cos(angle), force * np.sin(angle)
+        return wrench
+
+    def _episode(
+        self,
+        i: int,
+        all_steps: npt.NDArray[np.int64],
+        failures: Mapping[int, tuple[str, str]],
+        traces: Mapping[str, FloatArray],
+    ) -> Episode:
+        kind, reason = failures.get(i, ("", ""))
+        steps, period = int(all_steps[i]), self.case.setting.contract.policy_dt
         ends = {
             "faults": float(kind == "fault"),
             "losses": float(kind == "lost"),
             "falls": float(kind == "lost"),
-            "survival": steps / self.arena.steps,
+            "survival": steps / self.case.steps,
         }
         metrics: dict[str, float | None] = {}
-        for name, metric in METRICS[self.suite.task].items():
+        for name, metric in METRICS[self.case.suite.task].items():
             if metric.summary == "episode":
                 metrics[name] = ends[name]
             else:
@@ -240,17 +195,45 @@ class EpisodeBatch:
                 metrics[name] = None if kind else summarise(metric.summary, traces[name])
         times, thin = thinned(traces, period)
         return Episode(
-            case=self.arena.case.name,
+            case=self.case.case.name,
             seed=self.seeds[i],
             steps=steps,
             duration=steps * period,
             failure=reason,
-            kind=kind,  # type: ignore[arg-type]  # set by `_fail` only
+            kind=kind,  # type: ignore[arg-type]  # one of the two above, or empty
             metrics=metrics,
             trace_times=times,
             traces=thin,
         )
 
+    def close(self) -> None:
+        """Stop the simulation's threads. May be called twice."""
+        self.simulation.close()
 
-def _no_bodies(count: int) -> tuple[FloatArray, FloatArray]:
-    return np.empty((count, 0, 3)), np.empty((count, 0, 4))
+
+def thinned(traces: Mapping[str, FloatArray], period: float) -> tuple[tuple[float, ...], dict[str, Trace]]:
+    """The traces of an episode, at most `LONGEST_TRACE` values each, and their times.
+
+    Args:
+        traces: by name, shape (K,), one value per policy step; NaN where there is none.
+        period: s between two.
+
+    Returns:
+        Times in s since the start, the middles of equal stretches; and by name the means over them, None where a
+        stretch has no value. Traces without any value are left out.
+    """
+    count = min((len(values) for values in traces.values()), default=0)
+    if not count:
+        return (), {}
+    edges = np.linspace(0, count, min(count, LONGEST_TRACE) + 1).round().astype(int)
+    times = tuple(round(float(0.5 * (a + 1 + b) * period), 6) for a, b in pairwise(edges))
+    thin = {}
+    for name, values in traces.items():
+        known = ~np.isnan(values)
+        if known.any():
+            total = np.add.reduceat(np.where(known, values, 0.0), edges[:-1])
+            number = np.add.reduceat(known.astype(np.int64), edges[:-1])
+            with np.errstate(invalid="ignore"):
+                means = total / number
+            thin[name] = tuple(float(f"{mean:.{_DIGITS}g}") if np.isfinite(mean) else None for mean in means)
+    return times, thin

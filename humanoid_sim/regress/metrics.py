@@ -1,4 +1,7 @@
-"""The metrics of each task: what they mean, and how the steps of an episode make one number."""
+"""The metrics of each task: what they mean, how every policy step is measured, and how the steps make one number.
+
+A new metric is an entry in `METRICS` and, unless it is of the episode as a whole, a row in the measures of its task.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,17 @@ from typing import Literal
 
 import numpy as np
 
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.envs.tasks.motion import MotionTask
+from humanoid_sim.envs.tasks.task import Task
+from humanoid_sim.envs.tasks.tracking import TrackingTask
+from humanoid_sim.evaluation.errors import length, rms
+from humanoid_sim.evaluation.rollout import StepSample
+from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.regress.feet import Feet
 from humanoid_sim.regress.results import MetricInfo
+from humanoid_sim.simulation.batch import BatchSimulation
 
-__all__ = ["ALWAYS", "METRICS", "Metric", "Summary", "TaskName", "summarise"]
+__all__ = ["ALWAYS", "METRICS", "Measures", "Metric", "TaskName", "TrackingMeasures", "VelocityMeasures", "summarise"]
 
 TaskName = Literal["tracking", "velocity"]
 Summary = Literal["rms", "mean", "episode"]
@@ -75,11 +85,13 @@ METRICS: Mapping[TaskName, Mapping[str, Metric]] = MappingProxyType(
 )
 """By task and name, in the order in which they are shown."""
 
-
 ALWAYS: Mapping[TaskName, tuple[str, ...]] = MappingProxyType(
     {"tracking": ("losses", "faults"), "velocity": ("falls", "faults")}
 )
 """What is judged whether a suite names it or not: errors are those of the episodes that did not fail."""
+
+_WINDOW = 1.0
+"""s over which a walking robot's velocity is averaged: one or two strides, so that their sway does not count."""
 
 
 def summarise(summary: Summary, values: FloatArray) -> float | None:
@@ -87,5 +99,104 @@ def summarise(summary: Summary, values: FloatArray) -> float | None:
     known = values[~np.isnan(values)]
     if not known.size:
         return None
-    result = float(np.sqrt((known * known).mean())) if summary == "rms" else float(known.mean())
+    result = float(rms(known)) if summary == "rms" else float(known.mean())
     return result if np.isfinite(result) else None
+
+
+class Measures:
+    """Measures every policy step of a batch of N episodes; by itself torque, and how commanded positions change."""
+
+    def __init__(self, task: Task, steps: int, count: int, names: tuple[str, ...]) -> None:
+        """Room for `steps` values of each name."""
+        self.task = task
+        self.period = task.contract.policy_dt
+        """s"""
+        self.rows = {name: np.full((steps, count), np.nan) for name in (*names, "effort", "action_rate")}
+        """By name, shape (steps, N); NaN where there is nothing to measure."""
+        self._last: FloatArray | None = None
+
+    def add(self, step: int, sample: StepSample, command: MITCommand, simulation: BatchSimulation) -> None:
+        """Take one policy step.
+
+        Args:
+            step: from 0.
+            sample: after the step, without the sensors' noise.
+            command: that was in force.
+            simulation: after the step.
+        """
+        self.rows["effort"][step] = rms(sample.torque)
+        if self._last is not None:
+            self.rows["action_rate"][step] = rms((command.position - self._last) / self.period)
+        self._last = command.position
+
+    def traces(self) -> Mapping[str, FloatArray]:
+        """By name, shape (steps, N); NaN where there is nothing to measure."""
+        return self.rows
+
+
+class TrackingMeasures(Measures):
+    """Errors against a motion: of bodies in the base's frame, or of joints and an anchor body in the world."""
+
+    def __init__(self, task: Task, joint_reference: FloatArray | None, steps: int, count: int) -> None:
+        """As `Measures`.
+
+        Args:
+            task: with the motion.
+            joint_reference: shape (F, n), rad, robot's order; None where the motion says nothing of the joints.
+            steps: policy steps of an episode.
+            count: N.
+        """
+        super().__init__(task, steps, count, ("body_position_error", "body_orientation_error", "joint_error"))
+        self._joint_reference = joint_reference
+
+    def add(self, step: int, sample: StepSample, command: MITCommand, simulation: BatchSimulation) -> None:
+        """See `Measures.add`."""
+        super().add(step, sample, command, simulation)
+        task, rows = self.task, self.rows
+        if isinstance(task, TrackingTask):
+            rows["body_position_error"][step] = rms(task.position_error(sample.body_position, sample.frame))
+            rows["body_orientation_error"][step] = rms(task.orientation_error(sample.body_quaternion, sample.frame))
+        elif isinstance(task, MotionTask) and task.has_anchor:
+            error = task.anchor_error(sample)
+            rows["body_position_error"][step] = error.distance
+            rows["body_orientation_error"][step] = error.angle
+        if self._joint_reference is not None:
+            target = self._joint_reference[task.reference.clamp(sample.frame)]
+            rows["joint_error"][step] = rms(sample.state.joint_position - target)
+
+
+class VelocityMeasures(Measures):
+    """How well a robot keeps a commanded velocity, how upright, and at what cost."""
+
+    def __init__(self, task: Task, feet: Feet, settle: float, steps: int, count: int) -> None:
+        """As `Measures`, for episodes whose first `settle` s do not count for the errors."""
+        super().__init__(task, steps, count, ("tilt", "slip", "power"))
+        self._feet = feet
+        self._skip = round(settle / self.period)
+        self._velocity = np.full((steps, count, 3), np.nan)
+        self._command = np.zeros((count, 3))
+        self._points: FloatArray | None = None
+
+    def add(self, step: int, sample: StepSample, command: MITCommand, simulation: BatchSimulation) -> None:
+        """See `Measures.add`."""
+        super().add(step, sample, command, simulation)
+        base = sample.base
+        assert base is not None  # a velocity suite refuses robots with a fixed base
+        self._command = sample.command
+        self._velocity[step] = base.planar_velocity
+        self.rows["tilt"][step] = base.tilt
+        points = self._feet.place(*simulation.body_poses())
+        if self._points is not None:
+            self.rows["slip"][step] = self._feet.slip(self._points, points, self.period)
+        self._points = points
+        self.rows["power"][step] = np.abs(sample.torque * sample.state.joint_velocity).sum(axis=-1)
+
+    def traces(self) -> Mapping[str, FloatArray]:
+        """See `Measures.traces`."""
+        window = round(_WINDOW / self.period)
+        total = np.cumsum(self._velocity, axis=0)
+        total[window:] -= total[:-window].copy()
+        steps = np.minimum(np.arange(1, len(total) + 1), window)
+        error = total / steps.reshape(-1, 1, 1) - self._command
+        error[: self._skip] = np.nan
+        return {"velocity_error": length(error[..., :2]), "yaw_rate_error": np.abs(error[..., 2]), **self.rows}

@@ -1,19 +1,63 @@
-"""What the options of `regress` mean together, checked before anything runs."""
+"""The options of `regress`, and which of them are refused. Nothing heavy is imported here: `--help` must be quick."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-
-from msgspec.structs import replace
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
-from humanoid_sim.regress.config import RegressConfig
-from humanoid_sim.regress.report import require_report
-from humanoid_sim.regress.suite import Suite
-from humanoid_sim.regress.suite_checks import suite_problems
 
-__all__ = ["check_outputs", "chosen_suite"]
+__all__ = ["RegressConfig", "check_outputs"]
+
+
+@dataclass(frozen=True)
+class RegressConfig:
+    """Run policies over a suite and compare them, metric by metric, with a baseline.
+
+    Exit status 0: no metric of any policy is worse than the baseline by more than the suite tolerates. 1: one is. 2:
+    something that was given cannot be used.
+    """
+
+    policies: tuple[str, ...]
+    """ONNX checkpoints under test."""
+    suite: str = "lite_tracking"
+    """A shipped suite (lite_tracking, velocity), or the path of a suite's YAML file."""
+    baseline: str | None = None
+    """What to compare with: an ONNX checkpoint, which is run too, or a file of --write-baseline. Default: nothing."""
+    robot: str | None = None
+    """Instead of the suite's: a shipped robot, or the path of a robot's YAML file or of an MJCF."""
+    contract: str | None = None
+    """A contract.yaml for all the checkpoints. Default: the one beside each."""
+    seeds: int | None = None
+    """Seeds per case. Default: the suite's."""
+    first_seed: int | None = None
+    """The first of them. Default: the suite's."""
+    only: str | None = None
+    """Run only the cases whose name contains this text."""
+    margins: bool = False
+    """Also raise each of the suite's disturbances until the policy fails."""
+    write_baseline: Path | None = None
+    """Write what the first policy did to this file (.json), for --baseline."""
+    json: Path | None = None
+    """Write everything that was found to this file."""
+    junit: Path | None = None
+    """Write the verdicts to this file as JUnit XML, for continuous integration."""
+    report: Path | None = None
+    """Write a report to this file: one self-contained page (.html)."""
+    record_failures: Path | None = None
+    """Write failing episodes to this folder, as recordings (.mcap) for `replay` and for `play --again`. Recordings of
+    the same policy, case and seed are replaced."""
+    record_limit: int = 10
+    """Recordings per policy at most, the first of each case before the second of any."""
+    threads: int | None = None
+    """Threads that step physics. Default: one per processor."""
+    ray: str | None = None
+    """Share the episodes out over a Ray cluster: its address, or 'local' to start one here."""
+    overwrite: bool = False
+    """Replace output files that exist."""
+    quiet: bool = False
+    """Print verdicts only."""
 
 
 def check_outputs(config: RegressConfig) -> None:
@@ -44,34 +88,3 @@ def check_outputs(config: RegressConfig) -> None:
     for name, number in (("--record-limit", config.record_limit), ("--threads", config.threads)):
         if number is not None and number < 1:
             raise InputError(f"{name}: is {number}, expected a whole number >= 1")
-    if config.report is not None:
-        require_report()
-
-
-def chosen_suite(config: RegressConfig, suite: Suite) -> Suite:
-    """The suite with the options' cases and seeds.
-
-    Raises:
-        InputError: naming the option.
-    """
-    cases = tuple(case for case in suite.cases if config.only is None or config.only in case.name)
-    if not cases:
-        names = ", ".join(case.name for case in suite.cases)
-        raise InputError(f"--only: is '{config.only}', expected part of one of the suite's cases: {names}")
-    margins = suite.margins
-    if config.margins and margins is None:
-        raise InputError(f"--margins: the suite '{suite.name}' has no margins to measure")
-    if margins is not None:
-        left = tuple(name for name in margins.cases if name in {case.name for case in cases})
-        margins = replace(margins, cases=left)
-    chosen = replace(
-        suite,
-        cases=cases,
-        margins=margins,
-        seeds=suite.seeds if config.seeds is None else config.seeds,
-        first_seed=suite.first_seed if config.first_seed is None else config.first_seed,
-    )
-    for problem in suite_problems(chosen):
-        place, _, text = problem.partition(": ")
-        raise InputError(f"--{place.replace('_', '-')}: {text}")
-    return chosen

@@ -29,10 +29,10 @@ from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import motion_bytes
 from humanoid_sim.recording.recorder import McapRecorder
-from humanoid_sim.regress.arena import Arena
-from humanoid_sim.regress.episodes import Disturbance, Step, run_episodes
+from humanoid_sim.regress.episodes import Step, run_episodes
+from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
-from humanoid_sim.regress.suite import Suite
+from humanoid_sim.regress.suite import Disturbance
 from humanoid_sim.robots.schema import RobotDescription, StandbySettings
 from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents
 
@@ -58,15 +58,12 @@ def recording_name(policy: str, episode: Episode) -> str:
     return re.sub(r"[^\w.+-]+", "_", f"{policy}-{episode.case}-{episode.seed}") + ".mcap"
 
 
-def record_episode(
-    path: Path, suite: Suite, arena: Arena, episode: Episode, disturbance: Disturbance, robot: str = ""
-) -> None:
+def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance: Disturbance, robot: str = "") -> None:
     """Run an episode again and write it as a recording, whole or not at all.
 
     Args:
         path: of the recording.
-        suite: that the episode is of.
-        arena: that it was run in.
+        case: of the episode.
         episode: which.
         disturbance: that it was run with.
         robot: what `play` calls it; empty for its name.
@@ -75,31 +72,31 @@ def record_episode(
         InputError: if the file cannot be written, or the episode goes otherwise than when it failed.
     """
     steps: list[Step] = []
-    again = run_episodes(suite, arena, [episode.seed], disturbance, threads=1, watch=steps)[0]
+    again = run_episodes(case, [episode.seed], disturbance, threads=1, watch=steps)[0]
     if again != episode:
         # Bits agree on machines of a kind: an episode that a cluster ran may end otherwise here.
         raise InputError(
             f"--record-failures: {episode.label} goes otherwise on this machine, '{again.failure}' instead of "
             f"'{episode.failure}'; run it here to record it"
         )
-    description = _short_standby(arena.setting.description, arena.policy_dt)
+    contract, suite = case.setting.contract, case.suite
+    description = _short_standby(case.setting.description, contract.policy_dt)
     actions = _RecordedActions(steps)
-    contract = arena.setting.contract
-    loaded = load_policy(contract, actions, arena.motion)
-    supervisor = build_supervisor(description, arena.policy_dt, loaded, action_limit=suite.action_limit)
+    loaded = load_policy(contract, actions, case.motion)
+    supervisor = build_supervisor(description, contract.policy_dt, loaded, action_limit=suite.action_limit)
     header = SessionHeader(
         robot=description.name,
         joint_names=description.joint_names,
-        control_period=arena.policy_dt,
+        control_period=contract.policy_dt,
         start_time_ns=0,
         documents=header_documents(
             description,
             loaded,
             remote=False,
-            settings=_settings(suite, arena, episode, robot or description.name),
+            settings=_settings(case, episode, robot or description.name),
             action_limit=suite.action_limit,
         ),
-        attachments={} if arena.motion is None else {MOTION_ATTACHMENT: motion_bytes(arena.motion)},
+        attachments={} if case.motion is None else {MOTION_ATTACHMENT: motion_bytes(case.motion)},
         observation_terms=tuple((term.name, term.width) for term in loaded.layout.terms),
     )
     temporary = path.with_name(f".{hashlib.sha256(path.name.encode()).hexdigest()[:16]}.tmp")
@@ -107,7 +104,7 @@ def record_episode(
     recorder.start(header)
     try:
         time = 0.0
-        for record in _ticks(supervisor, steps, actions, arena.policy_dt):
+        for record in _ticks(supervisor, steps, actions, contract.policy_dt):
             recorder.tick(record)
             time = float(record.input.state.time)
         recorder.event(Event(time, f"regress: {suite.name}, {episode.label}: {episode.failure}"))
@@ -120,8 +117,8 @@ def record_episode(
     temporary.replace(path)
 
 
-def _settings(suite: Suite, arena: Arena, episode: Episode, robot: str) -> dict[str, object]:
-    checkpoint = arena.subject.checkpoint
+def _settings(case: PreparedCase, episode: Episode, robot: str) -> dict[str, object]:
+    checkpoint, suite = case.checkpoint, case.suite
     policy = str(Path(checkpoint.source).resolve())
     options: dict[str, object] = {
         "policy": policy,
@@ -133,14 +130,14 @@ def _settings(suite: Suite, arena: Arena, episode: Episode, robot: str) -> dict[
     }
     if checkpoint.contract_file is not None:
         options["contract"] = str(checkpoint.contract_file.resolve())
-    if arena.case.command is not None:
-        options["command"] = ",".join(f"{value:g}" for value in arena.case.command)
+    if case.case.command is not None:
+        options["command"] = ",".join(f"{value:g}" for value in case.case.command)
     return {
         "program": f"humanoid_sim.regress {__version__}",
         "options": options,
         "policy": policy,
         "policy_sha256": checkpoint.sha256,
-        "motion": arena.case.motion or None,
+        "motion": case.case.motion or None,
         "regress": {"suite": suite.name, "case": episode.case, "seed": episode.seed, "failure": episode.failure},
         "versions": {"python": sys.version.split()[0], "mujoco": mujoco.__version__, "numpy": np.__version__},
         "platform": platform.platform(),

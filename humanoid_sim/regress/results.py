@@ -6,6 +6,7 @@ that do not exist (an error of an episode that failed in its first step) are Non
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Literal
 
@@ -23,6 +24,11 @@ __all__ = [
     "Results",
     "SuiteInfo",
     "Verdict",
+    "describe_change",
+    "describe_detectable",
+    "describe_margin",
+    "displayed_unit",
+    "quantity",
 ]
 
 Verdict = Literal["worse", "better", "same", "unclear", "unmeasured"]
@@ -235,3 +241,51 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
             if metric.name == name:
                 return metric
         raise KeyError(name)
+
+
+def displayed_unit(unit: str) -> tuple[float, str]:
+    """What to multiply a value by, and the unit that it then has: lengths in mm, angles in degrees, shares in %."""
+    return {
+        "m": (1e3, "mm"),
+        "rad": (180.0 / math.pi, "°"),
+        "rad/s": (180.0 / math.pi, "°/s"),
+        "s": (1e3, "ms"),
+        "share": (100.0, "%"),
+    }.get(unit, (1.0, unit))
+
+
+def quantity(value: float | None, unit: str, *, signed: bool = False) -> str:
+    """A value with the unit that a person reads it in, such as `12.1 mm`; `-` where there is none."""
+    if value is None or math.isnan(value):
+        return "-"
+    factor, shown = displayed_unit(unit)
+    gap = "" if shown in ("°", "×") else " "
+    return f"{factor * value:{'+' if signed else ''}.3g}{gap}{shown}"
+
+
+def describe_change(metric: MetricInfo, comparison: Comparison) -> str:
+    """Such as `12.1 mm, was 10.3 mm: +1.8 mm (+17.5 %), between +1.5 and +2.1 mm; tolerated: 0.515 mm`."""
+    unit = metric.unit
+    if comparison.change is None:
+        return f"{quantity(comparison.candidate, unit)}, was {quantity(comparison.baseline, unit)}"
+    relative = "" if comparison.relative is None else f" ({100.0 * comparison.relative:+.1f} %)"
+    return (
+        f"{quantity(comparison.candidate, unit)}, was {quantity(comparison.baseline, unit)}: "
+        f"{quantity(comparison.change, unit, signed=True)}{relative}, between "
+        f"{quantity(comparison.low, unit, signed=True)} and {quantity(comparison.high, unit, signed=True)}; "
+        f"tolerated: {quantity(comparison.tolerance, unit)}"
+    )
+
+
+def describe_detectable(metric: MetricInfo, detectable: Detectable) -> str:
+    """Such as `+0.9 mm (8.7 %)`: the worsening that the suite finds."""
+    if metric.unit == "share" and detectable.change > 1.0:
+        return "too few episodes"  # not even if all of them failed
+    sign = 1.0 if metric.better == "lower" else -1.0
+    relative = f" ({100.0 * detectable.change / abs(detectable.baseline):.1f} %)" if detectable.baseline else ""
+    return f"{quantity(sign * detectable.change, metric.unit, signed=True)}{relative}"
+
+
+def describe_margin(margin: MarginComparison) -> str:
+    """Such as `0.02, was 0.03`."""
+    return f"{margin.candidate:g}, was {margin.baseline:g}"

@@ -6,8 +6,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from humanoid_sim.regress.results import Candidate, Comparison, Margin, PolicyRun, Results
-from humanoid_sim.regress.words import detectable_in_words, displayed_unit, quantity
+from humanoid_sim.regress.results import (
+    Candidate,
+    Comparison,
+    Margin,
+    PolicyRun,
+    Results,
+    describe_detectable,
+    displayed_unit,
+    quantity,
+)
 
 __all__ = ["show_candidate", "show_detectable", "show_run", "show_verdict"]
 
@@ -31,7 +39,7 @@ def show_detectable(console: Console, results: Results) -> None:
             row.metric,
             quantity(row.baseline, metric.unit),
             quantity(row.tolerance, metric.unit),
-            detectable_in_words(metric, row),
+            describe_detectable(metric, row),
         )
     console.print(table)
 

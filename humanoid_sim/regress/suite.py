@@ -7,6 +7,7 @@ A suite is one YAML file; `assets/suites/lite_tracking.yaml` is the example. The
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import msgspec
@@ -17,7 +18,7 @@ from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName
 from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 
-__all__ = ["AXES", "Axis", "Case", "Margins", "Pushes", "Start", "Suite", "Sweep", "Tolerance"]
+__all__ = ["AXES", "Axis", "Case", "Disturbance", "Margins", "Pushes", "Start", "Suite", "Sweep", "Tolerance"]
 
 Axis = Literal["delay", "jitter", "gains", "friction", "joint_friction", "mass", "push", "noise"]
 AXES: Mapping[str, tuple[str, float]] = {
@@ -61,6 +62,14 @@ class Pushes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """m/s"""
     interval: float = 4.0
     """s between two; the first comes after half of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """What disturbs the robots, beside where they start."""
+
+    randomisation: Randomisation
+    pushes: Pushes | None = None
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -150,8 +159,9 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         tolerance = self.tolerances.get(metric, Tolerance())
         return max(tolerance.absolute, tolerance.relative * abs(baseline))
 
-    def draw(self) -> Randomisation:
-        """What is drawn for each episode.
+    @property
+    def disturbance(self) -> Disturbance:
+        """Of each episode.
 
         Raises:
             InputError: naming the field that is wrong.
@@ -161,4 +171,4 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             if name not in known:
                 raise InputError(f"randomisation: {known_names('field', name, known)}")
         values: dict[str, Any] = dict(self.randomisation)
-        return Randomisation(**values)
+        return Disturbance(Randomisation(**values), self.pushes)

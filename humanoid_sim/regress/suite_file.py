@@ -1,21 +1,27 @@
-"""Read a suite; whatever is wrong is one line with the file, the field and what is accepted."""
+"""Read a suite; whatever is wrong is one line with the file, the field and what is accepted.
+
+What types cannot say is checked here: numbers in their ranges, names that exist, cases that fit the task.
+"""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import METRICS
-from humanoid_sim.regress.suite import AXES, Suite
-from humanoid_sim.regress.suite_checks import draw_problems, suite_problems
+from humanoid_sim.regress.options import RegressConfig
+from humanoid_sim.regress.suite import AXES, Suite, Sweep
 from humanoid_sim.strict_yaml import read_yaml
 
-__all__ = ["load_suite", "shipped_suites"]
+__all__ = ["chosen_suite", "load_suite", "shipped_suites"]
 
 _PLACE = re.compile(r"^(?P<problem>.*?)(?: - at `\$\.?(?P<place>.*?)`)?$", re.DOTALL)
 
@@ -35,7 +41,11 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     Raises:
         InputError: one line, such as `mine.yaml: seeds: is 1, expected at least 2`.
     """
-    path = _find(name_or_path)
+    shipped = shipped_suites()
+    if name_or_path not in shipped and not is_file(name_or_path):
+        known = ", ".join(shipped)
+        raise InputError(f"--suite: is '{name_or_path}', expected a suite's YAML file or one of: {known}")
+    path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in shipped else Path(name_or_path)
     document = read_yaml(path)
     if not isinstance(document, dict):
         raise InputError(f"{path}: is no suite, expected a mapping with name, task, cases, seeds and tolerances")
@@ -45,22 +55,7 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
         raise InputError(f"{path}: {_place_and_problem(str(error))}") from None
     for problem in suite_problems(suite):
         raise InputError(f"{path}: {problem}")
-    try:
-        drawn = suite.draw()
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    for problem in draw_problems(drawn):
-        raise InputError(f"{path}: {problem}")
     return suite, path.resolve().parent
-
-
-def _find(name_or_path: str) -> Path:
-    if name_or_path in shipped_suites():
-        return asset_path("suites", f"{name_or_path}.yaml")
-    if not is_file(name_or_path):
-        known = ", ".join(shipped_suites())
-        raise InputError(f"--suite: is '{name_or_path}', expected a suite's YAML file or one of: {known}")
-    return Path(name_or_path)
 
 
 def _place_and_problem(message: str) -> str:
@@ -74,3 +69,150 @@ def _place_and_problem(message: str) -> str:
     accepted = _CHOICES.get(place.rpartition(".")[2]) if problem.startswith("invalid enum value") else None
     problem += f", expected one of {', '.join(accepted)}" if accepted else ""
     return f"{place}: {problem}" if place else problem
+
+
+def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
+    """The suite with the options' cases and seeds.
+
+    Raises:
+        InputError: naming the option.
+    """
+    cases = tuple(case for case in suite.cases if config.only is None or config.only in case.name)
+    if not cases:
+        names = ", ".join(case.name for case in suite.cases)
+        raise InputError(f"--only: is '{config.only}', expected part of one of the suite's cases: {names}")
+    margins = suite.margins
+    if config.margins and margins is None:
+        raise InputError(f"--margins: the suite '{suite.name}' has no margins to measure")
+    if margins is not None:
+        left = tuple(name for name in margins.cases if name in {case.name for case in cases})
+        margins = msgspec.structs.replace(margins, cases=left)
+    chosen = msgspec.structs.replace(
+        suite,
+        cases=cases,
+        margins=margins,
+        seeds=suite.seeds if config.seeds is None else config.seeds,
+        first_seed=suite.first_seed if config.first_seed is None else config.first_seed,
+    )
+    for problem in suite_problems(chosen):
+        place, _, text = problem.partition(": ")
+        raise InputError(f"--{place.replace('_', '-')}: {text}")
+    return chosen
+
+
+_LONGEST_DELAY = 1.0
+"""s, of commands: as much as a batch of robots keeps."""
+
+
+def suite_problems(suite: Suite) -> Iterator[str]:
+    """What types cannot say, each as `place: what is wrong`."""
+    yield from _case_problems(suite)
+    for place, value in (("seeds", suite.seeds), ("resamples", suite.resamples)):
+        if value < 2:
+            yield f"{place}: is {value}, expected at least 2"
+    if not 0 <= suite.first_seed < 2**31:
+        yield f"first_seed: is {suite.first_seed}, expected 0 to {2**31 - 1}"
+    if not 0.5 <= suite.confidence < 1.0:
+        yield f"confidence: is {suite.confidence:g}, expected 0.5 or more, and less than 1"
+    for place, number, at_least in (
+        ("settle", suite.settle, 0.0),
+        ("start.joint_position", suite.start.joint_position, 0.0),
+        ("start.joint_velocity", suite.start.joint_velocity, 0.0),
+    ):
+        if not at_least <= number < math.inf:
+            yield f"{place}: is {number:g}, expected a finite number >= {at_least:g}"
+    for place, positive in (
+        ("action_limit", suite.action_limit),
+        ("physics_timestep", suite.physics_timestep),
+        ("base_height", suite.base_height),
+        ("pushes.speed", None if suite.pushes is None else suite.pushes.speed),
+        ("pushes.interval", None if suite.pushes is None else suite.pushes.interval),
+    ):
+        if positive is not None and not 0.0 < positive < math.inf:
+            yield f"{place}: is {positive:g}, expected a finite number > 0"
+    yield from _tolerance_problems(suite)
+    yield from _margin_problems(suite)
+    try:
+        drawn = suite.disturbance.randomisation
+    except InputError as error:
+        yield str(error)
+        return
+    if drawn.mass[0] <= 0.0:
+        yield f"randomisation: mass is {drawn.mass}, expected more than 0: there is no body without mass"
+    if drawn.command_jitter > _LONGEST_DELAY:
+        yield f"randomisation: command_jitter is {drawn.command_jitter:g}, expected at most {_LONGEST_DELAY:g} s"
+
+
+def _case_problems(suite: Suite) -> Iterator[str]:
+    if not suite.cases:
+        yield "cases: is empty, expected at least one"
+    seen: set[str] = set()
+    for i, case in enumerate(suite.cases):
+        place = f"cases[{i}]"
+        if not case.name.strip() or not case.name.isprintable():
+            yield f"{place}.name: is {case.name!r}, expected a printable name"
+        if case.name in seen:
+            yield f"{place}.name: '{case.name}' is given twice"
+        seen.add(case.name)
+        if case.duration is not None and not 0.0 < case.duration <= 3600.0:
+            yield f"{place}.duration: is {case.duration:g}, expected more than 0 and at most 3600 s"
+        if suite.task == "tracking" and case.command is not None:
+            yield f"{place}.command: is of no use to a tracking task, expected a motion"
+        if suite.task == "velocity":
+            if case.motion:
+                yield f"{place}.motion: is of no use to a velocity task, expected a command"
+            if case.command is None or not all(math.isfinite(value) for value in case.command):
+                yield f"{place}.command: expected vx, vy in m/s and a yaw rate in rad/s"
+            if case.duration is None or case.duration <= suite.settle:
+                yield f"{place}.duration: expected more than settle ({suite.settle:g} s)"
+
+
+def _tolerance_problems(suite: Suite) -> Iterator[str]:
+    known = METRICS[suite.task]
+    if not suite.tolerances:
+        yield f"tolerances: is empty, expected some of {', '.join(known)}"
+    for name, tolerance in suite.tolerances.items():
+        if name not in known:
+            yield f"tolerances: {known_names(f'{suite.task} metric', name, known)}"
+        for part, value in (("relative", tolerance.relative), ("absolute", tolerance.absolute)):
+            if not 0.0 <= value < math.inf:
+                yield f"tolerances.{name}.{part}: is {value:g}, expected a finite number >= 0"
+
+
+def _margin_problems(suite: Suite) -> Iterator[str]:
+    margins = suite.margins
+    if margins is None:
+        return
+    names = [case.name for case in suite.cases]
+    for name in margins.cases:
+        if name not in names:
+            yield f"margins.cases: {known_names('case', name, names)}"
+    if margins.seeds < 1:
+        yield f"margins.seeds: is {margins.seeds}, expected at least 1"
+    if not 0.0 <= margins.allowed_failures < 1.0:
+        yield f"margins.allowed_failures: is {margins.allowed_failures:g}, expected 0 or more, and less than 1"
+    for name, limit in margins.limits.items():
+        if name not in METRICS[suite.task]:
+            yield f"margins.limits: {known_names(f'{suite.task} metric', name, METRICS[suite.task])}"
+        if not 0.0 <= limit < math.inf:
+            yield f"margins.limits.{name}: is {limit:g}, expected a finite number >= 0"
+    for i, sweep in enumerate(margins.sweeps):
+        problem = _level_problem(sweep)
+        if problem:
+            yield f"margins.sweeps[{i}].levels: is {list(sweep.levels)}, expected {problem}"
+    sweeps = [sweep.name for sweep in margins.sweeps if sweep.levels]
+    if len(set(sweeps)) < len(sweeps):
+        yield "margins.sweeps: one is given twice"
+
+
+def _level_problem(sweep: Sweep) -> str:
+    """What is expected of the levels instead, '' if nothing is."""
+    _, nominal = AXES[sweep.axis]
+    away = [nominal, *sweep.levels]
+    rises = all(a < b for a, b in pairwise(away))
+    falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
+    if not sweep.levels or not (rises or falls) or not all(map(math.isfinite, sweep.levels)):
+        return f"finite numbers that lead away from {nominal:g}"
+    if sweep.axis in ("delay", "jitter") and max(sweep.levels) > _LONGEST_DELAY:
+        return f"at most {_LONGEST_DELAY:g} s"
+    return "masses > 0" if sweep.axis == "mass" and min(sweep.levels) <= 0.0 else ""

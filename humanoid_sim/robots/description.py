@@ -32,14 +32,14 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     """The description of a shipped robot (`lite`), of the YAML file at a path, beside its MJCF, or of an MJCF alone.
 
     A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
-    user's MJCF: `humanoid_sim.simulation.mjcf` says what is read from it.
+    user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it.
 
     Raises:
         InputError: one line, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
     path, label = _find(str(name_or_path))
     if path.suffix == ".xml":
-        from humanoid_sim.simulation.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
+        from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
         return describe_mjcf(path)
     document = _read(path, label)

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
-from humanoid_sim.simulation.spec import compile_spec, read_spec
 
 __all__ = ["JointAddresses", "base_body", "body_ids", "build_model", "joint_addresses"]
 

@@ -31,10 +31,10 @@ from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import build_supervisor
 from humanoid_sim.training import EvaluateConfig
-from humanoid_sim.training.inverse_kinematics import InverseKinematics
 from humanoid_sim.training.random_motions import held_out_motions
 
 __all__ = ["Rollout", "TrackingFailedError", "evaluate", "follow", "inverse_kinematics_policy"]

@@ -14,7 +14,7 @@ from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.sample import StepSample
+from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -12,48 +13,41 @@ from policies import SAMPLE, failing_copy, swapped_copy
 from regress_runs import standing_policy, yaml_suite
 
 from humanoid_sim.evaluation.tracking import TrackingErrors
-from humanoid_sim.regress.arena import Arena
-from humanoid_sim.regress.episodes import Disturbance, EpisodeBatch, Step, episode_keys, run_episodes
+from humanoid_sim.regress.episodes import LONGEST_TRACE, EpisodeBatch, Step, episode_keys, run_episodes, thinned
 from humanoid_sim.regress.metrics import METRICS
-from humanoid_sim.regress.runner import Contest, prepare_contest
-from humanoid_sim.regress.subject import load_subject, suite_robot
-from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance
+from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
+from humanoid_sim.regress.suite import Case, Disturbance, Pushes, Suite, Tolerance
 from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.simulation.batch import Randomisation
 
 QUIET = Disturbance(Randomisation())
 
 
-def make(folder: Path, policy: Path = SAMPLE) -> tuple[Contest, list[Arena]]:
-    """The short suite with a policy."""
+def make(folder: Path, policy: Path = SAMPLE) -> PreparedCase:
+    """The first case of the short suite with a policy."""
     suite, where = load_suite(str(yaml_suite(folder)))
-    contest = prepare_contest(suite, where, suite_robot(suite, where, None))
-    return contest, contest.arenas(load_subject(policy, None, contest.description, suite))
+    return prepare_policy(prepare_suite(suite, where), policy).cases[0]
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Contest, list[Arena]]:
+def short(tmp_path_factory: pytest.TempPathFactory) -> PreparedCase:
     return make(tmp_path_factory.mktemp("suite"))
 
 
-def test_an_episode_is_the_same_in_any_company(short: tuple[Contest, list[Arena]]) -> None:
-    contest, arenas = short
-    together = run_episodes(contest.suite, arenas[0], [0, 1, 2, 3, 7], contest.disturbance, threads=2)
-    alone = run_episodes(contest.suite, arenas[0], [3], contest.disturbance, threads=1)
-    others = run_episodes(contest.suite, arenas[0], [7, 3, 0], contest.disturbance)
+def test_an_episode_is_the_same_in_any_company(short: PreparedCase) -> None:
+    together = run_episodes(short, [0, 1, 2, 3, 7], short.suite.disturbance, threads=2)
+    alone = run_episodes(short, [3], short.suite.disturbance, threads=1)
+    others = run_episodes(short, [7, 3, 0], short.suite.disturbance)
     assert alone[0] == together[3] == others[1]
     assert others[0] == together[4]
     assert len({episode.metrics["joint_error"] for episode in together}) == 5
 
 
-def test_a_batch_can_be_run_again(short: tuple[Contest, list[Arena]]) -> None:
-    contest, arenas = short
-    batch = EpisodeBatch(contest.suite, arenas[0], [0, 1], contest.disturbance)
+def test_a_batch_can_be_run_again(short: PreparedCase) -> None:
+    batch = EpisodeBatch(short, [0, 1], short.suite.disturbance)
     try:
-        batch.run()
-        first = batch.episodes()
-        batch.run()
-        assert batch.episodes() == first
+        first = batch.run()
+        assert batch.run() == first
     finally:
         batch.close()
 
@@ -64,9 +58,8 @@ def test_cases_and_seeds_draw_their_own() -> None:
     assert episode_keys("wave", [3]) == episode_keys("wave", range(5))[3:4]
 
 
-def test_what_an_episode_says_of_itself(short: tuple[Contest, list[Arena]]) -> None:
-    contest, arenas = short
-    (episode,) = run_episodes(contest.suite, arenas[0], [5], contest.disturbance)
+def test_what_an_episode_says_of_itself(short: PreparedCase) -> None:
+    (episode,) = run_episodes(short, [5], short.suite.disturbance)
     assert (episode.case, episode.seed, episode.steps, episode.failure, episode.kind) == ("wave", 5, 20, "", "")
     assert episode.duration == pytest.approx(0.4)
     assert list(episode.metrics) == list(METRICS["tracking"])
@@ -83,14 +76,13 @@ def test_what_an_episode_says_of_itself(short: tuple[Contest, list[Arena]]) -> N
     assert episode.traces["action_rate"][0] is None  # nothing before the first step
 
 
-def test_body_errors_are_those_of_the_tracking_report(short: tuple[Contest, list[Arena]]) -> None:
+def test_body_errors_are_those_of_the_tracking_report(short: PreparedCase) -> None:
     """Against `TrackingErrors`, which has kinematics of its own, on the states of an undisturbed episode."""
-    contest, arenas = short
-    arena, steps = arenas[0], list[Step]()
-    (episode,) = run_episodes(contest.suite, arena, [0], QUIET, watch=steps)
-    assert arena.motion is not None
+    steps = list[Step]()
+    (episode,) = run_episodes(short, [0], QUIET, watch=steps)
+    assert short.motion is not None
     errors = TrackingErrors(
-        arena.setting.description, arena.motion.frames, arena.motion.body_names, arena.setting.contract.policy_dt
+        short.setting.description, short.motion.frames, short.motion.body_names, short.setting.contract.policy_dt
     )
     for frame, step in enumerate(steps[1:], start=1):
         errors.update(frame, step.state.joint_position[0])
@@ -102,13 +94,12 @@ def test_body_errors_are_those_of_the_tracking_report(short: tuple[Contest, list
     assert episode.metrics["body_orientation_error"] == pytest.approx(orientation, rel=1e-6)
 
 
-def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short: tuple[Contest, list[Arena]]) -> None:
-    contest, arenas = short
-    arena, steps = arenas[0], list[Step]()
-    (episode,) = run_episodes(contest.suite, arena, [0], QUIET, watch=steps)
+def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short: PreparedCase) -> None:
+    steps = list[Step]()
+    (episode,) = run_episodes(short, [0], QUIET, watch=steps)
     reached = np.array([step.state.joint_position[0] for step in steps[1:]])
-    assert arena.joint_reference is not None
-    expected = np.sqrt(((reached - arena.joint_reference[1:21]) ** 2).mean())
+    assert short.joint_reference is not None
+    expected = np.sqrt(((reached - short.joint_reference[1:21]) ** 2).mean())
     assert episode.metrics["joint_error"] == pytest.approx(expected, rel=1e-9)
 
 
@@ -120,8 +111,8 @@ def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short: tu
     ],
 )
 def test_actions_that_the_controller_refuses_are_counted(tmp_path: Path, value: float, failure: str) -> None:
-    contest, arenas = make(tmp_path, failing_copy(SAMPLE, tmp_path / "bad.onnx", value))
-    episodes = run_episodes(contest.suite, arenas[0], [0, 1], contest.disturbance)
+    case = make(tmp_path, failing_copy(SAMPLE, tmp_path / "bad.onnx", value))
+    episodes = run_episodes(case, [0, 1], case.suite.disturbance)
     for episode in episodes:
         assert re.fullmatch(failure, episode.failure)
         assert (episode.kind, episode.steps) == ("fault", 0)
@@ -131,12 +122,11 @@ def test_actions_that_the_controller_refuses_are_counted(tmp_path: Path, value: 
 
 def test_an_arm_that_goes_elsewhere_is_lost(tmp_path: Path) -> None:
     """Shoulder pitch and roll in each other's place: from the start on the hand is far off."""
-    contest, _ = make(tmp_path)
-    suite = replace(contest.suite, cases=(Case(name="reach", motion="reach", duration=3.0),))
-    contest = prepare_contest(suite, tmp_path, contest.description)
+    suite, where = load_suite(str(yaml_suite(tmp_path)))
+    suite = replace(suite, cases=(Case(name="reach", motion="reach", duration=3.0),))
     policy = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
-    (arena,) = contest.arenas(load_subject(policy, None, contest.description, suite))
-    first, second = run_episodes(suite, arena, [0, 1], contest.disturbance)
+    (case,) = prepare_policy(prepare_suite(suite, where), policy).cases
+    first, second = run_episodes(case, [0, 1], suite.disturbance)
     assert first.failure == "strayed: left_hand is 0.30 m from the motion"
     assert (first.kind, first.metrics["losses"], first.metrics["joint_error"]) == ("lost", 1.0, None)
     assert 0 < first.steps < 150
@@ -155,15 +145,13 @@ STANDING = Suite(
 
 
 @pytest.fixture(scope="module")
-def standing(tmp_path_factory: pytest.TempPathFactory) -> Arena:
+def standing(tmp_path_factory: pytest.TempPathFactory) -> PreparedCase:
     folder = tmp_path_factory.mktemp("standing")
-    contest = prepare_contest(STANDING, folder, suite_robot(STANDING, folder, None))
-    policy = standing_policy(folder / "standing.onnx")
-    return contest.arenas(load_subject(policy, None, contest.description, STANDING))[0]
+    return prepare_policy(prepare_suite(STANDING, folder), standing_policy(folder / "standing.onnx")).cases[0]
 
 
-def test_a_robot_that_stands_neither_moves_nor_slips(standing: Arena) -> None:
-    (episode,) = run_episodes(STANDING, standing, [0], QUIET)
+def test_a_robot_that_stands_neither_moves_nor_slips(standing: PreparedCase) -> None:
+    (episode,) = run_episodes(standing, [0], QUIET)
     metrics = episode.metrics
     assert list(metrics) == list(METRICS["velocity"])
     assert (episode.failure, metrics["falls"], metrics["action_rate"]) == ("", 0.0, 0.0)
@@ -174,18 +162,17 @@ def test_a_robot_that_stands_neither_moves_nor_slips(standing: Arena) -> None:
     assert episode.traces["velocity_error"][0] is None  # not settled yet
 
 
-def test_errors_are_against_the_command(standing: Arena) -> None:
+def test_errors_are_against_the_command(standing: PreparedCase) -> None:
     """The robot stands: what it is told is what it misses."""
     case = Case(name="go", command=(0.6, 0.8, -0.7), duration=1.0)
-    arena = Arena(standing.subject, case, None, standing.setting, standing.steps, None)
-    (episode,) = run_episodes(STANDING, arena, [0], QUIET)
+    (episode,) = run_episodes(dataclasses.replace(standing, case=case), [0], QUIET)
     assert episode.metrics["velocity_error"] == pytest.approx(1.0, abs=0.05)
     assert episode.metrics["yaw_rate_error"] == pytest.approx(0.7, abs=0.05)
 
 
-def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing: Arena) -> None:
+def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing: PreparedCase) -> None:
     still, pushed, toppled = (
-        run_episodes(STANDING, standing, [4], Disturbance(Randomisation(), pushes))[0]
+        run_episodes(standing, [4], Disturbance(Randomisation(), pushes))[0]
         for pushes in (None, Pushes(speed=0.1, interval=0.4), Pushes(speed=3.0, interval=0.4))
     )
     assert still.metrics["tilt"] is not None
@@ -194,3 +181,30 @@ def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing: Arena) -> Non
     assert toppled.kind == "lost"
     assert toppled.failure.startswith("fell: ")
     assert toppled.metrics["falls"] == 1.0
+
+
+def test_a_short_episode_keeps_every_step() -> None:
+    times, traces = thinned({"effort": np.array([1.0, 2.0, 4.0])}, 0.02)
+    assert times == (0.02, 0.04, 0.06)
+    assert traces == {"effort": (1.0, 2.0, 4.0)}
+
+
+def test_a_long_one_keeps_means_of_stretches() -> None:
+    values = np.arange(4 * LONGEST_TRACE, dtype=np.float64)
+    times, traces = thinned({"effort": values}, 0.01)
+    assert len(times) == LONGEST_TRACE
+    assert traces["effort"][:2] == (1.5, 5.5)
+    assert times[:2] == (0.025, 0.065)
+
+
+def test_steps_without_a_value_do_not_count() -> None:
+    nan = np.nan
+    values = np.tile([nan, 3.0], LONGEST_TRACE)
+    values[:2] = nan
+    _, traces = thinned({"slip": values, "nothing": np.full(2 * LONGEST_TRACE, nan)}, 0.01)
+    assert traces["slip"][:2] == (None, 3.0)
+    assert "nothing" not in traces
+
+
+def test_nothing_was_run() -> None:
+    assert thinned({"effort": np.empty(0)}, 0.02) == ((), {})

@@ -9,48 +9,47 @@ import pytest
 from policies import SAMPLE
 from regress_runs import episode, yaml_suite
 
-from humanoid_sim.regress.arena import Arena
-from humanoid_sim.regress.jobs import Job, LocalExecutor, Progress
-from humanoid_sim.regress.margins import compare_margins, disturbance_at, measure_margins
+from humanoid_sim.regress.compare import compare_margins
+from humanoid_sim.regress.executors import LocalExecutor, Progress
+from humanoid_sim.regress.margins import disturbance_at, measure_margins
+from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Episode, Margin
-from humanoid_sim.regress.runner import Contest, prepare_contest
-from humanoid_sim.regress.subject import load_subject, suite_robot
-from humanoid_sim.regress.suite import Pushes, Suite, Sweep
+from humanoid_sim.regress.suite import Disturbance, Pushes, Sweep
 from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.simulation.batch import Randomisation
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Contest, list[Arena]]:
+def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[PreparedCase, ...]:
     suite, folder = load_suite(str(yaml_suite(tmp_path_factory.mktemp("suite"))))
-    contest = prepare_contest(suite, folder, suite_robot(suite, folder, None))
-    return contest, contest.arenas(load_subject(SAMPLE, None, contest.description, suite))
+    return prepare_policy(prepare_suite(suite, folder), SAMPLE).cases
 
 
 class FailsBeyond:
     """Runs nothing: an episode is off by as much as it is disturbed, and lost beyond a delay or below some gains."""
 
     def __init__(self) -> None:
-        self.jobs: list[Job] = []
+        self.ran: list[tuple[str, tuple[int, ...]]] = []
 
-    def run(self, suite: Suite, jobs: Sequence[Job], progress: Progress) -> list[list[Episode]]:
-        self.jobs += jobs
-        return [[self._episode(job, seed) for seed in job.seeds] for job in jobs]
+    def run(
+        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, progress: Progress
+    ) -> list[Episode]:
+        self.ran += [(case.case.name, tuple(seeds)) for case in cases]
+        return [self._episode(case, seed, disturbance) for case in cases for seed in seeds]
 
-    def _episode(self, job: Job, seed: int) -> Episode:
-        drawn = job.disturbance.randomisation
+    def _episode(self, case: PreparedCase, seed: int, disturbance: Disturbance) -> Episode:
+        drawn = disturbance.randomisation
         error = drawn.command_delay[0]
         failure = "fell" if drawn.stiffness[0] < 0.1 and seed == 1 else ""
-        return episode(job.arena.case.name, seed, {"body_position_error": None if failure else error}, failure)
+        return episode(case.case.name, seed, {"body_position_error": None if failure else error}, failure)
 
     def close(self) -> None:
         pass
 
 
-def test_a_sweep_ends_where_an_episode_fails(short: tuple[Contest, list[Arena]]) -> None:
-    contest, arenas = short
+def test_a_sweep_ends_where_an_episode_fails(short: tuple[PreparedCase, ...]) -> None:
     executor, done = FailsBeyond(), list[int]()
-    delay, gains = measure_margins(contest.suite, arenas, executor, done.append)
+    delay, gains = measure_margins(short, executor, done.append)
     assert (delay.axis, delay.unit, delay.nominal, delay.limit, delay.reached_end) == ("delay", "s", 0.0, 0.02, False)
     assert delay.levels == (0.01, 0.02, 0.1)
     assert delay.failed_share == (0.0, 0.0, 1.0)
@@ -58,23 +57,20 @@ def test_a_sweep_ends_where_an_episode_fails(short: tuple[Contest, list[Arena]])
     assert (gains.axis, gains.limit, gains.failed_share) == ("gains down", 0.5, (0.0, 0.5))
     assert gains.failure == "wave, seed 1: fell"
     assert done == [3, 2]
-    assert {job.arena.case.name for job in executor.jobs} == {"wave"}
-    assert {job.seeds for job in executor.jobs} == {(0, 1)}
+    assert set(executor.ran) == {("wave", (0, 1))}
 
 
-def test_a_sweep_that_nothing_fails_in_says_so(short: tuple[Contest, list[Arena]]) -> None:
+def test_a_sweep_that_nothing_fails_in_says_so(short: tuple[PreparedCase, ...]) -> None:
     class Fine(FailsBeyond):
-        def _episode(self, job: Job, seed: int) -> Episode:
-            return episode(job.arena.case.name, seed, {"body_position_error": 0.001})
+        def _episode(self, case: PreparedCase, seed: int, disturbance: Disturbance) -> Episode:
+            return episode(case.case.name, seed, {"body_position_error": 0.001})
 
-    contest, arenas = short
-    delay, _ = measure_margins(contest.suite, arenas, Fine(), lambda _: None)
+    delay, _ = measure_margins(short, Fine(), lambda _: None)
     assert (delay.limit, delay.reached_end, delay.failure) == (0.1, True, "")
 
 
-def test_the_lite_bears_some_delay_and_no_gains_at_all(short: tuple[Contest, list[Arena]]) -> None:
-    contest, arenas = short
-    delay, gains = measure_margins(contest.suite, arenas, LocalExecutor(), lambda _: None)
+def test_the_lite_bears_some_delay_and_no_gains_at_all(short: tuple[PreparedCase, ...]) -> None:
+    delay, gains = measure_margins(short, LocalExecutor(), lambda _: None)
     assert delay.limit >= 0.02
     assert gains.limit == 0.5
     assert not gains.reached_end

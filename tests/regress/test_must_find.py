@@ -10,12 +10,11 @@ import pytest
 from msgspec.structs import replace
 from policies import SAMPLE, noisy_copy, swapped_copy
 
-from humanoid_sim.regress.arena import Arena
-from humanoid_sim.regress.compare import detectable_changes
-from humanoid_sim.regress.jobs import LocalExecutor
+from humanoid_sim.regress.compare import detectable_changes, judge
+from humanoid_sim.regress.executors import LocalExecutor
+from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Candidate, PolicyRun
-from humanoid_sim.regress.runner import Contest, judge, prepare_contest, run_policy
-from humanoid_sim.regress.subject import load_subject, suite_robot
+from humanoid_sim.regress.run import run_policy
 from humanoid_sim.regress.suite import Suite
 from humanoid_sim.regress.suite_file import load_suite
 
@@ -29,22 +28,16 @@ class Field:
 
     def __init__(self) -> None:
         self.suite, self.folder = load_suite("lite_tracking")
-        self.contest = self._contest(self.suite)
         self.baseline = self.run(SAMPLE)
-
-    def _contest(self, suite: Suite) -> Contest:
-        return prepare_contest(suite, self.folder, suite_robot(suite, self.folder, None))
 
     def run(self, policy: Path, suite: Suite | None = None) -> PolicyRun:
         """All episodes of a policy."""
-        contest = self.contest if suite is None else self._contest(suite)
-        subject = load_subject(policy, None, contest.description, contest.suite)
-        arenas: list[Arena] = contest.arenas(subject)
-        return run_policy(contest, subject, arenas, LocalExecutor())
+        prepared = prepare_suite(self.suite if suite is None else suite, self.folder)
+        return run_policy(prepared, prepare_policy(prepared, policy), LocalExecutor())
 
     def judge(self, policy: Path) -> Candidate:
         """A policy against the sample."""
-        return judge(self.contest, self.baseline, self.run(policy))
+        return judge(self.suite, self.baseline, self.run(policy))
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +107,7 @@ def test_no_false_alarm_in_20_tries_with_other_seeds(field: Field) -> None:
     for begin in range(1000, 1000 + suite.seeds, field.suite.seeds):
         seeds = range(begin, begin + field.suite.seeds)
         episodes = tuple(episode for episode in everything.episodes if episode.seed in seeds)
-        candidate = judge(field.contest, field.baseline, replace(everything, episodes=episodes))
+        candidate = judge(field.suite, field.baseline, replace(everything, episodes=episodes))
         assert len(episodes) == len(field.baseline.episodes)
         assert not candidate.comparisons[0].paired
         alarms += candidate.worse

@@ -15,29 +15,26 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.repeat import repeat_run
-from humanoid_sim.regress.arena import Arena
-from humanoid_sim.regress.episodes import Disturbance, Step, run_episodes
+from humanoid_sim.regress.episodes import Step, run_episodes
+from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
-from humanoid_sim.regress.runner import Contest, prepare_contest
-from humanoid_sim.regress.subject import load_subject, suite_robot
 from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance
 from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.replay import main as replay
 from humanoid_sim.stack import rebuild_supervisor
 
 
-def make(folder: Path, policy: Path, case: Case) -> tuple[Contest, Arena]:
+def make(folder: Path, policy: Path, case: Case) -> PreparedCase:
     suite, where = load_suite(str(yaml_suite(folder)))
-    contest = prepare_contest(replace(suite, cases=(case,)), where, suite_robot(suite, where, None))
-    return contest, contest.arenas(load_subject(policy, None, contest.description, suite))[0]
+    return prepare_policy(prepare_suite(replace(suite, cases=(case,)), where), policy).cases[0]
 
 
-def check(path: Path, contest: Contest, arena: Arena, seed: int) -> list[Mode]:
+def check(path: Path, case: PreparedCase, seed: int) -> list[Mode]:
     """Record an episode, repeat the recording, compare it with the episode; returns the modes that it passes."""
     steps: list[Step] = []
-    (failed,) = run_episodes(contest.suite, arena, [seed], contest.disturbance, watch=steps)
+    (failed,) = run_episodes(case, [seed], case.suite.disturbance, watch=steps)
     assert failed.failure
-    record_episode(path, contest.suite, arena, failed, contest.disturbance)
+    record_episode(path, case, failed, case.suite.disturbance)
     recording = open_recording(path)
     records = list(recording.ticks())
     assert recording.is_complete
@@ -54,8 +51,8 @@ def check(path: Path, contest: Contest, arena: Arena, seed: int) -> list[Mode]:
     assert list(path.parent.glob(".*")) == []
     settings = json.loads(recording.header.documents["settings"])
     assert settings["regress"] == {
-        "suite": contest.suite.name,
-        "case": arena.case.name,
+        "suite": case.suite.name,
+        "case": case.case.name,
         "seed": seed,
         "failure": failed.failure,
     }
@@ -64,8 +61,8 @@ def check(path: Path, contest: Contest, arena: Arena, seed: int) -> list[Mode]:
 
 def test_an_arm_that_strays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     policy = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
-    contest, arena = make(tmp_path, policy, Case(name="reach", motion="reach", duration=3.0))
-    modes = check(tmp_path / "lost.mcap", contest, arena, 1)
+    case = make(tmp_path, policy, Case(name="reach", motion="reach", duration=3.0))
+    modes = check(tmp_path / "lost.mcap", case, 1)
     assert modes[:4] == [Mode.DAMPING, Mode.STANDBY, Mode.STANDBY, Mode.LOCOMOTION]
     assert modes[-2:] == [Mode.LOCOMOTION, Mode.DAMPING]
     # The same network on the recorded observations gives the recorded actions: what was batched is what is deployed.
@@ -75,8 +72,8 @@ def test_an_arm_that_strays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 def test_an_action_that_is_refused_at_once(tmp_path: Path) -> None:
     policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
-    contest, arena = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.4))
-    modes = check(tmp_path / "fault.mcap", contest, arena, 0)
+    case = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.4))
+    modes = check(tmp_path / "fault.mcap", case, 0)
     assert modes == [Mode.DAMPING, Mode.STANDBY, Mode.STANDBY, Mode.DAMPING]
 
 
@@ -91,29 +88,28 @@ def test_a_robot_that_falls(tmp_path: Path) -> None:
         pushes=Pushes(speed=3.0, interval=0.4),
         randomisation={"joint_position_noise": 0.01},
     )
-    contest = prepare_contest(suite, tmp_path, suite_robot(suite, tmp_path, None))
     policy = standing_policy(tmp_path / "standing.onnx")
-    (arena,) = contest.arenas(load_subject(policy, None, contest.description, suite))
-    assert check(tmp_path / "fall.mcap", contest, arena, 0)[-1] is Mode.DAMPING
+    (case,) = prepare_policy(prepare_suite(suite, tmp_path), policy).cases
+    assert check(tmp_path / "fall.mcap", case, 0)[-1] is Mode.DAMPING
     header = open_recording(tmp_path / "fall.mcap").header
     assert json.loads(header.documents["settings"])["options"]["command"] == "0.2,0,0"
     assert np.isclose(header.control_period, 0.02)
 
 
 def test_an_episode_that_does_not_repeat_is_not_recorded(tmp_path: Path) -> None:
-    contest, arena = make(tmp_path, SAMPLE, Case(name="wave", motion="wave", duration=0.1))
+    case = make(tmp_path, SAMPLE, Case(name="wave", motion="wave", duration=0.1))
     other = episode("wave", 0, {"joint_error": 1.0}, "fell")
     with pytest.raises(InputError, match="wave, seed 0 goes otherwise on this machine, '' instead of 'fell'"):
-        record_episode(tmp_path / "x.mcap", contest.suite, arena, other, contest.disturbance)
+        record_episode(tmp_path / "x.mcap", case, other, case.suite.disturbance)
     assert not (tmp_path / "x.mcap").exists()
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
-    contest, arena = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.1))
-    (failed,) = run_episodes(contest.suite, arena, [0], Disturbance(contest.suite.draw()))
+    case = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.1))
+    (failed,) = run_episodes(case, [0], case.suite.disturbance)
     with pytest.raises(InputError, match="cannot be written: No such file"):
-        record_episode(tmp_path / "no" / "x.mcap", contest.suite, arena, failed, Disturbance(contest.suite.draw()))
+        record_episode(tmp_path / "no" / "x.mcap", case, failed, case.suite.disturbance)
 
 
 def test_the_first_failure_of_each_case_comes_first() -> None:

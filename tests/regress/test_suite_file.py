@@ -28,7 +28,7 @@ def test_a_suite_of_ones_own(tmp_path: Path) -> None:
     assert [case.name for case in suite.cases] == ["wave", "drum"]
     assert suite.seed_numbers == (0, 1, 2)
     assert [metric.name for metric in suite.metrics] == ["body_position_error", "joint_error", "losses", "faults"]
-    assert suite.draw().mass == (0.9, 1.1)
+    assert suite.disturbance.randomisation.mass == (0.9, 1.1)
     assert suite.tolerance("joint_error", -2.0) == pytest.approx(0.1)
     assert suite.tolerance("losses", 0.5) == 0.01
     assert suite.margins is not None

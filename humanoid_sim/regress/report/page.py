@@ -11,8 +11,15 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from humanoid_sim.regress.report.drawing import DARK, LIGHT, candidate_colour
 from humanoid_sim.regress.report.pairs import mean_over_cases, pair_up, worst
 from humanoid_sim.regress.report.plots import case_plot, margin_plot, moved_metrics, trace_plot
-from humanoid_sim.regress.results import Candidate, Comparison, Margin, MetricInfo, Results
-from humanoid_sim.regress.words import detectable_in_words, quantity
+from humanoid_sim.regress.results import (
+    Candidate,
+    Comparison,
+    Margin,
+    MetricInfo,
+    Results,
+    describe_detectable,
+    quantity,
+)
 
 __all__ = ["IntervalBar", "interval_bar", "render"]
 
@@ -55,7 +62,7 @@ def render(results: Results) -> str:
 def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, Any]:
     """What the page shows of one candidate beside what it holds itself."""
     first = worst(pair_up(candidate.run, results.baseline), results.metrics[0], _WORST)
-    detectable = {item.metric: detectable_in_words(results.metric(item.metric), item) for item in results.detectable}
+    detectable = {item.metric: describe_detectable(results.metric(item.metric), item) for item in results.detectable}
     return {
         "run": candidate.run,
         "worse": candidate.worse,

@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.report.drawing import LIGHT, Sheet, candidate_colour, drawing, style_axes
 from humanoid_sim.regress.report.pairs import Pair, by_case, metric_values, pair_up, trace, trace_difference
-from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results
-from humanoid_sim.regress.words import displayed_unit
+from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results, displayed_unit
 
 __all__ = ["case_plot", "margin_plot", "moved_metrics", "trace_plot"]
 

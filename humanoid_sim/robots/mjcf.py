@@ -1,8 +1,8 @@
-"""A robot description from nothing but an MJCF: any user's robot by path.
+"""MJCF files, and a robot description from nothing but one: any user's robot by path.
 
-Read from the model: the actuated hinge joints in its order (all hinge joints, if it has no actuators), their limits,
-effort limits as far as it gives them, the base, and the IMU. Other joints stay passive. Gains are 0: they come from the
-policy's contract, see `humanoid_sim.robots.description`.
+`describe_mjcf` reads from the model: the actuated hinge joints in its order (all hinge joints, if it has no actuators),
+their limits, effort limits as far as it gives them, the base, and the IMU. Other joints stay passive. Gains are 0: they
+come from the policy's contract, see `humanoid_sim.robots.description`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import regular_file
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
     BaseSettings,
@@ -24,9 +25,8 @@ from humanoid_sim.robots.schema import (
     SimulationSettings,
     StandbySettings,
 )
-from humanoid_sim.simulation.spec import compile_spec, read_spec
 
-__all__ = ["describe_mjcf"]
+__all__ = ["compile_spec", "describe_mjcf", "read_spec"]
 
 _UNNAMED = "MuJoCo Model"
 """The name that MuJoCo gives to a model that has none."""
@@ -35,6 +35,35 @@ _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
 """s. Contacts of feet are well resolved there, and damping is stable for any robot that has its motors' inertia."""
 
 _STANDBY_SECONDS = 2.0
+
+
+def read_spec(path: Path) -> mujoco.MjSpec:
+    """The editable model of an MJCF file, its includes resolved.
+
+    Raises:
+        InputError: there is no such file, or it is not an MJCF.
+    """
+    regular_file(path, "the robot's MJCF model")
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise InputError(f"{path}: not a valid MJCF model: {_one_line(error)}") from None
+
+
+def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    """Compile; `path` is what to call it in messages.
+
+    Raises:
+        InputError: the model does not compile.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError(f"{path}: does not compile: {_one_line(error)}") from None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def describe_mjcf(path: Path) -> RobotDescription:

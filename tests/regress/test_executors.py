@@ -14,26 +14,22 @@ from published import POLICIES, needs_policies
 from regress_runs import yaml_suite
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.regress.cluster import RayExecutor, pack_arena, unpack_arena
 from humanoid_sim.regress.episodes import run_episodes
-from humanoid_sim.regress.runner import prepare_contest
-from humanoid_sim.regress.subject import load_subject, suite_robot
+from humanoid_sim.regress.executors import RayExecutor, pack_case, unpack_case
+from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite_file import load_suite
 
 
-def test_an_arena_that_travelled_gives_the_same_episodes(tmp_path: Path) -> None:
+def test_a_case_that_travelled_gives_the_same_episodes(tmp_path: Path) -> None:
     suite, folder = load_suite(str(yaml_suite(tmp_path)))
-    contest = prepare_contest(suite, folder, suite_robot(suite, folder, None))
     policy = noisy_copy(SAMPLE, tmp_path / "noisy.onnx", 0.05)
-    arena = contest.arenas(load_subject(policy, None, contest.description, suite))[1]
-    parcel = pickle.loads(pickle.dumps(pack_arena(suite, arena)))
+    case = prepare_policy(prepare_suite(suite, folder), policy).cases[1]
+    parcel = pickle.loads(pickle.dumps(pack_case(case)))
     policy.unlink()
-    there, travelled = unpack_arena(parcel)
-    assert there == suite
-    assert run_episodes(there, travelled, [2, 0], contest.disturbance) == run_episodes(
-        suite, arena, [2, 0], contest.disturbance
-    )
-    assert unpack_arena(parcel)[1] is travelled
+    travelled = unpack_case(parcel)
+    assert travelled.suite == suite
+    assert run_episodes(travelled, [2, 0], suite.disturbance) == run_episodes(case, [2, 0], suite.disturbance)
+    assert unpack_case(parcel) is travelled
 
 
 @needs_policies
@@ -41,13 +37,10 @@ def test_tensors_beside_the_model_travel_too() -> None:
     suite, folder = load_suite("velocity")
     robot = POLICIES / "models" / "unitree_g1" / "scene.xml"
     policy = POLICIES / "unitree_g1_velocity_v0" / "exported" / "policy.onnx"
-    description = suite_robot(suite, folder, str(robot))
-    contest = prepare_contest(suite, folder, description)
-    subject = load_subject(policy, None, description, suite)
-    arena = contest.arenas(subject)[0]
-    parcel = pack_arena(suite, arena)
+    case = prepare_policy(prepare_suite(suite, folder, str(robot)), policy).cases[0]
+    parcel = pack_case(case)
     assert parcel.external is not None
-    assert unpack_arena(parcel)[1].subject.policy.batching == subject.policy.batching
+    assert unpack_case(parcel).policy.batching == case.policy.batching
 
 
 def test_a_cluster_that_is_not_there() -> None:

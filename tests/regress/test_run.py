@@ -11,7 +11,7 @@ from policies import SAMPLE, failing_copy, swapped_copy
 from regress_runs import SHORT, standing_policy, yaml_suite
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.regress import main, program
+from humanoid_sim.regress import main, run
 from humanoid_sim.regress.results import Results
 
 # What only the option `suite` changes from test to test is left as short as it can be.
@@ -105,7 +105,7 @@ def test_two_policies_of_the_same_name_are_told_apart(suite: str, tmp_path: Path
 
 def test_the_report_is_made_of_the_results(suite: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is on the page is tested with the report itself."""
-    monkeypatch.setattr(program, "report_page", lambda found: f"<p>{found.suite.name}: {found.passed}</p>")
+    monkeypatch.setattr(run, "report_page", lambda found: f"<p>{found.suite.name}: {found.passed}</p>")
     page = tmp_path / "report.html"
     assert main([str(SAMPLE), "--suite", suite, "--report", str(page), "--quiet"]) == 0
     assert page.read_text(encoding="utf-8") == "<p>short: True</p>"

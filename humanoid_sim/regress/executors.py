@@ -1,7 +1,8 @@
-"""Share episodes out over a Ray cluster (extra `cluster`); the results are those of one machine.
+"""Who runs batches of episodes: this process, or a Ray cluster (extra `cluster`); the results are the same.
 
-Each task is some seeds of one policy and case. What it needs travels with it: model, contract, motion, suite and the
-robot's description. The package must be installed on every node, and a robot of one's own must be in the same place.
+A task of a cluster is some seeds of one policy and case. What it needs travels with it: model, contract, motion, suite
+and the robot's description. The package must be installed on every node, and a robot of one's own must be in the same
+place.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ import math
 import os
 import socket
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
@@ -23,16 +24,17 @@ from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.motion import motion_bytes, parse_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
-from humanoid_sim.regress.arena import Arena, make_arena
 from humanoid_sim.regress.batched_policy import BatchedPolicy
-from humanoid_sim.regress.episodes import Disturbance, run_episodes
-from humanoid_sim.regress.jobs import Job, Progress
+from humanoid_sim.regress.episodes import run_episodes
+from humanoid_sim.regress.preparation import PreparedCase, prepare_case
 from humanoid_sim.regress.results import Episode
-from humanoid_sim.regress.subject import Subject
-from humanoid_sim.regress.suite import Suite
+from humanoid_sim.regress.suite import Disturbance, Suite
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["LOCAL", "Parcel", "RayExecutor", "pack_arena", "unpack_arena"]
+__all__ = ["LOCAL", "Executor", "LocalExecutor", "Parcel", "Progress", "RayExecutor", "pack_case", "unpack_case"]
+
+Progress = Callable[[int], None]
+"""Told how many episodes have just ended."""
 
 LOCAL = "local"
 """The address that stands for a cluster on this machine, for as long as the program runs."""
@@ -42,15 +44,49 @@ _TASKS_PER_PROCESSOR = 2
 """So that a processor that is done early has something left to do."""
 
 
+class Executor(Protocol):
+    """Runs episodes. Whoever it is, they are the same, bit for bit on machines of a kind."""
+
+    def run(
+        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, progress: Progress
+    ) -> list[Episode]:
+        """Every case with every seed: case by case and, within one, seed by seed."""
+        ...
+
+    def close(self) -> None:
+        """Let go of what was held. May be called twice."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LocalExecutor:
+    """Runs one case after the other in this process, each on several threads."""
+
+    threads: int | None = None
+    """That step physics; None for one per processor."""
+
+    def run(
+        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, progress: Progress
+    ) -> list[Episode]:
+        """See `Executor.run`."""
+        episodes: list[Episode] = []
+        for case in cases:
+            episodes += run_episodes(case, seeds, disturbance, threads=self.threads)
+            progress(len(seeds))
+        return episodes
+
+    def close(self) -> None:
+        """See `Executor.close`."""
+
+
 @dataclass(frozen=True, slots=True)
 class Parcel:
-    """An arena as bytes and texts."""
+    """A prepared case as bytes and texts."""
 
     suite: bytes
     case: str
     robot: str
     folder: str
-    name: str
     source: str
     sha256: str
     contract: str
@@ -60,29 +96,28 @@ class Parcel:
     motion: bytes | None
 
 
-def pack_arena(suite: Suite, arena: Arena) -> Parcel:
-    """Everything that another machine needs to make the same arena."""
-    subject, description = arena.subject, arena.subject.description
-    path = Path(subject.checkpoint.source)
+def pack_case(case: PreparedCase) -> Parcel:
+    """Everything that another machine needs to prepare the same case."""
+    checkpoint = case.checkpoint
+    path = Path(checkpoint.source)
     external = _external(path)
     return Parcel(
-        suite=msgspec.json.encode(suite),
-        case=arena.case.name,
-        robot=description.to_json(),
-        folder=description.folder,
-        name=subject.name,
-        source=subject.checkpoint.source,
-        sha256=subject.checkpoint.sha256,
-        contract=encode(subject.checkpoint.contract),
+        suite=msgspec.json.encode(case.suite),
+        case=case.case.name,
+        robot=case.description.to_json(),
+        folder=case.description.folder,
+        source=checkpoint.source,
+        sha256=checkpoint.sha256,
+        contract=encode(checkpoint.contract),
         model=path.read_bytes(),
         external=external.read_bytes() if external.is_file() else None,
-        motion=None if arena.motion is None else motion_bytes(arena.motion),
+        motion=None if case.motion is None else motion_bytes(case.motion),
     )
 
 
 @lru_cache(maxsize=16)
-def unpack_arena(parcel: Parcel) -> tuple[Suite, Arena]:
-    """The arena that was packed, and its suite. The same parcel gives the same object."""
+def unpack_case(parcel: Parcel) -> PreparedCase:
+    """The case that was packed. The same parcel gives the same object."""
     suite = msgspec.json.decode(parcel.suite, type=Suite)
     contract = decode(parcel.contract, parcel.source)
     with tempfile.TemporaryDirectory() as folder:
@@ -96,7 +131,7 @@ def unpack_arena(parcel: Parcel) -> tuple[Suite, Arena]:
     description = RobotDescription.from_json(parcel.robot, parcel.folder)
     motion = None if parcel.motion is None else parse_motion(parcel.motion, "motion")
     case = next(case for case in suite.cases if case.name == parcel.case)
-    return suite, make_arena(suite, Subject(parcel.name, checkpoint, batched, description), case, motion)
+    return prepare_case(suite, case, checkpoint, batched, description, motion)
 
 
 def _external(path: Path) -> Path:
@@ -105,8 +140,7 @@ def _external(path: Path) -> Path:
 
 def _run_task(parcel: Parcel, seeds: tuple[int, ...], disturbance: Disturbance) -> list[Episode]:
     """What a worker does."""
-    suite, arena = unpack_arena(parcel)
-    return run_episodes(suite, arena, seeds, disturbance, threads=1)
+    return run_episodes(unpack_case(parcel), seeds, disturbance, threads=1)
 
 
 def _check_reachable(address: str) -> None:
@@ -125,7 +159,7 @@ def _check_reachable(address: str) -> None:
 
 
 class RayExecutor:
-    """Runs jobs on a Ray cluster, one task per processor at a time."""
+    """Runs episodes on a Ray cluster, one task per processor at a time."""
 
     def __init__(self, address: str, processors: int | None = None) -> None:
         """Connect.
@@ -155,26 +189,25 @@ class RayExecutor:
             reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
             raise InputError(f"--ray: is '{address}', and no cluster answers there: {reason}") from None
 
-    def run(self, suite: Suite, jobs: Sequence[Job], progress: Progress) -> list[list[Episode]]:
-        """See `humanoid_sim.regress.jobs.Executor.run`."""
+    def run(
+        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, progress: Progress
+    ) -> list[Episode]:
+        """See `Executor.run`."""
         ray = self._ray
         processors = max(int(ray.cluster_resources().get("CPU", 1)), 1)
-        total = sum(len(job.seeds) for job in jobs)
-        size = max(math.ceil(total / (_TASKS_PER_PROCESSOR * processors)), 1)
+        size = max(math.ceil(len(cases) * len(seeds) / (_TASKS_PER_PROCESSOR * processors)), 1)
         task = ray.remote(num_cpus=1)(_run_task)
-        pending: dict[Any, tuple[int, int]] = {}
-        parts: list[dict[int, list[Episode]]] = [{} for _ in jobs]
-        for i, job in enumerate(jobs):
-            parcel = ray.put(pack_arena(suite, job.arena))
-            for begin in range(0, len(job.seeds), size):
-                reference = task.remote(parcel, job.seeds[begin : begin + size], job.disturbance)
-                pending[reference] = (i, begin)
+        tasks = []
+        for case in cases:
+            parcel = ray.put(pack_case(case))
+            chunks = (tuple(seeds[begin : begin + size]) for begin in range(0, len(seeds), size))
+            tasks += [task.remote(parcel, chunk, disturbance) for chunk in chunks]
+        pending, results = list(tasks), dict[Any, list[Episode]]()
         while pending:
-            (done,), _ = ray.wait(list(pending), num_returns=1)
-            i, begin = pending.pop(done)
-            parts[i][begin] = self._result(done)
-            progress(len(parts[i][begin]))
-        return [[episode for begin in sorted(part) for episode in part[begin]] for part in parts]
+            (done,), pending = ray.wait(pending, num_returns=1)
+            results[done] = self._result(done)
+            progress(len(results[done]))
+        return [episode for reference in tasks for episode in results[reference]]
 
     def _result(self, reference: Any) -> list[Episode]:
         ray = self._ray

@@ -1,4 +1,4 @@
-"""Numbers as a person reads them."""
+"""Numbers of the results as a person reads them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import math
 import pytest
 
 from humanoid_sim.regress.metrics import METRICS
-from humanoid_sim.regress.results import Detectable
-from humanoid_sim.regress.words import detectable_in_words, quantity
+from humanoid_sim.regress.results import Detectable, describe_detectable, quantity
 
 
 @pytest.mark.parametrize(
@@ -35,7 +34,7 @@ def test_changes_have_a_sign() -> None:
 
 def announced(metric: str, baseline: float, change: float) -> str:
     info = METRICS["tracking"][metric].info
-    return detectable_in_words(
+    return describe_detectable(
         info, Detectable(metric=metric, baseline=baseline, tolerance=0.0, change=change, power=0.8)
     )
 

@@ -2,8 +2,8 @@ import numpy as np
 
 from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from humanoid_sim.training.inverse_kinematics import InverseKinematics
 from humanoid_sim.training.motions import BODIES, pose_a, sample_motion
 
 

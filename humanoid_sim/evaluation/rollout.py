@@ -1,0 +1,203 @@
+"""The closed loop of a policy and simulated robots, one or a batch: what it sees and does, and where that leads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
+from humanoid_sim.controllers.reference import Alignment, Frame
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.floating_base import BaseState
+
+__all__ = ["ClosedLoop", "Robots", "StepSample", "sample_step"]
+
+Float32Array = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+IndexArray = npt.NDArray[np.intp]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+class Robots(Protocol):
+    """Simulated robots of shape (...): `BatchSimulation`, or one robot."""
+
+    def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
+        """Advance by one policy step, as `BatchSimulation.step` does."""
+
+    def state(self) -> MITState:
+        """What the robots report now."""
+        ...
+
+
+class ClosedLoop:
+    """A policy's wiring around robots that advance by one policy step at a time. Not thread-safe.
+
+    In turn: the policy, on `observation` and `memory.frame`; `act`.
+    """
+
+    def __init__(self, robots: Robots, wiring: PolicyWiring, velocity: FloatArray) -> None:
+        """Begin where the robots now are.
+
+        Args:
+            robots: shape (...), at the start of an episode.
+            wiring: of the policy on one of them.
+            velocity: shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: the commands.
+        """
+        self.robots = robots
+        self.wiring = wiring
+        self.velocity = velocity
+        """Shape (..., 3): the commands that are observed."""
+        self.state = self._reported()
+        """That is observed; with the velocity command, where the policy depends on one."""
+        self.observation, self.memory = wiring.observe(wiring.activate(self.state), self.state)
+        self.action = self.previous = self.memory.last_action
+        """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
+        self.asked = velocity
+        """Shape (..., 3): the commands in the latest step."""
+
+    def restart(self, chosen: IndexArray, velocity: FloatArray) -> None:
+        """Some robots of a batch, indices (k,), are at the start of an episode; `velocity` (N, 3) is for all."""
+        self.velocity = velocity
+        self.state = self._reported()
+        rows = _state_rows(self.state, chosen)
+        observation, memory = self.wiring.observe(self.wiring.activate(rows), rows)
+        self.observation = _with(self.observation, chosen, observation)
+        self.memory = _memory_with(self.memory, chosen, memory)
+
+    def infer(self, policy: Callable[[Float32Array, Any], Float32Array]) -> tuple[Float32Array, BoolArray]:
+        """The policy's raw actions, shape (..., m), and which a controller would accept, shape (...)."""
+        action = policy(self.observation, self.memory.frame)
+        return action, self.wiring.accepts(action) & np.isfinite(self.observation).all(axis=-1)
+
+    def problem(self, action: Float32Array, i: int) -> str:
+        """Why a controller would not accept what robot `i` of a batch observes, or its action, shape (m,)."""
+        return self.wiring.observation_problem(self.observation[i]) or self.wiring.action_problem(action[i])
+
+    def act(
+        self,
+        action: Float32Array,
+        *,
+        velocity: FloatArray | None = None,
+        wrench: FloatArray | None = None,
+        where: BoolArray | None = None,
+    ) -> MITCommand:
+        """One policy step, and the observation after it.
+
+        Args:
+            action: shape (..., m), raw.
+            velocity: shape (..., 3), the commands from then on; None: as before.
+            wrench: as `BatchSimulation.step` takes it.
+            where: likewise.
+
+        Returns:
+            What was commanded, shape (..., n).
+        """
+        self.previous, self.asked, self.action = self.memory.last_action, self.velocity, action
+        memory, command = self.wiring.act(self.memory, action)
+        self.robots.step(command, wrench=wrench, where=where)
+        self.velocity = self.velocity if velocity is None else velocity
+        self.state = self._reported()
+        self.observation, self.memory = self.wiring.observe(memory, self.state)
+        return command
+
+    def _reported(self) -> MITState:
+        state = self.robots.state()
+        if not self.wiring.takes_velocity_command:
+            return state
+        return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self.velocity, 0.0)})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepSample:
+    """One policy step: an action, and where it has brought the robot one `policy_dt` later."""
+
+    state: MITState
+    """At the end of the step, as it is: whatever delays or noise the policy sees it through."""
+    action: Float32Array
+    """Shape (..., m), raw: the one that was in force during the step."""
+    previous_action: Float32Array
+    """Shape (..., m), raw: the one before; zeros in the first step."""
+    torque: FloatArray
+    """Shape (..., n), N·m, saturated, of the step's last physics step."""
+    frame: Frame
+    """Shape (...), the reference frame that belongs to `state`: the next one to be shown, frame 1 after the first step
+    and the last one again from the end of the motion on."""
+    step: int | npt.NDArray[np.integer]
+    """Shape (...), policy steps since the start, this one included: at least 1."""
+    body_position: FloatArray
+    """Shape (..., b, 3), m, base frame, of the contract's `body_names` at `state`; b is 0 where it names none."""
+    body_quaternion: FloatArray
+    """Shape (..., b, 4), w x y z, body frame in the base frame; of either sign."""
+    command: FloatArray
+    """Shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: what was asked for during the step."""
+    base: BaseState | None = None
+    """Of robots with a floating base, at `state`; None for those with a fixed one."""
+    alignment: Alignment | None = None
+    """How the reference was laid onto the robot at the start."""
+
+
+def sample_step(loop: ClosedLoop, simulation: BatchSimulation, step: npt.NDArray[np.integer]) -> StepSample:
+    """The latest step of a batch as it truly was, whatever the sensors make of it.
+
+    Args:
+        loop: around the simulation.
+        simulation: with the bodies that are tracked, or none.
+        step: shape (N,), policy steps since the start, this one included.
+    """
+    position, quaternion = simulation.body_poses(in_base=True)
+    return StepSample(
+        state=simulation.truth(),
+        action=loop.action,
+        previous_action=loop.previous,
+        torque=simulation.effort,
+        frame=loop.memory.frame,
+        step=step,
+        body_position=position,
+        body_quaternion=quaternion,
+        command=loop.asked,
+        base=simulation.base,
+        alignment=loop.memory.alignment,
+    )
+
+
+def _state_rows(state: MITState, indices: IndexArray) -> MITState:
+    """The reports of k of the N robots."""
+    arrays = {f.name: getattr(state, f.name)[indices] for f in fields(state) if f.name != "extern"}
+    live = {name: replace(value, value=value.value[indices]) for name, value in state.extern.items()}
+    return MITState(**arrays, extern=live)
+
+
+def _memory_with(memory: PolicyMemory, indices: IndexArray, rows: PolicyMemory) -> PolicyMemory:
+    """A memory of N robots with those of k of them replaced.
+
+    Args:
+        memory: shape (N, …).
+        indices: shape (k,).
+        rows: shape (k, …).
+    """
+    alignment = memory.alignment
+    if alignment is not None and rows.alignment is not None:
+        alignment = Alignment(
+            _with(alignment.yaw, indices, rows.alignment.yaw), _with(alignment.offset, indices, rows.alignment.offset)
+        )
+    history = memory.history
+    if history is not None and rows.history is not None:
+        history = _with(history, indices, rows.history)
+    return PolicyMemory(
+        frame=_with(np.asarray(memory.frame), indices, rows.frame),
+        last_action=_with(memory.last_action, indices, rows.last_action),
+        history=history,
+        walked=_with(np.asarray(memory.walked), indices, rows.walked),
+        alignment=alignment,
+    )
+
+
+def _with(array: npt.NDArray[Scalar], indices: IndexArray, rows: npt.ArrayLike) -> npt.NDArray[Scalar]:
+    changed = array.copy()
+    changed[indices] = rows
+    return changed

@@ -1,0 +1,141 @@
+"""Results on disk, whole or not at all: baselines and everything that was found as JSON, verdicts as JUnit XML."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+
+import msgspec
+
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.files import regular_file, whole_file
+from humanoid_sim.regress.results import Candidate, PolicyRun, Results, describe_change, describe_margin
+
+__all__ = ["junit_xml", "matching_baseline", "read_baseline", "write_json", "write_junit"]
+
+_UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What XML 1.0 cannot hold, not even escaped."""
+
+
+def write_json(path: Path, value: msgspec.Struct) -> None:
+    """Write a result, indented, such that a difference of two files can be read.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    with whole_file(path) as file:
+        file.write(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
+
+
+def _is_result(data: bytes) -> bool:
+    """Whether a file is what `--json` writes: taken for a baseline more often than anything else."""
+    try:
+        document = msgspec.json.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return False
+    return isinstance(document, dict) and "candidates" in document
+
+
+def read_baseline(path: Path) -> PolicyRun:
+    """A stored run.
+
+    Raises:
+        InputError: one line with the file and what is wrong with it.
+    """
+    try:
+        data = regular_file(path, "a baseline (.json) or a checkpoint (.onnx)").read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    try:
+        run = msgspec.json.decode(data, type=PolicyRun)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        if _is_result(data):
+            raise InputError(f"{path}: is a result of --json, expected a baseline of --write-baseline") from None
+        raise InputError(f"{path}: is no baseline of `regress --write-baseline`: {error}") from None
+    if not run.episodes:
+        raise InputError(f"{path}: holds no episodes, expected a baseline of `regress --write-baseline`")
+    return run
+
+
+def matching_baseline(digests: Mapping[str, str], baseline: PolicyRun, source: str) -> PolicyRun:
+    """The part of a stored baseline that a suite's cases are compared with.
+
+    Args:
+        digests: of the suite's cases.
+        baseline: as it was stored.
+        source: its file.
+
+    Raises:
+        InputError: a case is not in it, or was another when the baseline was made.
+    """
+    for name, digest in digests.items():
+        if name not in baseline.case_digests:
+            raise InputError(f"{source}: {known_names('case', name, baseline.case_digests)}")
+        if baseline.case_digests[name] != digest:
+            raise InputError(
+                f"{source}: its case '{name}' was run under other conditions (suite, motion or robot have changed "
+                "since); make a new baseline with --write-baseline"
+            )
+    kept = tuple(episode for episode in baseline.episodes if episode.case in digests)
+    return msgspec.structs.replace(baseline, episodes=kept, case_digests=digests)
+
+
+def write_junit(path: Path, results: Results) -> None:
+    """Write the verdicts.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    with whole_file(path) as file:
+        file.write(junit_xml(results))
+
+
+def junit_xml(results: Results) -> bytes:
+    """The XML document; a metric without a baseline to compare with, or without episodes, is a skipped case."""
+    root = ElementTree.Element("testsuites", name=f"regress {_clean(results.suite.name)}")
+    for candidate in results.candidates:
+        root.append(_policy(results, candidate))
+    for total in ("tests", "failures", "skipped"):
+        root.set(total, str(sum(int(suite.get(total, "0")) for suite in root)))
+    ElementTree.indent(root)
+    document: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return document + b"\n"
+
+
+def _policy(results: Results, candidate: Candidate) -> ElementTree.Element:
+    suite = ElementTree.Element("testsuite", name=f"{_clean(results.suite.name)}: {_clean(candidate.run.name)}")
+    place = f"regress.{_clean(results.suite.name)}.{_clean(candidate.run.name)}"
+    by_metric = {comparison.metric: comparison for comparison in candidate.comparisons}
+    for metric in results.metrics:
+        case = ElementTree.SubElement(suite, "testcase", name=metric.name, classname=place)
+        comparison = by_metric.get(metric.name)
+        if comparison is not None and comparison.is_lost:
+            message = f"{metric.name} is lost: no episode got to its end"
+            ElementTree.SubElement(case, "failure", message=message, type="regression")
+            continue
+        if comparison is None or comparison.verdict == "unmeasured":
+            reason = "no baseline" if comparison is None else "no episodes to compare"
+            ElementTree.SubElement(case, "skipped", message=reason)
+            continue
+        words = _clean(describe_change(metric, comparison))
+        if comparison.verdict == "worse":
+            ElementTree.SubElement(case, "failure", message=f"{metric.name} is worse: {words}", type="regression")
+        ElementTree.SubElement(case, "system-out").text = f"{comparison.verdict}: {words}"
+    for margin in candidate.margins:
+        case = ElementTree.SubElement(suite, "testcase", name=f"margin {margin.axis}", classname=place)
+        if margin.verdict == "worse":
+            message = f"margin {margin.axis} is worse: {describe_margin(margin)}"
+            ElementTree.SubElement(case, "failure", message=message, type="regression")
+    suite.set("tests", str(len(suite)))
+    for kind, total in (("failure", "failures"), ("skipped", "skipped")):
+        suite.set(total, str(sum(case.find(kind) is not None for case in suite)))
+    lines = [f"{episode.label}: {episode.failure}" for episode in candidate.run.failures]
+    if lines:
+        ElementTree.SubElement(suite, "system-out").text = _clean("failed episodes:\n" + "\n".join(lines))
+    return suite
+
+
+def _clean(text: str) -> str:
+    return _UNWRITABLE.sub("?", text)

@@ -1,0 +1,269 @@
+"""A suite and the policies that it tests, with everything that they name read and found to fit: now only to be run."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from humanoid_sim.assets import motion_path
+from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.envs.setting import Setting, make_setting
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
+from humanoid_sim.policy.motion import Motion, body_poses, read_motion
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.regress.batched_policy import BatchedPolicy
+from humanoid_sim.regress.suite import Case, Suite
+from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
+from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
+
+__all__ = [
+    "PreparedCase",
+    "PreparedSuite",
+    "TestedPolicy",
+    "prepare_case",
+    "prepare_policy",
+    "prepare_suite",
+    "unique_names",
+]
+
+_IK_DAMPING = 1e-3
+"""m/rad: the poses of a motion can be reached, and the joints are to be exact."""
+_JUDGING = ("seeds", "first_seed", "tolerances", "confidence", "resamples", "margins")
+_NAMES = ("name", "summary", "robot", "cases")
+_INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedSuite:
+    """A suite with its motions read, on a robot."""
+
+    suite: Suite
+    robot: str
+    """What the robot is called, wherever one is: a shipped robot's name or an absolute path."""
+    description: RobotDescription
+    """Of the robot, as it is without a policy."""
+    motions: Mapping[str, Motion | None]
+    """By case; None where the case names none."""
+    digests: Mapping[str, str]
+    """By case, of all that its episodes depend on beside policy and seed: results are compared only where equal."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedCase:
+    """One policy and one case, found to fit."""
+
+    suite: Suite
+    case: Case
+    checkpoint: Checkpoint
+    policy: BatchedPolicy
+    description: RobotDescription
+    """Of the robot, as it is without a policy."""
+    motion: Motion | None
+    setting: Setting
+    steps: int
+    """Policy steps of a whole episode."""
+    joint_reference: FloatArray | None
+    """Shape (F, n), rad, robot's order: where the motion has the joints, frame by frame as far as an episode comes;
+    None without a motion."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TestedPolicy:
+    """A checkpoint with all cases of a suite."""
+
+    __test__ = False  # its name is no test's
+
+    name: str
+    checkpoint: Checkpoint
+    policy: BatchedPolicy
+    cases: tuple[PreparedCase, ...]
+
+
+def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> PreparedSuite:
+    """Read what a suite names.
+
+    Args:
+        suite: the suite.
+        folder: what its paths are relative to.
+        robot: instead of the suite's.
+
+    Raises:
+        InputError: no robot is named, the robot is not one for the suite, or a motion cannot be read.
+    """
+    name = robot or suite.robot
+    if not name:
+        raise InputError(f"--robot: is missing; the suite '{suite.name}' is for any robot and names none")
+    path = Path(name) if robot else folder / name
+    name = name if name in shipped_robots() or not path.is_file() else str(path.resolve())
+    description = load_robot(name)
+    if not description.is_floating:
+        _refuse_fixed_base(suite, description)
+    if suite.base_height is not None:
+        base = msgspec.structs.replace(description.base, height=suite.base_height)
+        description = msgspec.structs.replace(description, base=base)
+    motions: dict[str, Motion | None] = {}
+    for case in suite.cases:
+        beside = folder / case.motion
+        try:
+            file = beside if beside.is_file() or not case.motion else motion_path(case.motion)
+            motions[case.name] = read_motion(file) if case.motion else None
+        except InputError as error:
+            raise InputError(f"case '{case.name}': {str(error).removeprefix('--motion: ')}") from None
+    digests = {case.name: _digest(suite, case, motions[case.name], description) for case in suite.cases}
+    return PreparedSuite(suite, name, description, motions, digests)
+
+
+def _refuse_fixed_base(suite: Suite, description: RobotDescription) -> None:
+    """What a robot on a fixed base cannot do, or would not feel and would be praised for bearing."""
+    where = f"robot '{description.name}': has a fixed base"
+    if suite.task == "velocity":
+        raise InputError(f"{where}, a velocity suite expects a floating one")
+    if suite.pushes is not None:
+        raise InputError(f"{where}, which the suite's pushes would not move")
+    for sweep in () if suite.margins is None else suite.margins.sweeps:
+        if sweep.axis in ("push", "friction"):
+            raise InputError(f"{where}, which does not feel the suite's sweep of {sweep.axis}")
+
+
+def _digest(suite: Suite, case: Case, motion: Motion | None, description: RobotDescription) -> str:
+    """SHA-256 of the suite's conditions, the case, its motion, and the robot with its MJCF.
+
+    Neither names for people nor what only the judging depends on takes part, nor the motion that is in a policy.
+    """
+    conditions: dict[str, Any] = msgspec.to_builtins(suite)
+    for name in (*_JUDGING, *_NAMES):
+        del conditions[name]
+    document = {
+        "conditions": conditions,
+        "case": {**msgspec.to_builtins(case), "motion": bool(case.motion)},
+        "robot": description.to_json(),
+    }
+    digest = hashlib.sha256(msgspec.json.encode(document, order="deterministic"))
+    if motion is not None:
+        digest.update(motion.frames.tobytes())
+    for text in _mjcf(description.mjcf_path):
+        digest.update(text)
+    return digest.hexdigest()
+
+
+def _mjcf(path: Path, depth: int = 8) -> Iterator[bytes]:
+    """The text of an MJCF and of what it includes; meshes do not take part."""
+    if depth and path.is_file():
+        text = path.read_bytes()
+        yield text
+        for name in _INCLUDE.findall(text):
+            yield from _mjcf(path.parent / name.decode(errors="replace"), depth - 1)
+
+
+def prepare_policy(prepared: PreparedSuite, path: Path, contract_file: Path | None = None) -> TestedPolicy:
+    """Load a checkpoint and bring it together with every case of a suite.
+
+    Raises:
+        InputError: one line that names the file and what is wrong, or does not fit.
+    """
+    suite, description = prepared.suite, prepared.description
+    checkpoint = load_checkpoint(path, contract_file, description.joint_names)
+    walks = checkpoint.contract.task_type == "locomotion"
+    if walks is (suite.task == "tracking") or checkpoint.contract.task_type == "piano":
+        raise InputError(
+            f"{path}: is a policy for task_type {checkpoint.contract.task_type}, the suite '{suite.name}' is for "
+            f"{'a policy that follows motions' if suite.task == 'tracking' else 'one that walks at a velocity'}"
+        )
+    assert isinstance(checkpoint.policy, OnnxPolicy)  # load_checkpoint makes no other
+    policy = BatchedPolicy(checkpoint.policy)
+    cases = (
+        prepare_case(suite, case, checkpoint, policy, description, prepared.motions[case.name]) for case in suite.cases
+    )
+    return TestedPolicy(path.stem, checkpoint, policy, tuple(cases))
+
+
+def prepare_case(
+    suite: Suite,
+    case: Case,
+    checkpoint: Checkpoint,
+    policy: BatchedPolicy,
+    description: RobotDescription,
+    motion: Motion | None,
+) -> PreparedCase:
+    """Bring a policy and a case together.
+
+    Args:
+        suite: of the case.
+        case: what is to be done.
+        checkpoint: the policy.
+        policy: the checkpoint's, for batches.
+        description: the robot.
+        motion: that the case names; None for the one in the policy, or for a task without.
+
+    Raises:
+        InputError: one line that names the checkpoint and what does not fit.
+    """
+    if suite.task == "tracking" and motion is None:
+        motion = checkpoint.motion
+        if motion is None:
+            raise InputError(f"{checkpoint.source}: carries no motion, and case '{case.name}' of the suite names none")
+    try:
+        # The widths of model and terms; what the setting makes of the contract has no model.
+        load_policy(
+            checkpoint.contract,
+            checkpoint.policy,
+            motion,
+            checkpoint.observation_width,
+            source=checkpoint.source,
+            motion_source=f"case '{case.name}': {case.motion or 'the motion in the policy'}",
+        )
+        setting = make_setting(
+            checkpoint.contract,
+            description,
+            motion,
+            task="velocity" if suite.task == "velocity" else "auto",
+            physics_timestep=suite.physics_timestep,
+            action_limit=suite.action_limit,
+            joint_noise=suite.start.joint_position,
+            velocity_noise=suite.start.joint_velocity,
+        )
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if checkpoint.source in text else f"{checkpoint.source}: {text}") from None
+    wanted = setting.wiring.reference.frame_count - 1
+    if case.duration is not None:
+        wanted = round(case.duration / setting.contract.policy_dt)
+    steps = max(wanted, 1)
+    joints = None if motion is None else _joint_reference(setting, motion, steps + 1)
+    return PreparedCase(suite, case, checkpoint, policy, description, motion, setting, steps, joints)
+
+
+def _joint_reference(setting: Setting, motion: Motion, count: int) -> FloatArray | None:
+    """The motion's joints in its first `count` frames; of one that has bodies only, those that bring them there."""
+    description, contract, terms = setting.description, setting.contract, setting.wiring.reference.terms
+    if "reference_joint_pos" in terms:
+        order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
+        return terms["reference_joint_pos"][:count, order].astype(np.float64)
+    if "motion_body_pos_b" not in terms:
+        return None
+    position, rotation = body_poses(motion.frames[:count], len(contract.body_names))
+    solver = InverseKinematics(description, contract.body_names, damping=_IK_DAMPING)
+    return solver.solve_path(position, rotation, np.array(description.initial_position))
+
+
+def unique_names(policies: Sequence[TestedPolicy]) -> list[TestedPolicy]:
+    """The policies, with names that tell them apart: the file's, and its folder's where that is not enough."""
+    names = [policy.name for policy in policies]
+    if len(set(names)) < len(names):
+        paths = [Path(policy.checkpoint.source).resolve() for policy in policies]
+        names = [f"{path.parent.name}/{path.stem}" for path in paths]
+    for i, name in enumerate(names):
+        count = names[:i].count(name)
+        if count:
+            names[i] = f"{name} ({count + 1})"
+    return [replace(policy, name=name) for policy, name in zip(policies, names, strict=True)]
