@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.base import Fault
@@ -85,8 +82,7 @@ class Rollouts:
             )
         except (FieldError, InputError) as error:
             return Outcome(0.0, trial.seconds, _NOTHING, str(error))
-        with _quiet_mujoco():
-            return _run(robot, controller, self._goal(loaded, trial, robot), trial)
+        return _run(robot, controller, self._goal(loaded, trial, robot), trial)
 
     def _goal(self, loaded: LoadedPolicy, trial: Trial, robot: MujocoRobot) -> Goal:
         contract, motion = loaded.contract, self.subject.motion_under(loaded.contract)
@@ -134,17 +130,6 @@ class Rollouts:
             base_height=self.subject.base_height,
             anchor_body=contract.anchor_body,
         )
-
-
-@contextmanager
-def _quiet_mujoco() -> Iterator[None]:
-    """Keep MuJoCo from announcing on stderr, and in a file MUJOCO_LOG.TXT, what wrong wirings do to its solver."""
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(before)
 
 
 def _run(robot: MujocoRobot, controller: RLPolicyController, goal: Goal, trial: Trial) -> Outcome:

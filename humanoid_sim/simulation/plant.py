@@ -18,6 +18,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray, MITCommand, affine_law, mit_torque
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.silence import mujoco_silenced
 
 __all__ = ["Actuation", "AffinePlant", "Plant", "QfrcPlant", "make_plant"]
 
@@ -55,9 +56,13 @@ class Plant(ABC):
     def apply(self, command: MITCommand) -> None:
         """Put a command, shape (n,), in force from the next physics step on."""
 
-    @abstractmethod
     def step(self, count: int) -> None:
         """Advance physics by `count` steps under the command in force."""
+        with mujoco_silenced:  # a bad state is a safety status
+            self._step(count)
+
+    @abstractmethod
+    def _step(self, count: int) -> None: ...
 
     @property
     @abstractmethod
@@ -80,14 +85,10 @@ class Plant(ABC):
         """At rest in the initial position, no command in force, warnings cleared."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[self._qpos_index] = self._initial_position
-        # MuJoCo announces only a warning's first occurrence, on stderr and in a file MUJOCO_LOG.TXT in the working
-        # folder. Counting from 1 keeps it quiet: here a bad state is a safety status, not a log line.
-        for _, warning in self._warnings:
-            warning.number = 1
 
     def fault(self) -> str:
         """What is wrong with the simulation, naming the quantity that went wrong first; empty if it is sound."""
-        first, count = "", 1
+        first, count = "", 0
         for quantity, warning in self._warnings:
             if warning.number > count:  # it has been warned of for the most steps
                 first, count = quantity, warning.number
@@ -121,13 +122,12 @@ class QfrcPlant(Plant):
         applied: FloatArray = self.data.qfrc_applied[self._dof_index]
         return applied
 
-    def step(self, count: int) -> None:
-        """Advance physics by `count` steps, each under the torque of its own state."""
+    def _step(self, count: int) -> None:
         model, data, command, limit, scratch = self.model, self.data, self._command, self._limit, self._scratch
         gathers = not self._is_contiguous
         # Views into MuJoCo's arrays, or, if the joints are scattered there, copies to be renewed at every step.
         position, velocity, torque = self.position, self.velocity, self.effort
-        # This loop is most of what a control tick costs beyond MuJoCo.
+        # Each step is under the torque of its own state. This loop is most of what a control tick costs beyond MuJoCo.
         for _ in range(count):
             if gathers:
                 position, velocity = self.position, self.velocity
@@ -157,8 +157,7 @@ class AffinePlant(Plant):
         force: FloatArray = self.data.actuator_force
         return force
 
-    def step(self, count: int) -> None:
-        """See `Plant.step`: one native call."""
+    def _step(self, count: int) -> None:
         mujoco.mj_step(self.model, self.data, count)
 
 

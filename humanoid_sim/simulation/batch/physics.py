@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from threading import Lock
 
 import mujoco
 import numpy as np
@@ -13,6 +12,7 @@ from mujoco import rollout
 
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.batch.models import ModelPool
+from humanoid_sim.simulation.silence import mujoco_silenced
 
 __all__ = ["BatchPhysics", "usable_processors"]
 
@@ -129,7 +129,7 @@ class BatchPhysics:
         if wrench is not None:
             control = self._with_wrench(control, wrench)
         path = self._path[:count]
-        with _SILENCE:
+        with mujoco_silenced:
             self._rollout.rollout(
                 self._pool.select(chosen),
                 self._data,
@@ -168,7 +168,7 @@ class BatchPhysics:
         """
         assert self._rollout is not None
         sensordata = np.empty((len(force), 1, model.nsensordata))
-        with _SILENCE:
+        with mujoco_silenced:
             self._rollout.rollout(
                 [model] * len(force),
                 data,
@@ -196,31 +196,3 @@ class BatchPhysics:
         if self._rollout is not None:
             self._rollout.close()
             self._rollout = None
-
-
-class _Silence:
-    """Keeps MuJoCo from announcing a broken simulation on stderr and in a file MUJOCO_LOG.TXT: here it is a fault.
-
-    MuJoCo has one handler of warnings for the whole process, and several batches may be stepped at the same time.
-    """
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._users = 0
-        self._handler: object = None
-
-    def __enter__(self) -> None:
-        with self._lock:
-            if self._users == 0:
-                self._handler = mujoco.get_mju_user_warning()
-                mujoco.set_mju_user_warning(lambda _: None)
-            self._users += 1
-
-    def __exit__(self, *_: object) -> None:
-        with self._lock:
-            self._users -= 1
-            if self._users == 0:
-                mujoco.set_mju_user_warning(self._handler)
-
-
-_SILENCE = _Silence()
