@@ -6,52 +6,37 @@ import io
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from html import escape
 from types import MappingProxyType
 from typing import Any, Literal
 
 import matplotlib as mpl
-from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-__all__ = ["DARK", "LIGHT", "Sheet", "candidate_colour", "drawing", "style_axes"]
+__all__ = ["COLOURS", "LIGHT", "Sheet", "candidate_colour", "drawing", "style_axes"]
 
-LIGHT: Mapping[str, str] = MappingProxyType(
+COLOURS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
-        "ink": "#1c2733",
-        "faint": "#66727f",
-        "grid": "#dfe4e9",
-        "paper": "#ffffff",
-        "baseline": "#7c8a99",
-        "candidate1": "#2563b8",
-        "candidate2": "#b8650f",
-        "candidate3": "#7a3fb0",
-        "candidate4": "#0f7f7a",
-        "worse": "#c42f3d",
-        "better": "#1e8a4f",
-        "unclear": "#a87800",
+        "ink": ("#1c2733", "#e3e8ed"),
+        "faint": ("#66727f", "#98a4b0"),
+        "grid": ("#dfe4e9", "#313b46"),
+        "paper": ("#ffffff", "#12181e"),
+        "baseline": ("#7c8a99", "#8f9dab"),
+        "candidate1": ("#2563b8", "#6ea8f5"),
+        "candidate2": ("#b8650f", "#eda350"),
+        "candidate3": ("#7a3fb0", "#bd90ea"),
+        "candidate4": ("#0f7f7a", "#4fc3bd"),
+        "worse": ("#c42f3d", "#f0707b"),
+        "better": ("#1e8a4f", "#58c98a"),
+        "unclear": ("#a87800", "#e0b34a"),
     }
 )
-"""By what they mean. Blue and orange, and red and blue-green, stay apart for eyes that do not tell red from green."""
+"""By what they mean, in light and in dark. Colour-blind readers can tell worse from better, and candidates apart."""
 
-DARK: Mapping[str, str] = MappingProxyType(
-    {
-        "ink": "#e3e8ed",
-        "faint": "#98a4b0",
-        "grid": "#313b46",
-        "paper": "#12181e",
-        "baseline": "#8f9dab",
-        "candidate1": "#6ea8f5",
-        "candidate2": "#eda350",
-        "candidate3": "#bd90ea",
-        "candidate4": "#4fc3bd",
-        "worse": "#f0707b",
-        "better": "#58c98a",
-        "unclear": "#e0b34a",
-    }
-)
-"""The same where the reader's system is dark."""
+LIGHT: Mapping[str, str] = MappingProxyType({meaning: light for meaning, (light, _) in COLOURS.items()})
+"""What plots are drawn in; on the page these colours become variables."""
 
 _CANDIDATES = 4
 _WIDTH = 11.1
@@ -100,7 +85,7 @@ class Sheet:
     def __init__(self, height: float) -> None:
         self.figure = Figure(figsize=(_WIDTH, height), layout="constrained")
         FigureCanvasSVG(self.figure)
-        self.svg = Markup()
+        self.svg = ""
         """Complete once the `drawing` has ended."""
 
 
@@ -118,7 +103,7 @@ def drawing(height: float, name: str, description: str) -> Iterator[Sheet]:
         yield sheet
         buffer = io.StringIO()
         sheet.figure.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})
-    sheet.svg = Markup(_inline(buffer.getvalue(), name, description))
+    sheet.svg = _inline(buffer.getvalue(), name, description)
 
 
 def style_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from humanoid_sim.regress.report.drawing import DARK, LIGHT, candidate_colour
+from humanoid_sim.regress.report.drawing import COLOURS, candidate_colour
 from humanoid_sim.regress.report.pairs import mean_over_cases, pair_up, worst
 from humanoid_sim.regress.report.plots import case_plot, margin_plot, moved_metrics, trace_plot
 from humanoid_sim.regress.results import (
@@ -43,8 +43,7 @@ def render(results: Results) -> str:
     moved = moved_metrics(results)
     return environment.get_template("page.html").render(
         results=results,
-        light=LIGHT,
-        dark=DARK,
+        colours=COLOURS,
         paired=paired,
         candidates=[_candidate(results, i, candidate) for i, candidate in enumerate(results.candidates)],
         cases=case_plot(results, moved, paired=paired, name="cases-plot") if moved else "",

@@ -1,11 +1,10 @@
-"""The three pictures of the page: what changed in which case, the traces of an episode, and the margins."""
+"""The three pictures of the page, as SVG: what changed in which case, the traces of an episode, and the margins."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
@@ -38,7 +37,7 @@ def moved_metrics(results: Results) -> list[MetricInfo]:
     return [results.metric(name) for name in names]
 
 
-def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, name: str) -> Markup:
+def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, name: str) -> str:
     """A panel for each metric with a row for each case: a dot per episode, a tick at the mean.
 
     Args:
@@ -138,7 +137,7 @@ def _draw_row(axes: Axes, values: FloatArray, y: float, height: float, colour: s
         axes.scatter(values, y + 0.5 * height * offsets, s=9, c=colour, alpha=0.55, linewidths=0)
 
 
-def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> Markup:
+def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> str:
     """The traces of an episode that differ most from the baseline's, beside those; '' where none differs.
 
     Args:
@@ -154,7 +153,7 @@ def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> Markup:
         names = [name for name in names if name in largest and sizes[name] > 0.0]
     names = names[:_COLUMNS]
     if not names:
-        return Markup()
+        return ""
     others = [e for e in (results.baseline.episodes if results.baseline else ()) if e.case == pair.candidate.case]
     with drawing(2.4, name, f"traces of {pair.candidate.label}") as sheet:
         for axes, trace_name in zip(_panels(sheet, len(names)), names, strict=True):
@@ -198,7 +197,7 @@ def _draw_range(axes: Axes, episodes: Sequence[Episode], name: str, factor: floa
     axes.fill_between(times, low, high, color=LIGHT["baseline"], alpha=0.16, linewidth=0)
 
 
-def margin_plot(results: Results, name: str) -> Markup:
+def margin_plot(results: Results, name: str) -> str:
     """A panel for each disturbance: the share of episodes that fail as it is raised; '' where no margin was measured.
 
     Args:
@@ -208,7 +207,7 @@ def margin_plot(results: Results, name: str) -> Markup:
     policies = _policies(results)
     disturbances = list(dict.fromkeys(margin.axis for run, _ in policies for margin in run.margins))
     if not disturbances:
-        return Markup()
+        return ""
     rows = -(-len(disturbances) // _COLUMNS)
     with drawing(0.4 + 1.75 * rows, name, "share of failed episodes over each disturbance") as sheet:
         for axes, disturbance in zip(_panels(sheet, len(disturbances)), disturbances, strict=True):
