@@ -11,7 +11,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `play` with command-line arguments; returns the exit status."""
     import tyro  # noqa: PLC0415 - heavy imports stay out of `--help` and of importing this package
 
-    from humanoid_sim.play.config import PlayConfig  # noqa: PLC0415
+    from humanoid_sim.play.options import PlayConfig  # noqa: PLC0415
 
     config = tyro.cli(PlayConfig, prog="humanoid_sim.play", args=arguments)
 
@@ -19,6 +19,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     check_environment()  # before MuJoCo is imported, which would fail with a traceback
 
-    from humanoid_sim.play.program import play  # noqa: PLC0415
+    from humanoid_sim.play.run import play  # noqa: PLC0415
 
     return play(config)

@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import platform
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 
+import mujoco
+import numpy as np
 from rich.console import Console
 
+from humanoid_sim import __version__
+from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
-from humanoid_sim.messages import Event
+from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
 from humanoid_sim.play.console import ConsoleSink
-from humanoid_sim.play.header import session_header
-from humanoid_sim.play.operators import Operator, drive, open_operators
-from humanoid_sim.play.plan import Plan
+from humanoid_sim.play.plan import Plan, expected_duration, shows_window
+from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
-from humanoid_sim.play.robot_parts import BringUp
-from humanoid_sim.play.schedule import expected_duration
+from humanoid_sim.policy.motion import motion_bytes
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.session.control_socket import ControlSocket
 from humanoid_sim.session.gravity_source import GravitySource
+from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.script import Script
-from humanoid_sim.session.session import Session
+from humanoid_sim.session.script import OverriddenScript, Script
+from humanoid_sim.session.session import SafetyFilter, Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import RemoteInbox, RemoteSource
+from humanoid_sim.session.sources import IntentSource, RemoteInbox, RemoteSource, VelocityCommand
+from humanoid_sim.stack import MOTION_ATTACHMENT, header_documents
 
-__all__ = ["Run", "assemble"]
+__all__ = ["Operator", "Run", "assemble"]
+
+
+Operator = Keyboard | ControlSocket
 
 
 @dataclass(slots=True)
@@ -53,45 +65,45 @@ def assemble(plan: Plan, console: Console) -> Run:
     Raises:
         InputError: if the control socket or the terminal cannot be taken over.
     """
-    config, description, policy, parts = plan.config, plan.description, plan.policy, plan.parts
+    config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     tracking, anchor = _errors(policy, description)
     monitor = RunMonitor(
-        description.effort_limit, tracking, anchor=anchor, floating_base=description.is_floating and parts.simulated
+        description.effort_limit, tracking, anchor=anchor, floating_base=description.is_floating and setup.simulated
     )
     shown = ConsoleSink(console, expected_duration(config, policy, description))
     recorder = None if plan.outputs.record is None else McapRecorder(plan.outputs.record)
-    video = None if plan.outputs.video is None else VideoSink(plan.outputs.video, parts.model)
+    video = None if plan.outputs.video is None else VideoSink(plan.outputs.video, setup.model)
     gravity, remote = _remote(plan)
-    viewer = NativeViewerSink(parts.model) if plan.shows_window else None
+    viewer = NativeViewerSink(setup.model) if shows_window(config) else None
     sinks: list[Sink] = [sink for sink in (monitor, shown, gravity, recorder, video, viewer) if sink is not None]
 
-    reactivation = Reactivation(lambda: _warnings(parts.bring_up))
-    operators = open_operators(
+    reactivation = Reactivation(lambda: _warnings(setup.bring_up))
+    operators = _open_operators(
         config.manual,
         plan.velocity if policy.walks else None,
         reactivation,
         lambda text: shown.event(Event(plan.clock(), text)),
     )
-    script = None if plan.steps is None else Script(plan.steps, plan.motion_frames)
-    intents, safety = drive(operators, script, plan.injector.safety)
+    script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
+    intents, safety = _drive(operators, script, plan.injector.safety)
     session = Session(
-        parts.robot,
+        setup.robot,
         plan.supervisor,
         LoopSettings(
             plan.control_period,
             realtime=plan.realtime,
-            simulated=parts.simulated,
+            simulated=setup.simulated,
             duration=config.duration,
             punctual=config.hardware is not None,
         ),
-        header=session_header(plan),
+        header=_header(plan),
         intents=intents,
         remote=remote,
         sinks=sinks,
         safety_filter=safety,
         externs=(plan.velocity,) if policy.walks else (),
-        qpos=lambda: parts.qpos(session.state),
-        mode_listener=parts.mode_listener,
+        qpos=lambda: setup.qpos(session.state),
+        mode_listener=setup.mode_listener,
         reactivation=reactivation,
     )
     plan.clock.session = session
@@ -121,3 +133,65 @@ def _errors(policy: PolicyChoice, description: RobotDescription) -> tuple[Tracki
     if "anchor_pos" in reference.terms:
         anchor = AnchorErrors(reference, contract.joint_names, description.joint_names, align=contract.align_reference)
     return tracking, anchor
+
+
+def _header(plan: Plan) -> SessionHeader:
+    """Everything that interprets the run, and repeats it. A real robot has been prepared: its checks are part of it."""
+    config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
+    settings: dict[str, object] = {
+        "program": f"humanoid_sim.play {__version__}",
+        "options": asdict(config),
+        "policy": policy.checkpoint.source,
+        "policy_sha256": policy.checkpoint.sha256,
+        "motion": None if policy.motion_file is None else str(policy.motion_file),
+        "versions": {"python": sys.version.split()[0], "mujoco": mujoco.__version__, "numpy": np.__version__},
+        "platform": platform.platform(),
+        "checks": None if setup.bring_up is None else [": ".join(check) for check in setup.bring_up.checks()],
+    }
+    attachments = {} if policy.motion is None else {MOTION_ATTACHMENT: motion_bytes(policy.motion)}
+    layout = policy.loaded.layout
+    since_zero = float(setup.robot.read()[0].time)  # a real robot's clock runs already
+    return SessionHeader(
+        robot=description.name,
+        joint_names=description.joint_names,
+        control_period=plan.control_period,
+        start_time_ns=time.time_ns() - round(1e9 * since_zero),
+        documents=header_documents(
+            description,
+            policy.loaded,
+            remote=config.remote != "none",
+            settings=settings,
+            action_limit=config.action_limit,
+        ),
+        attachments=attachments,
+        observation_terms=tuple((term.name, term.width) for term in layout.terms),
+    )
+
+
+def _open_operators(
+    manual: bool, velocity: VelocityCommand | None, reactivation: Reactivation, tell: Callable[[str], None]
+) -> tuple[Operator, ...]:
+    """The control socket, and the keyboard if somebody sits at it: both or, raising `InputError`, none."""
+    socket = ControlSocket(reactivation)
+    if not manual:
+        return (socket,)
+    try:
+        return socket, Keyboard(velocity, reactivation=reactivation, tell=tell)
+    except InputError:
+        socket.close()
+        raise
+
+
+def _drive(
+    operators: Sequence[IntentSource], script: Script | None, safety: SafetyFilter
+) -> tuple[tuple[IntentSource, ...], SafetyFilter]:
+    """The sources of intents, and the safety filter with the script, if there is one, looking on."""
+    if script is None:
+        return tuple(operators), safety
+
+    def watched(statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
+        filtered = safety(statuses)
+        script.note_safety(filtered)
+        return filtered
+
+    return (OverriddenScript(script, operators),), watched

@@ -1,202 +1,96 @@
-"""What the options of `play` mean together: which are refused, and what the defaults become on this machine."""
+"""The options of `play`. Nothing heavy is imported here: `--help` must be quick."""
 
 from __future__ import annotations
 
-import math
-import sys
-import time
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Literal
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.files import output_file
-from humanoid_sim.messages import Intent
-from humanoid_sim.play.config import PlayConfig
-from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
-from humanoid_sim.session.inject import Injection
-from humanoid_sim.session.script import ScriptStep
-
-__all__ = [
-    "Outputs",
-    "choose_outputs",
-    "control_rate",
-    "no_outputs",
-    "refuse_conflicts",
-]
-
-_RUNS = Path("runs")
+__all__ = ["PlayConfig"]
 
 
-def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections: Sequence[Injection]) -> None:
-    """Refuse options that this version does not have yet, and those that exclude each other.
+@dataclass(frozen=True)
+class PlayConfig:
+    """Run a policy on a robot through the five-mode FSM.
 
-    Args:
-        config: the options.
-        steps: of --script; empty without it.
-        injections: of --inject.
-
-    Raises:
-        InputError: naming the option.
+    Without options the sample policy moves the simulated Lite arms, walked there by itself: DAMP, LOAD_A,
+    START_LOCOMOTION, DAMP. With --manual or --script the FSM is yours.
     """
-    missing = {
-        "--gamepad": (config.gamepad, "the gamepad reader"),
-        "--viewer web": (config.viewer == "web", "the browser console"),
-        "--remote dds": (config.remote == "dds", "the DDS bridge"),
-    }
-    for option, (wanted, part) in missing.items():
-        if wanted:
-            raise InputError(f"{option}: needs {part}, which this version does not have yet")
-    _refuse_hardware_conflicts(config)
-    if config.manual and config.script is not None:
-        raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
-    if config.viewer == "native" and not has_display():
-        raise InputError("--viewer native: there is no display here; use --video out.mp4 instead")
-    for option, value in (
-        ("--duration", config.duration),
-        ("--control-frequency", config.control_frequency),
-        ("--action-limit", config.action_limit),
-    ):
-        if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"{option}: is {value}, expected a finite number > 0")
-    if config.manual and not (sys.stdin and sys.stdin.isatty()):
-        raise InputError("--manual: standard input is no terminal, expected one to read keys from")
-    if config.remote == "none":
-        if any(step.intent is Intent.START_REMOTE for step in steps):
-            raise InputError("--script: has start_remote, which needs a source of commands: use --remote gravity")
-        if any(injection.kind == "silent_remote" for injection in injections):
-            raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
 
-
-_SIMULATION_ONLY = (
-    "actuation",
-    "base_height",
-    "command_delay",
-    "physics_timestep",
-    "state_delay",
-    "state_sampling",
-    "yaw",
-)
-_HARDWARE_ONLY = ("allow_script", "calibration", "dry_run", "imu", "imu_mounting", "yes")
-
-
-def _refuse_hardware_conflicts(config: PlayConfig) -> None:
-    """Refuse options that mean nothing with, or without, real motors, and a motion that nobody there has asked for."""
-    others, where = (_HARDWARE_ONLY, "without") if config.hardware is None else (_SIMULATION_ONLY, "with")
-    for name in others:
-        if getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
-            raise InputError(f"--{name.replace('_', '-')}: means nothing {where} --hardware")
-    if config.hardware is None:
-        return
-    if config.pace == "fast":
-        raise InputError("--pace: is fast, but the time of a real robot is real")
-    if config.script is not None and not config.allow_script:
-        raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
-
-
-@dataclass(frozen=True, slots=True)
-class Outputs:
-    """The files that a run leaves; None for those that it does not."""
-
-    record: Path | None
-    video: Path | None
-    snapshot: Path | None
-    summary: Path | None
-
-
-def no_outputs() -> Outputs:
-    """None at all."""
-    return Outputs(None, None, None, None)
-
-
-def choose_outputs(config: PlayConfig) -> Outputs:
-    """Resolve `auto` and `none`, and refuse to replace files that the user named.
-
-    Raises:
-        InputError: naming the option and the file.
-    """
-    stem = time.strftime("play-%Y%m%d-%H%M%S")
-    is_drawn = config.hardware is None and config.viewer != "none"
-    watched = config.viewer == "native" or (config.viewer == "auto" and has_display())
-    outputs = Outputs(
-        record=_output("--record", config.record, _free(_RUNS / f"{stem}.mcap")),
-        video=_output("--video", config.video, _free(_RUNS / f"{stem}.mp4") if is_drawn and not watched else None),
-        snapshot=_output("--snapshot", config.snapshot, None),
-        summary=_output("--summary", config.summary, None),
-    )
-    named = {
-        "--record": (config.record, outputs.record, ".mcap"),
-        "--video": (config.video, outputs.video, ".mp4"),
-        "--snapshot": (config.snapshot, outputs.snapshot, ".png"),
-        "--summary": (config.summary, outputs.summary, ".json"),
-    }
-    for option, (value, path, suffix) in named.items():
-        if path is not None and value != "auto":
-            output_file(path, option, suffix, overwrite=config.overwrite)
-    if any(value == "auto" and path is not None for value, path, _ in named.values()):
-        try:
-            _RUNS.mkdir(exist_ok=True)
-        except OSError as error:
-            raise InputError(
-                f"folder '{_RUNS}' for recordings cannot be made: {error.strerror}; use --record and --video"
-            ) from None
-    return outputs
-
-
-def _output(option: str, value: str | None, automatic: Path | None) -> Path | None:
-    if value == "auto":
-        return automatic
-    if value is None or value == "none":
-        return None
-    if not value:
-        raise InputError(f"{option}: is empty, expected a file name")
-    return Path(value)
-
-
-def _free(path: Path) -> Path:
-    """The path, or the first numbered one beside it that does not exist: two runs may start in one second."""
-    candidate, number = path, 1
-    while candidate.exists():
-        number += 1
-        candidate = path.with_name(f"{path.stem}-{number}{path.suffix}")
-    return candidate
-
-
-def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:
-    """The control period, and what to tell the user if it is not the robot's own.
-
-    Where the policy's period is no multiple of the control period, the control rate moves to the nearest that is. On
-    hardware there is no physics step to divide it.
-
-    Returns:
-        Control period in s, and a notice or ''.
-
-    Raises:
-        InputError: if the physics step does not divide the control period, or the policy's period has too many ticks.
-    """
-    settings = description.simulation if config.hardware is None else description.hardware
-    frequency = config.control_frequency or settings.control_frequency
-    period, notice = 1.0 / frequency, ""
-    if policy_dt is not None:
-        if policy_dt * frequency > MOST_STEPS:
-            raise InputError(
-                f"--control-frequency: is {frequency:g} Hz, expected at most {MOST_STEPS / policy_dt:g} Hz, "
-                f"which makes {MOST_STEPS} ticks of the policy's {policy_dt:g} s"
-            )
-        ticks = max(round(policy_dt * frequency), 1)
-        if abs(policy_dt * frequency - ticks) > 1e-6 * ticks:
-            period = policy_dt / ticks
-            notice = (
-                f"the control rate moves from {frequency:g} Hz to {1.0 / period:g} Hz, "
-                f"{ticks} times the policy's {1.0 / policy_dt:g} Hz"
-            )
-    if config.hardware is not None:
-        return period, notice
-    timestep = description.simulation.physics_timestep if config.physics_timestep is None else config.physics_timestep
-    try:
-        steps_per_period(period, timestep, step_name="--physics-timestep")
-    except InputError as error:
-        raise InputError(f"{error}; {notice}" if notice else str(error)) from None
-    return period, notice
+    policy: str | None = None
+    """ONNX checkpoint; 'placeholder' for a policy that answers zeros. Default: the sample policy."""
+    contract: str | None = None
+    """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
+    motion: str | None = None
+    """Motion to follow: an .mcap file, or the name of a sample motion. Default with the sample policy: wave."""
+    again: str | None = None
+    """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
+    with the same motion or command. Options that are given count more than the recording's."""
+    robot: str = "lite"
+    """A shipped robot (lite, lite_neck, lite_biped), or the path of a robot's YAML file or of an MJCF."""
+    command: str = "0,0,0"
+    """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks."""
+    yaw: float = 0.0
+    """Heading in rad at which a free-standing robot starts, in simulation."""
+    base_height: float | None = None
+    """Height in m at which a free-standing robot is held until its policy starts. Default: the robot's."""
+    hardware: str | None = None
+    """CAN channels of a real robot, such as can0, can0,can1 or udp_multicast:239.74.163.2; virtual:NAME emulates the
+    motors in this process. Default: simulation."""
+    calibration: str | None = None
+    """The real robot's calibration. Default: calibration.yaml in this folder; none where the motors' own zeros are the
+    joints', as those of emulated motors are."""
+    dry_run: bool = False
+    """On hardware: do everything but enable the motors, print what was checked, and end."""
+    yes: bool = False
+    """On hardware: enable the motors without asking first."""
+    allow_script: bool = False
+    """Let --script move a real robot, with nobody at the keys."""
+    imu: str = "none"
+    """IMU of a real robot: none, or microstrain:PORT, or microstrain:PORT@BAUD. Emulated motors bring their own."""
+    imu_mounting: str = "0,1,0,0"
+    """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
+    viewer: Literal["auto", "none", "native", "web"] = "auto"
+    """A window to watch; auto opens one where there is a display. The browser console (web) is not in this version."""
+    record: str = "auto"
+    """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
+    overwrite: bool = False
+    """Replace files named by --record, --video, --snapshot or --summary that exist."""
+    gamepad: bool = False
+    """Drive the FSM with a gamepad (not in this version)."""
+    remote: Literal["none", "gravity", "dds"] = "none"
+    """Source of remote commands for REMOTE; gravity compensates gravity, from a thread and a model of its own. DDS is
+    not in this version."""
+    gravity_form: Literal["effort", "pd"] = "effort"
+    """How gravity compensation commands: as feed-forward effort, or as a PD position offset."""
+    duration: float | None = None
+    """Seconds on the robot's clock after which the run ends. Default: when the motion or the script ends."""
+    action_limit: float = 100.0
+    """Largest magnitude of a raw action; beyond it the policy has failed, and the robot is damped."""
+    manual: bool = False
+    """Drive the FSM from the keyboard."""
+    script: str | None = None
+    """Drive the FSM by a script, such as "damp; load_b; wait; start_remote; hold 5; damp"."""
+    pose: Literal["a", "b"] = "a"
+    """Standby pose to walk through when the FSM is driven automatically."""
+    inject: tuple[str, ...] = ()
+    """Faults on purpose, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
+    pace: Literal["auto", "realtime", "fast"] = "auto"
+    """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
+    video: str = "auto"
+    """Video of the run (.mp4); auto makes one of a simulation where there is no display; none for no video."""
+    snapshot: str | None = None
+    """Picture of the robot at the end of the motion (.png)."""
+    summary: str | None = None
+    """The final table as JSON."""
+    actuation: Literal["qfrc_applied", "affine"] = "qfrc_applied"
+    """How the simulated motors run the MIT law: at every physics step in Python, or as MuJoCo's own actuators."""
+    control_frequency: float | None = None
+    """Hz; default: the robot's, for simulation and for hardware."""
+    physics_timestep: float | None = None
+    """s; default: the robot's."""
+    command_delay: float = 0.0
+    """s from writing a command to the motors' obeying it, in simulation."""
+    state_delay: float = 0.0
+    """s from a joint's state to its being read, in simulation."""
+    state_sampling: Literal["now", "on_command"] = "now"
+    """When the simulated joints are sampled: at reading, or, as on a CAN bus, at the last command."""

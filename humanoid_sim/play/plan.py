@@ -7,24 +7,31 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.play.config import PlayConfig
-from humanoid_sim.play.operators import keys_of
-from humanoid_sim.play.options import Outputs, choose_outputs, control_rate, no_outputs, refuse_conflicts
+from humanoid_sim.play.checks import Outputs, choose_outputs, refuse_conflicts
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy
-from humanoid_sim.play.robot_parts import RobotParts
-from humanoid_sim.play.schedule import automatic_script
-from humanoid_sim.play.simulated import simulated_robot
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
+from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.inject import Injector, parse_injections
+from humanoid_sim.session.keyboard import key_help
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.sources import VelocityCommand, parse_velocity
+from humanoid_sim.session.sources import VelocityCommand, parse_velocity, velocity_key_help
 from humanoid_sim.stack import build_supervisor
 
-__all__ = ["Plan", "RobotClock", "make_plan"]
+__all__ = [
+    "Plan",
+    "RobotClock",
+    "control_rate",
+    "expected_duration",
+    "make_plan",
+    "shows_window",
+]
 
 
 class RobotClock:
@@ -47,7 +54,7 @@ class Plan:
     control_period: float
     """s"""
     realtime: bool
-    parts: RobotParts
+    setup: RobotSetup
     supervisor: Supervisor
     steps: Sequence[ScriptStep] | None
     """What drives the FSM if no operator does; None: only operators do."""
@@ -58,21 +65,11 @@ class Plan:
     notices: tuple[str, ...]
     """What an operator should know, one line each."""
 
-    @property
-    def motion_frames(self) -> int:
-        """Length of the policy's motion in policy steps; 0 for none."""
-        return 0 if self.policy.motion is None else len(self.policy.motion.frames)
-
-    @property
-    def shows_window(self) -> bool:
-        """Whether a window opens."""
-        return shows_window(self.config)
-
 
 def make_plan(config: PlayConfig) -> Plan:
     """Choose and check.
 
-    Emulated motors, if the options ask for them, run from here on: whoever makes a plan calls `parts.release` in the
+    Emulated motors, if the options ask for them, run from here on: whoever makes a plan calls `setup.release` in the
     end.
 
     Raises:
@@ -89,54 +86,57 @@ def make_plan(config: PlayConfig) -> Plan:
     if Path(config.robot).suffix.lower() == ".xml":
         description = with_contract(description, contract)
     control_period, notice = control_rate(config, description, contract.policy_dt)
-    parts = _robot(config, description, control_period, contract.anchor_body)
+    setup = _robot(config, description, control_period, contract.anchor_body)
     try:
         supervisor = build_supervisor(
             description,
             control_period,
             policy.loaded,
             remote=config.remote != "none",
-            live={**parts.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]},
+            live={**setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]},
             action_limit=config.action_limit,
         )
-        warnings = parts.check_policy(contract)
-        frames = 0 if policy.motion is None else len(policy.motion.frames)
+        warnings = setup.check_policy(contract)
         if steps is None and not config.manual and config.hardware is None:
-            steps = parse_script(automatic_script(config, frames))
+            steps = parse_script(_automatic_script(config, policy.motion_frames))
         velocity = VelocityCommand(parse_velocity(config.command, contract.command_ranges), contract.command_ranges)
         golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""
-        drivers = keys_of(config.manual, walks=policy.walks) or _from_elsewhere(steps, config.dry_run)
-        texts = (notice, *parts.notices, *warnings, *assumptions(contract), golden, *drivers)
+        drivers = _who_drives(config, steps, walks=policy.walks)
+        texts = (notice, *setup.notices, *warnings, *assumptions(contract), golden, *drivers)
         return Plan(
             config=config,
             description=description,
             policy=policy,
             control_period=control_period,
             realtime=_realtime(config),
-            parts=parts,
+            setup=setup,
             supervisor=supervisor,
             steps=steps,
             velocity=velocity,
             injector=injector,
             clock=clock,
-            outputs=no_outputs() if config.dry_run else choose_outputs(config),
+            outputs=Outputs() if config.dry_run else choose_outputs(config),
             notices=tuple(text for text in texts if text),
         )
     except BaseException:
-        parts.release()
+        setup.release()
         raise
 
 
-def _robot(config: PlayConfig, description: RobotDescription, control_period: float, anchor_body: str) -> RobotParts:
+def _robot(config: PlayConfig, description: RobotDescription, control_period: float, anchor_body: str) -> RobotSetup:
     if config.hardware is None:
         return simulated_robot(config, description, control_period, anchor_body)
-    from humanoid_sim.play.real import real_robot  # noqa: PLC0415 - python-can and pyserial only where they are used
+    # python-can and pyserial only where they are used
+    from humanoid_sim.play.hardware_robot import real_robot  # noqa: PLC0415
 
     return real_robot(config, description, control_period)
 
 
-def _from_elsewhere(steps: Sequence[ScriptStep] | None, dry_run: bool) -> tuple[str, ...]:
-    if steps is not None or dry_run:
+def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks: bool) -> tuple[str, ...]:
+    """The keys of an operator at the keyboard; where nobody and no script drives, how to do it from elsewhere."""
+    if config.manual:
+        return (key_help(), velocity_key_help()) if walks else (key_help(),)
+    if steps is not None or config.dry_run:
         return ()
     return ("waits for an operator in another terminal: python -m humanoid_sim.mode damp, load_a, start_locomotion",)
 
@@ -153,3 +153,64 @@ def _realtime(config: PlayConfig) -> bool:
     if config.pace != "auto":
         return config.pace == "realtime"
     return config.manual or config.remote != "none" or shows_window(config)
+
+
+_OPEN_END = 10.0
+"""s that a policy without a motion runs when nothing else ends the run."""
+
+
+def _automatic_script(config: PlayConfig, frames: int) -> str:
+    """The script that plays when nobody drives: long enough in each mode to see it."""
+    run = "motion; hold 0.5" if frames else f"hold {config.duration or _OPEN_END}"
+    start = "start_remote" if config.remote != "none" else "start_locomotion"
+    run = f"hold {config.duration or _OPEN_END}" if config.remote != "none" else run
+    return f"hold 0.5; damp; hold 1; load_{config.pose}; wait; hold 0.2; {start}; {run}; damp; hold 1"
+
+
+def expected_duration(config: PlayConfig, policy: PolicyChoice, description: RobotDescription) -> float | None:
+    """About how long the run takes, s on the robot's clock; None if only its driver knows."""
+    if config.duration is not None:
+        return config.duration
+    if config.manual or config.script is not None or config.hardware is not None:
+        return None
+    standby = description.standby_controller_a if config.pose == "a" else description.standby_controller_b
+    motion = _OPEN_END if policy.motion is None or config.remote != "none" else policy.motion.duration
+    return 0.5 + 1.0 + sum(standby.segment_durations) + 0.2 + motion + 0.5 + 1.0
+
+
+def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:
+    """The control period, and what to tell the user if it is not the robot's own.
+
+    Where the policy's period is no multiple of the control period, the control rate moves to the nearest that is. On
+    hardware there is no physics step to divide it.
+
+    Returns:
+        Control period in s, and a notice or ''.
+
+    Raises:
+        InputError: if the physics step does not divide the control period, or the policy's period has too many ticks.
+    """
+    settings = description.simulation if config.hardware is None else description.hardware
+    frequency = config.control_frequency or settings.control_frequency
+    period, notice = 1.0 / frequency, ""
+    if policy_dt is not None:
+        if policy_dt * frequency > MOST_STEPS:
+            raise InputError(
+                f"--control-frequency: is {frequency:g} Hz, expected at most {MOST_STEPS / policy_dt:g} Hz, "
+                f"which makes {MOST_STEPS} ticks of the policy's {policy_dt:g} s"
+            )
+        ticks = max(round(policy_dt * frequency), 1)
+        if abs(policy_dt * frequency - ticks) > 1e-6 * ticks:
+            period = policy_dt / ticks
+            notice = (
+                f"the control rate moves from {frequency:g} Hz to {1.0 / period:g} Hz, "
+                f"{ticks} times the policy's {1.0 / policy_dt:g} Hz"
+            )
+    if config.hardware is not None:
+        return period, notice
+    timestep = description.simulation.physics_timestep if config.physics_timestep is None else config.physics_timestep
+    try:
+        steps_per_period(period, timestep, step_name="--physics-timestep")
+    except InputError as error:
+        raise InputError(f"{error}; {notice}" if notice else str(error)) from None
+    return period, notice

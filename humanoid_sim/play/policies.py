@@ -1,16 +1,18 @@
-"""Which policy `play` runs, and with which motion."""
+"""Which policy `play` runs, and with which motion: those that options name, or those of a recording to play again."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.sources import takes_velocity_command
 from humanoid_sim.errors import InputError
-from humanoid_sim.play.config import PlayConfig
+from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,
@@ -20,11 +22,16 @@ from humanoid_sim.policy.checkpoint import (
     zero_policy,
 )
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.motion import ATTACHMENT, Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
+from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["PolicyChoice", "choose_policy"]
+__all__ = [
+    "PolicyChoice",
+    "choose_policy",
+    "with_recorded_options",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +43,11 @@ class PolicyChoice:
     motion: Motion | None
     motion_file: Path | None
     warning: str = ""
+
+    @property
+    def motion_frames(self) -> int:
+        """Length of the motion in policy steps; 0 for none."""
+        return 0 if self.motion is None else len(self.motion.frames)
 
     @property
     def walks(self) -> bool:
@@ -99,3 +111,60 @@ def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
     dataset = checkpoint.contract.dataset_repo_id
     hint = f"; its default is the dataset '{dataset}', to be converted to an .mcap motion first" if dataset else ""
     raise InputError(f"--motion: is missing; {checkpoint.source} is a {task} policy and follows a motion{hint}")
+
+
+_REPEATED = (
+    "policy",
+    "contract",
+    "robot",
+    "command",
+    "yaw",
+    "base_height",
+    "action_limit",
+    "actuation",
+    "control_frequency",
+    "physics_timestep",
+    "command_delay",
+    "state_delay",
+    "state_sampling",
+)
+"""Options that are taken from the recording."""
+
+
+def with_recorded_options(config: PlayConfig) -> PlayConfig:
+    """The options of `config`, and the recording's where they were left as they are by default.
+
+    What the run looked like, where it was written to and who drove it are not taken from there.
+
+    Raises:
+        InputError: the recording cannot be read, or does not say what it was made with.
+    """
+    if config.again is None:
+        return config
+    header = open_recording(config.again).header
+    recorded = _options(config.again, header.documents.get("settings", ""))
+    known = {field.name: field for field in fields(config)}
+    values = {
+        name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
+    }
+    if config.motion is None and ATTACHMENT in header.attachments:
+        values["motion"] = config.again  # a recording is read as the motion that it was made with
+    return replace(config, **values)
+
+
+def _options(path: str, settings: str) -> dict[str, Any]:
+    """The options that a recording was made with, those that `play` knows and of a kind that it takes."""
+    try:
+        options = json.loads(settings)["options"]
+    except (ValueError, LookupError, TypeError):
+        options = None
+    if not isinstance(options, dict):
+        raise InputError(
+            f"--again: '{path}' does not say what it was made with, expected a recording of play or regress"
+        )
+    for field in fields(PlayConfig):
+        value = options.get(field.name, field.default)
+        kinds = {type(field.default), str, float} if field.default is None else {type(field.default), int}
+        if value is not None and type(value) not in kinds and field.name in _REPEATED:
+            raise InputError(f"--again: '{path}' was made with {field.name} {value!r}, which is no such option")
+    return options

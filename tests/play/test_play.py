@@ -15,7 +15,7 @@ from humanoid_sim import replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
-from humanoid_sim.play import program
+from humanoid_sim.play import run as run_module
 from humanoid_sim.robots.description import load_robot
 
 Play = Callable[..., Result]
@@ -270,8 +270,8 @@ def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(
     def full(*_: Any) -> None:
         raise InputError("s.json: cannot be written: No space left on device")
 
-    monkeypatch.setattr(program, "write_summary", full)
-    monkeypatch.setattr(program, "save_snapshot", lambda path, *_: path.touch())
+    monkeypatch.setattr(run_module, "write_summary", full)
+    monkeypatch.setattr(run_module, "save_snapshot", lambda path, *_: path.touch())
     result = run("--robot", quick, "--duration", "0.1", "--snapshot", "p.png", *PLACEHOLDER)
     assert result.status == 1
     assert "failed: s.json: cannot be written: No space left on device" in result.out

@@ -231,12 +231,12 @@ def test_an_output_that_fails_in_mid_run_does_not_stop_it(folder: Path, quick: s
 
 
 def test_an_output_that_fails_after_the_run_is_one_line(folder: Path, quick: str) -> None:
-    line = f"""import os, sys; from humanoid_sim.cli import run_program; from humanoid_sim.play import main, program
-before = program.print_report
+    line = f"""import os, sys; from humanoid_sim.cli import run_program; from humanoid_sim.play import main, run
+before = run.print_report
 def report(*arguments):
     os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
     before(*arguments)
-program.print_report = report
+run.print_report = report
 options = ["--viewer", "none", "--record", "none", "--summary", "s.json", "--snapshot", "p.png", "--script", "hold 0.1"]
 sys.exit(run_program(main, [*options, "--robot", {quick!r}]))"""
     run = subprocess.run([sys.executable, "-c", line], cwd=folder, capture_output=True, text=True, check=False)

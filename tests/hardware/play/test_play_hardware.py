@@ -23,8 +23,9 @@ from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
-from humanoid_sim.play import bring_up as bring_up_module
-from humanoid_sim.play import program, real
+from humanoid_sim.play import hardware_robot
+from humanoid_sim.play import run as run_module
+from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.control_socket import running_sessions
@@ -71,7 +72,7 @@ def test_a_dry_run_enables_nothing_and_leaves_nothing(run: Play, quick: str, mon
     def watched(*arguments: Any, **options: Any) -> VirtualMotors:
         return VirtualMotors(*arguments, **options, told=lambda _, text: told.append(text))
 
-    monkeypatch.setattr(real, "VirtualMotors", watched)
+    monkeypatch.setattr(hardware_robot, "VirtualMotors", watched)
     result = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
     assert (result.status, result.err) == (0, "")
     assert result.out.count("\nok ") == 15  # a line for each motor, and one for the bus
@@ -90,7 +91,7 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(
     def with_fault(*arguments: Any, **options: Any) -> VirtualMotors:
         return VirtualMotors(*arguments, **options, faults=[parse_fault("silent:left_elbow_pitch", lite)])
 
-    monkeypatch.setattr(real, "VirtualMotors", with_fault)
+    monkeypatch.setattr(hardware_robot, "VirtualMotors", with_fault)
     result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert result.status == 2
     assert result.err.startswith("error: lite: not enabled, 1 problem")
@@ -117,8 +118,8 @@ def test_a_problem_that_comes_after_the_list_is_one_line(
         motors[0].inject(parse_fault("unplugged:left_elbow_pitch", load_robot("lite")))
         return True
 
-    monkeypatch.setattr(real, "VirtualMotors", emulated)
-    monkeypatch.setattr(program, "bring_up", pulled)
+    monkeypatch.setattr(hardware_robot, "VirtualMotors", emulated)
+    monkeypatch.setattr(run_module, "bring_up", pulled)
     result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert result.status == 2
     assert result.err.startswith("error: lite: not enabled, 1 problem: left_elbow_pitch: motor 14 does not answer")
@@ -180,9 +181,9 @@ def test_real_motors_are_enabled_on_a_yes_only(
         def checks(self) -> list[tuple[str, str, str]]:
             return [("ok", "left_elbow_pitch", "motor 14"), ("warning", "can0", "no active reports")]
 
-    config = real.PlayConfig(hardware="can0")
+    config = PlayConfig(hardware="can0")
     monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
-    assert bring_up_module.bring_up(Robot(), config, Console()) is enables
+    assert run_module.bring_up(Robot(), config, Console()) is enables
     assert prepared == ["prepared"]
     out = capsys.readouterr().out
     assert out.index("warning can0  no active reports") < out.index("Enable the motors of lite on can0")
@@ -259,7 +260,7 @@ def test_a_fault_on_the_bus_damps_and_the_summary_has_it(
         timer.start()
         return motors
 
-    monkeypatch.setattr(real, "VirtualMotors", with_fault)
+    monkeypatch.setattr(hardware_robot, "VirtualMotors", with_fault)
     script = WALK.replace("hold 0.5", "hold 6")
     result = run("--robot", quick, *HARDWARE, "--script", script, *PLACEHOLDER)
     assert result.status == 1

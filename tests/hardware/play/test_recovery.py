@@ -16,7 +16,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
-from humanoid_sim.play import real
+from humanoid_sim.play import hardware_robot
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.control_socket import running_sessions
 
@@ -58,7 +58,7 @@ def test_reactivate_leads_back_to_motion(
             else:
                 answers.append((step, send(step)))
 
-    monkeypatch.setattr(real, "VirtualMotors", emulated)
+    monkeypatch.setattr(hardware_robot, "VirtualMotors", emulated)
     thread = threading.Thread(target=operator)
     thread.start()
     result = run("--robot", quick, "--hardware", "virtual:recovery", "--policy", "placeholder")

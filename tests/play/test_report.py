@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from humanoid_sim.play.loop_figures import loop_figures, loop_table
+from humanoid_sim.play.report import loop_figures, loop_table
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult

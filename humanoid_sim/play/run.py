@@ -11,20 +11,24 @@ from types import FrameType
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
+from rich.text import Text
 
 from humanoid_sim.cli import complain, mute_output
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.play.again import again
 from humanoid_sim.play.assembly import Run, assemble
-from humanoid_sim.play.bring_up import bring_up
-from humanoid_sim.play.config import PlayConfig
+from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan, make_plan
+from humanoid_sim.play.played_robot import BringUp
+from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.video import save_snapshot
 from humanoid_sim.session.reactivation import one_line
 from humanoid_sim.session.session import SessionResult
 
-__all__ = ["play"]
+__all__ = [
+    "bring_up",
+    "play",
+]
 
 _FAULT = 1
 """Exit status of a run in which something failed that nobody made fail on purpose."""
@@ -40,14 +44,14 @@ def play(config: PlayConfig) -> int:
         InputError: before anything moves.
     """
     output, console = sys.stdout, _new_console()
-    config = again(config)
+    config = with_recorded_options(config)
     plan = make_plan(config)
     with ExitStack() as left:
-        left.callback(plan.parts.release)
+        left.callback(plan.setup.release)
         _introduce(console, plan)
-        if plan.parts.bring_up is not None:
-            left.callback(plan.parts.robot.close)
-            if not bring_up(plan.parts.bring_up, config, console):
+        if plan.setup.bring_up is not None:
+            left.callback(plan.setup.robot.close)
+            if not bring_up(plan.setup.bring_up, config, console):
                 return 0
         run = assemble(plan, console)
         try:
@@ -105,7 +109,7 @@ def _signals(run: Run) -> Iterator[list[int]]:
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
         received.append(number)
-        if run.plan.parts.robot.is_closed:
+        if run.plan.setup.robot.is_closed:
             signal.signal(number, before[signal.Signals(number)])
             signal.raise_signal(number)
         run.session.request_stop(signal.Signals(number).name)
@@ -128,7 +132,7 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         ("final table", run.monitor.error),
         ("console", None if isinstance(run.console.error, (BrokenPipeError, SystemExit)) else run.console.error),
         ("gravity compensation", run.gravity and run.gravity.error),
-        ("robot", run.plan.parts.failure()),
+        ("robot", run.plan.setup.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
     if run.recorder is not None and run.recorder.lost:
@@ -182,11 +186,50 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
                 console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
     if outputs.snapshot is not None:
         with _noting(problems):
-            parts = run.plan.parts
-            pose = parts.qpos(run.session.state) if run.monitor.pose is None else run.monitor.pose
-            save_snapshot(outputs.snapshot, parts.model(), pose)
+            setup = run.plan.setup
+            pose = setup.qpos(run.session.state) if run.monitor.pose is None else run.monitor.pose
+            save_snapshot(outputs.snapshot, setup.model(), pose)
             with _printing(problems):
                 console.print(f"snapshot   {outputs.snapshot}", markup=False)
     if outputs.summary is not None and outputs.summary.exists():
         with _printing(problems):
             console.print(f"summary    {outputs.summary}", markup=False)
+
+
+_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
+
+
+def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
+    """Prepare the robot, print what was checked, and ask the operator; whether it is to be enabled.
+
+    Raises:
+        RobotError: if something is wrong with the robot; the list is printed then too.
+        InputError: if nobody can be asked.
+    """
+    asks = bool(robot.question) and not config.yes and not config.dry_run
+    if asks and not (sys.stdin and sys.stdin.isatty()):
+        raise InputError(
+            "--yes: is needed where nobody can be asked (standard input is no terminal): motors get enabled"
+        )
+    try:
+        robot.prepare()
+    except RobotError as error:
+        _print_checks(robot, console)
+        raise RobotError(str(error).partition("\n")[0].rstrip(": ")) from None
+    _print_checks(robot, console)
+    if config.dry_run:
+        console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
+        return False
+    if not asks:
+        return True
+    answer = console.input(Text(f"{robot.question} [y/N] "))
+    if answer.strip().lower() in ("y", "yes"):
+        return True
+    console.print("nothing was enabled", markup=False)
+    return False
+
+
+def _print_checks(robot: BringUp, console: Console) -> None:
+    console.print("[bold]Checks, before anything is enabled[/bold]")
+    for verdict, subject, text in robot.checks():
+        console.print(Text.assemble((f"{verdict:<8}", _STYLES.get(verdict, "")), (subject, "bold"), f"  {text}"))

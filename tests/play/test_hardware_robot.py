@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.mit import MITState
-from humanoid_sim.play.pose import MeasuredPose
+from humanoid_sim.play.hardware_robot import MeasuredPose
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
@@ -16,16 +18,19 @@ from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
-from humanoid_sim.play.config import PlayConfig
-from humanoid_sim.play.pose import MeasuredPose
-from humanoid_sim.play.robot_parts import RobotParts
-from humanoid_sim.play.support import support_listener
+from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.played_robot import RobotSetup, support_listener
 from humanoid_sim.policy.robot_check import motor_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.model import build_model
 
-__all__ = ["CALIBRATION", "real_robot"]
+__all__ = [
+    "CALIBRATION",
+    "MeasuredPose",
+    "real_robot",
+]
 
 CALIBRATION = "calibration.yaml"
 """Where a robot's calibration is looked for unless an option names another file."""
@@ -34,7 +39,7 @@ _IMU_TERMS = ("base_ang_vel", "imu_quaternion", "imu_linear_acceleration", "proj
 """Kinds of observation terms that are made of what an IMU feels."""
 
 
-def real_robot(config: PlayConfig, description: RobotDescription, control_period: float) -> RobotParts:
+def real_robot(config: PlayConfig, description: RobotDescription, control_period: float) -> RobotSetup:
     """A robot on the channels of `--hardware`. Opens nothing, but for emulated motors, which are then running.
 
     On channels of the interface `virtual`, which exist in this process only, the motors are emulated, assembled as the
@@ -63,7 +68,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             dry_run=config.dry_run,
             open_bus=open_bus if motors is None else motors.open_bus,
         )
-        return RobotParts(
+        return RobotSetup(
             robot,
             live={},
             qpos=MeasuredPose(description),
@@ -160,3 +165,25 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return value
+
+
+class MeasuredPose:
+    """From a state to MuJoCo's generalised position. A joint that was never heard stands in its initial position."""
+
+    def __init__(self, description: RobotDescription) -> None:
+        """Find the joints in the robot's model.
+
+        Raises:
+            InputError: the MJCF does not fit the description.
+        """
+        model = build_model(description, scene=False)
+        self._initial = np.array(description.initial_position)
+        self._qpos: FloatArray = model.qpos0.copy()
+        self._joints = np.array([model.joint(name).qposadr[0] for name in description.joint_names])
+
+    def __call__(self, state: MITState) -> FloatArray:
+        """Shape (nq,), read-only."""
+        qpos = self._qpos.copy()
+        qpos[self._joints] = np.where(np.isfinite(state.joint_position), state.joint_position, self._initial)
+        qpos.setflags(write=False)
+        return qpos

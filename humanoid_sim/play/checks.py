@@ -1,0 +1,155 @@
+"""Options of `play` that are refused before anything is made: what excludes each other, and files not to replace."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.files import output_file
+from humanoid_sim.messages import Intent
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.rendering.backend import has_display
+from humanoid_sim.session.inject import Injection
+from humanoid_sim.session.script import ScriptStep
+
+__all__ = [
+    "Outputs",
+    "choose_outputs",
+    "refuse_conflicts",
+]
+
+_RUNS = Path("runs")
+
+
+def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections: Sequence[Injection]) -> None:
+    """Refuse options that this version does not have yet, and those that exclude each other.
+
+    Args:
+        config: the options.
+        steps: of --script; empty without it.
+        injections: of --inject.
+
+    Raises:
+        InputError: naming the option.
+    """
+    missing = {
+        "--gamepad": (config.gamepad, "the gamepad reader"),
+        "--viewer web": (config.viewer == "web", "the browser console"),
+        "--remote dds": (config.remote == "dds", "the DDS bridge"),
+    }
+    for option, (wanted, part) in missing.items():
+        if wanted:
+            raise InputError(f"{option}: needs {part}, which this version does not have yet")
+    _refuse_hardware_conflicts(config)
+    if config.manual and config.script is not None:
+        raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
+    if config.viewer == "native" and not has_display():
+        raise InputError("--viewer native: there is no display here; use --video out.mp4 instead")
+    for option, value in (
+        ("--duration", config.duration),
+        ("--control-frequency", config.control_frequency),
+        ("--action-limit", config.action_limit),
+    ):
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"{option}: is {value}, expected a finite number > 0")
+    if config.manual and not (sys.stdin and sys.stdin.isatty()):
+        raise InputError("--manual: standard input is no terminal, expected one to read keys from")
+    if config.remote == "none":
+        if any(step.intent is Intent.START_REMOTE for step in steps):
+            raise InputError("--script: has start_remote, which needs a source of commands: use --remote gravity")
+        if any(injection.kind == "silent_remote" for injection in injections):
+            raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
+
+
+_SIMULATION_ONLY = (
+    "actuation",
+    "base_height",
+    "command_delay",
+    "physics_timestep",
+    "state_delay",
+    "state_sampling",
+    "yaw",
+)
+_HARDWARE_ONLY = ("allow_script", "calibration", "dry_run", "imu", "imu_mounting", "yes")
+
+
+def _refuse_hardware_conflicts(config: PlayConfig) -> None:
+    """Refuse options that mean nothing with, or without, real motors, and a motion that nobody there has asked for."""
+    others, where = (_HARDWARE_ONLY, "without") if config.hardware is None else (_SIMULATION_ONLY, "with")
+    for name in others:
+        if getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
+            raise InputError(f"--{name.replace('_', '-')}: means nothing {where} --hardware")
+    if config.hardware is None:
+        return
+    if config.pace == "fast":
+        raise InputError("--pace: is fast, but the time of a real robot is real")
+    if config.script is not None and not config.allow_script:
+        raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """The files that a run leaves; None for those that it does not."""
+
+    record: Path | None = None
+    video: Path | None = None
+    snapshot: Path | None = None
+    summary: Path | None = None
+
+
+def choose_outputs(config: PlayConfig) -> Outputs:
+    """Resolve `auto` and `none`, and refuse to replace files that the user named.
+
+    Raises:
+        InputError: naming the option and the file.
+    """
+    stem = time.strftime("play-%Y%m%d-%H%M%S")
+    is_drawn = config.hardware is None and config.viewer != "none"
+    watched = config.viewer == "native" or (config.viewer == "auto" and has_display())
+    outputs = Outputs(
+        record=_output("--record", config.record, _free(_RUNS / f"{stem}.mcap")),
+        video=_output("--video", config.video, _free(_RUNS / f"{stem}.mp4") if is_drawn and not watched else None),
+        snapshot=_output("--snapshot", config.snapshot, None),
+        summary=_output("--summary", config.summary, None),
+    )
+    named = {
+        "--record": (config.record, outputs.record, ".mcap"),
+        "--video": (config.video, outputs.video, ".mp4"),
+        "--snapshot": (config.snapshot, outputs.snapshot, ".png"),
+        "--summary": (config.summary, outputs.summary, ".json"),
+    }
+    for option, (value, path, suffix) in named.items():
+        if path is not None and value != "auto":
+            output_file(path, option, suffix, overwrite=config.overwrite)
+    if any(value == "auto" and path is not None for value, path, _ in named.values()):
+        try:
+            _RUNS.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"folder '{_RUNS}' for recordings cannot be made: {error.strerror}; use --record and --video"
+            ) from None
+    return outputs
+
+
+def _output(option: str, value: str | None, automatic: Path | None) -> Path | None:
+    if value == "auto":
+        return automatic
+    if value is None or value == "none":
+        return None
+    if not value:
+        raise InputError(f"{option}: is empty, expected a file name")
+    return Path(value)
+
+
+def _free(path: Path) -> Path:
+    """The path, or the first numbered one beside it that does not exist: two runs may start in one second."""
+    candidate, number = path, 1
+    while candidate.exists():
+        number += 1
+        candidate = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return candidate

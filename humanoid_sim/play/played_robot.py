@@ -1,0 +1,152 @@
+"""What a run needs of the robot that it plays on, and the simulated one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import mujoco
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import resolve_action
+from humanoid_sim.messages import Mode
+from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.robot import Robot
+from humanoid_sim.simulation.delay import delay_steps
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+
+__all__ = [
+    "BringUp",
+    "PlayedRobot",
+    "RobotSetup",
+    "Supported",
+    "simulated_robot",
+    "support_listener",
+]
+
+
+class PlayedRobot(Robot, Protocol):
+    """A robot of which its program can tell whether there is still anything to protect."""
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+
+
+class BringUp(Protocol):
+    """What an operator is shown, and asked, before a real robot is enabled."""
+
+    @property
+    def question(self) -> str:
+        """To be answered with yes before anything is enabled; empty where nothing can be hurt."""
+
+    def prepare(self) -> None:
+        """Do everything but enable. Raises `RobotError` if something is wrong."""
+
+    def checks(self) -> Sequence[tuple[str, str, str]]:
+        """What was found so far: verdict (`ok`, `warning`, `problem`), subject, text."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSetup:
+    """A robot, and how a run shows and drives it."""
+
+    robot: PlayedRobot
+    live: Mapping[str, int]
+    """Names and widths of the live inputs that its state carries."""
+    qpos: Callable[[MITState], FloatArray]
+    """Shape (nq,), MuJoCo's generalised position of `model` with the robot as it is, given its latest state."""
+    model: Callable[[], mujoco.MjModel]
+    """A model to draw the robot with. Each viewer draws with its own, so that none can touch the robot's."""
+    simulated: bool
+    """Writing to the robot also advances its physics, and its base's pose is known."""
+    check_policy: Callable[[PolicyContract], tuple[str, ...]]
+    """What an operator should know about driving this robot with a policy that fits its joints, one line each. Raises
+    `InputError` if it cannot be driven with it."""
+    mode_listener: Callable[[Mode], str] | None = None
+    """Told of each new mode; see `Session`."""
+    notices: tuple[str, ...] = ()
+    """What an operator should know about it, one line each."""
+    bring_up: BringUp | None = None
+    """Of a real robot."""
+    figures: Callable[[], Mapping[str, Any] | None] = lambda: None
+    """What happened on its buses, for the summary: JSON, with `lines` for people."""
+    failure: Callable[[], str] = lambda: ""
+    """Why what the robot needs beside itself has failed; empty while it works."""
+    release: Callable[[], None] = lambda: None
+    """Lets go of what the robot needs beside itself, after it was closed. May be called twice."""
+
+
+class Supported(Protocol):
+    """A robot whose base hangs on a support."""
+
+    @property
+    def supported(self) -> bool:
+        """Whether the support holds the base."""
+
+    def set_support(self, held: bool) -> None:
+        """Let the support take the base where it now is, or let the base go."""
+
+
+def support_listener(robot: Supported) -> Callable[[Mode], str]:
+    """Lets the robot go when a policy takes over, and holds it again when it no longer balances."""
+
+    def listen(mode: Mode) -> str:
+        held = mode not in (Mode.LOCOMOTION, Mode.REMOTE)
+        if held == robot.supported:
+            return ""
+        robot.set_support(held)
+        return "support holds the base where it is" if held else "support released"
+
+    return listen
+
+
+def simulated_robot(
+    config: PlayConfig, description: RobotDescription, control_period: float, anchor_body: str
+) -> RobotSetup:
+    """A robot in MuJoCo.
+
+    Args:
+        config: the options.
+        description: of the robot.
+        control_period: s
+        anchor_body: whose pose the policy observes; empty for none.
+
+    Raises:
+        InputError: if an option is not accepted.
+    """
+    settings = description.simulation
+    timestep = settings.physics_timestep if config.physics_timestep is None else config.physics_timestep
+    for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):
+        delay_steps(option, delay, timestep)
+    robot = MujocoRobot(
+        description,
+        control_period=control_period,
+        physics_timestep=timestep,
+        actuation=config.actuation,
+        command_delay=config.command_delay,
+        state_delay=config.state_delay,
+        state_sampling=config.state_sampling,
+        base_yaw=config.yaw,
+        base_height=config.base_height,
+        anchor_body=anchor_body,
+    )
+
+    def stability(contract: PolicyContract) -> tuple[str, ...]:
+        gains = resolve_action(contract, description.joint_names)
+        return (robot.stability.check(gains.damping, "policy"),)
+
+    return RobotSetup(
+        robot,
+        live=robot.extern,
+        qpos=lambda _: robot.qpos,
+        model=lambda: build_model(description),
+        simulated=True,
+        check_policy=stability,
+        mode_listener=support_listener(robot) if description.is_floating else None,
+        notices=robot.warnings,
+    )

@@ -1,0 +1,33 @@
+from __future__ import annotations
+
+import pytest
+
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.plan import control_rate
+from humanoid_sim.robots.description import load_robot
+
+
+@pytest.mark.parametrize(
+    ("asked", "policy_dt", "hertz", "moves"),
+    [
+        (None, 0.02, 200.0, False),
+        (None, None, 200.0, False),
+        (50.0, 0.02, 50.0, False),
+        (99.9, 0.02, 100.0, True),
+        (260.0, 0.02, 250.0, True),
+        (10.0, 0.02, 50.0, True),  # never slower than the policy
+        (None, 1 / 60, 180.0, True),
+        (200.0, None, 200.0, False),
+    ],
+)
+def test_the_control_rate_moves_to_a_multiple_of_the_policys(
+    asked: float | None, policy_dt: float | None, hertz: float, moves: bool
+) -> None:
+    timestep = None if hertz != 180.0 else 1 / 1800
+    period, notice = control_rate(
+        PlayConfig(control_frequency=asked, physics_timestep=timestep), load_robot("lite"), policy_dt
+    )
+    assert period == pytest.approx(1.0 / hertz)
+    assert bool(notice) == moves
+    if moves:
+        assert f"to {hertz:g} Hz" in notice
