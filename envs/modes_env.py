@@ -16,7 +16,7 @@ from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.envs.episode_robot import EpisodeRobot
 from humanoid_sim.envs.inputs import Named, read_policy, velocity_option
 from humanoid_sim.envs.modes_spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
-from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
+from humanoid_sim.envs.rendering import RENDER_MODES, Window, check_render_mode, make_pictures
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
@@ -107,7 +107,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         self.is_remote = remote
         """Whether REMOTE is available, and actions have a remote command."""
         self._episode_steps = max(round(episode_seconds / period), 1)
-        self._pictures = Pictures(description, width, height, camera)
+        self._pictures = make_pictures(description, width, height, camera)
         self._window: Window | None = None
         self._memory: SupervisorMemory | None = None
         self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time)

@@ -17,7 +17,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.episode_robot import BodyPoses, EpisodeRobot, PlantState
 from humanoid_sim.envs.inputs import Named, velocity_option
 from humanoid_sim.envs.recorded_start import recorded_start
-from humanoid_sim.envs.rendering import RENDER_MODES, Pictures, Window, check_render_mode
+from humanoid_sim.envs.rendering import RENDER_MODES, Window, check_render_mode, make_pictures
 from humanoid_sim.envs.setting import make_setting
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.errors import InputError, known_names
@@ -126,7 +126,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         self.metadata = self.metadata | {"render_fps": round(1.0 / setting.contract.policy_dt)}
         self.render_mode = render_mode
         self._is_late = state_delay > 0.0 or state_sampling != "now"
-        self._pictures = Pictures(setting.description, width, height, camera)
+        self._pictures = make_pictures(setting.description, width, height, camera)
         self._window: Window | None = None
         self._bodies = BodyPoses(self.robot.model, setting.description, setting.bodies)
         self._low, self._high = bounds.low, bounds.high

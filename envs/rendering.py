@@ -5,20 +5,18 @@ from __future__ import annotations
 from time import perf_counter, sleep
 from typing import ClassVar
 
-import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import choose_video_backend
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
-from humanoid_sim.rendering.offscreen import Renderer, make_renderer, update_pose
+from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
 
-__all__ = ["RENDER_MODES", "Pictures", "Window", "check_render_mode"]
+__all__ = ["RENDER_MODES", "Window", "check_render_mode", "make_pictures"]
 
 RENDER_MODES = ["human", "rgb_array"]
 
@@ -33,46 +31,16 @@ def check_render_mode(mode: str | None) -> None:
         raise InputError(f"render_mode: is {mode!r}, expected {', '.join(RENDER_MODES)} or None")
 
 
-class Pictures:
-    """`rgb_array`: pictures of a robot, drawn by what works on this machine with a model of their own."""
+def make_pictures(description: RobotDescription, width: int, height: int, camera: str | None) -> PoseRenderer:
+    """`rgb_array`: pictures of a robot, with a model of their own.
 
-    def __init__(self, description: RobotDescription, width: int, height: int, camera: str | None) -> None:
-        """Get ready to draw; nothing is loaded before the first picture.
-
-        Args:
-            description: of the robot.
-            width: pixels.
-            height: pixels.
-            camera: of the model; None looks at the robot from the front.
-
-        Raises:
-            InputError: a picture has no such size.
-        """
-        for name, pixels in (("width", width), ("height", height)):
-            if not isinstance(pixels, int | np.integer) or pixels < 1:
-                raise InputError(f"{name}: is {pixels!r}, expected a whole number of pixels >= 1")
-        self._description = description
-        self._view = width, height, camera
-        self._renderer: Renderer | None = None
-
-    def draw(self, qpos: FloatArray) -> npt.NDArray[np.uint8]:
-        """The picture of a pose (nq,), shape (height, width, 3); of the last one that was finite, if this is not.
-
-        Raises:
-            InputError: the model has no such camera.
-        """
-        if self._renderer is None:
-            self._model = build_model(self._description)
-            self._data = mujoco.MjData(self._model)
-            self._renderer = make_renderer(self._model, *self._view, choice=choose_video_backend())
-        update_pose(self._model, self._data, qpos)
-        return self._renderer.render(self._data)
-
-    def close(self) -> None:
-        """Release the context. May be called twice."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+    Raises:
+        InputError: a picture has no such size.
+    """
+    for name, pixels in (("width", width), ("height", height)):
+        if not isinstance(pixels, int | np.integer) or pixels < 1:
+            raise InputError(f"{name}: is {pixels!r}, expected a whole number of pixels >= 1")
+    return PoseRenderer(lambda: build_model(description), width, height, camera, choose=choose_video_backend)
 
 
 class Window:

@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.envs.inputs import Named
-from humanoid_sim.envs.rendering import Pictures
+from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.setting import make_setting
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.start_numbers import StartNumbers
@@ -131,7 +131,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         }
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
-        self._pictures = Pictures(setting.description, width, height, camera)
+        self._pictures = make_pictures(setting.description, width, height, camera)
         self._low, self._high = bounds.low, bounds.high
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self._longest = count_option("max_episode_steps", unlimited)

@@ -9,6 +9,7 @@ import importlib
 import math
 import textwrap
 import warnings
+from collections.abc import Callable
 from typing import Protocol
 
 import mujoco
@@ -20,7 +21,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import Choice, choose_backend, egl_works
 from humanoid_sim.rendering.painter import Painter
 
-__all__ = ["Renderer", "make_camera", "make_renderer", "update_pose"]
+__all__ = ["PoseRenderer", "Renderer", "make_camera", "make_renderer", "update_pose"]
 
 _AZIMUTH = 155.0
 """Degrees. 180 looks along -x, straight at the face of a robot whose front is +x; 155 shows a little of its left."""
@@ -47,25 +48,17 @@ class Renderer(Protocol):
 
 
 def make_renderer(
-    model: mujoco.MjModel, width: int, height: int, camera: str | None = None, *, choice: Choice | None = None
+    model: mujoco.MjModel, width: int, height: int, camera: str | None = None, *, choice: Choice
 ) -> Renderer:
     """A renderer that works: an OpenGL that cannot make a context gives way to the painter, and `backend` says so.
 
-    The model's visual settings are adapted: its off-screen buffer to the picture, its quality to OSMesa's speed. Render
-    and close it on the thread that made it.
-
-    Args:
-        model: what to draw.
-        width: pixels.
-        height: pixels.
-        camera: a camera of the model; None looks at the robot from the front.
-        choice: what to draw with; None decides by the machine.
+    The model's visual settings are adapted: its off-screen buffer to the picture, its quality to OSMesa's speed. The
+    arguments are those of `PoseRenderer`.
 
     Raises:
         InputError: if the model has no such camera.
     """
     view = make_camera(model, camera)
-    choice = choice or choose_backend()
     reason = str(choice)
     if choice.opengl == "egl" and not egl_works():
         _failures["egl"] = "makes no context"
@@ -79,6 +72,54 @@ def make_renderer(
     painter = Painter(model, width, height, view)
     painter.backend = reason
     return painter
+
+
+class PoseRenderer:
+    """Pictures of a model's poses. Nothing is loaded before the first; draw and close on the same thread.
+
+    Args:
+        model_factory: makes the model to draw.
+        width: pixels.
+        height: pixels.
+        camera: a camera of the model; None looks at the robot from the front.
+        choose: decides what to draw with.
+    """
+
+    backend = ""
+    """What draws, and why; empty before the first picture."""
+
+    def __init__(
+        self,
+        model_factory: Callable[[], mujoco.MjModel],
+        width: int,
+        height: int,
+        camera: str | None = None,
+        *,
+        choose: Callable[[], Choice] = choose_backend,
+    ) -> None:
+        self._model_factory, self._view, self._choose = model_factory, (width, height, camera), choose
+        self._renderer: Renderer | None = None
+
+    def draw(self, qpos: FloatArray) -> npt.NDArray[np.uint8]:
+        """The picture of a pose (nq,), shape (height, width, 3), RGB; of the last finite one, if this is not finite.
+
+        Raises:
+            InputError: the model has no such camera.
+        """
+        if self._renderer is None:
+            self._model = self._model_factory()
+            self._data = mujoco.MjData(self._model)
+            self._renderer = make_renderer(self._model, *self._view, choice=self._choose())
+            self.backend = self._renderer.backend
+            update_pose(self._model, self._data, self._data.qpos.copy())
+        update_pose(self._model, self._data, qpos)
+        return self._renderer.render(self._data)
+
+    def close(self) -> None:
+        """Release the context. May be called twice."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
 
 
 def make_camera(model: mujoco.MjModel, name: str | None = None) -> mujoco.MjvCamera:

@@ -21,7 +21,7 @@ from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import choose_video_backend
 from humanoid_sim.rendering.caption import Caption, draw_caption
-from humanoid_sim.rendering.offscreen import make_renderer, update_pose
+from humanoid_sim.rendering.offscreen import PoseRenderer
 
 __all__ = ["VideoReport", "VideoSink", "save_snapshot"]
 
@@ -136,44 +136,39 @@ class VideoSink:
         """
         if not self._moments:
             raise InputError(f"video '{self.path}': nothing to show: no tick came from a simulated robot")
-        model = self._model_factory()
-        renderer = make_renderer(model, *self._size, self._camera, choice=choose_video_backend())
+        pictures = PoseRenderer(self._model_factory, *self._size, self._camera, choose=choose_video_backend)
         try:
             with whole_file(self.path) as file:
-                count = self._encode(file.name, self._pictures(model, renderer.render), progress)
+                count = self._encode(file.name, self._frames(pictures), progress)
         except av.FFmpegError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
         finally:
-            renderer.close()
+            pictures.close()
         fps = float(self._fps)
         notice = "" if fps == self._asked_fps else f"a long run: {fps:g} instead of {self._asked_fps} frames per second"
-        return VideoReport(self.path, count, fps, renderer.backend, notice)
+        return VideoReport(self.path, count, fps, pictures.backend, notice)
 
     @property
     def frame_count(self) -> int:
         """Frames that `render` will write."""
         return round(self._moments[-1].time * self._fps) + 1 if self._moments else 0
 
-    def _pictures(
-        self, model: mujoco.MjModel, draw: Callable[[mujoco.MjData], npt.NDArray[np.uint8]]
-    ) -> Iterator[npt.NDArray[np.uint8]]:
-        """One picture per frame, at a constant rate: the moment nearest to it. A pose that is not finite is held."""
-        data = mujoco.MjData(model)
-        update_pose(model, data, data.qpos.copy())
+    def _frames(self, pictures: PoseRenderer) -> Iterator[npt.NDArray[np.uint8]]:
+        """One picture per frame, at a constant rate: the moment nearest to it."""
         shown = -1
         for frame in range(self.frame_count):
             last = shown
             while shown + 1 < len(self._moments) and self._moments[shown + 1].time * self._fps <= frame + 0.5:
                 shown += 1
             if shown != last:
-                update_pose(model, data, self._moments[shown].qpos)
-                picture = draw_caption(draw(data), self._moments[shown].caption)
+                moment = self._moments[shown]
+                picture = draw_caption(pictures.draw(moment.qpos), moment.caption)
             yield picture
 
     def _encode(
         self,
         path: str,
-        pictures: Iterator[npt.NDArray[np.uint8]],
+        frames: Iterator[npt.NDArray[np.uint8]],
         progress: Callable[[int, int], None] | None,
     ) -> int:
         codec = next(name for name in _H264 if name in av.codecs_available)
@@ -185,7 +180,7 @@ class VideoSink:
             )
             stream.width, stream.height = self._size
             stream.pix_fmt = "yuv420p"
-            for picture in pictures:
+            for picture in frames:
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
                 done += 1
                 if progress is not None:
@@ -211,15 +206,12 @@ def save_snapshot(
         InputError: the file cannot be written, or there is no such camera.
     """
     path = output_file(path, "snapshot", *_SNAPSHOT_FORMATS)
-    renderer = make_renderer(model, *size, camera)
+    pictures = PoseRenderer(lambda: model, *size, camera)
     try:
-        data = mujoco.MjData(model)
-        update_pose(model, data, data.qpos.copy())
-        update_pose(model, data, qpos)
-        picture = renderer.render(data)
+        picture = pictures.draw(qpos)
         image = Image.fromarray(picture if caption is None else draw_caption(picture, caption))
         with whole_file(path) as file:
             image.save(file, _SNAPSHOT_FORMATS[path.suffix.lower()])
     finally:
-        renderer.close()
-    return renderer.backend
+        pictures.close()
+    return pictures.backend
