@@ -21,7 +21,7 @@ import yaml
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
-from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader
+from humanoid_sim.strict_yaml import read_strictly
 
 __all__ = [
     "Calibration",
@@ -87,19 +87,7 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
         InputError: the file cannot be read, is no calibration, or names another motor for a joint: it is another
             robot's. One line with joint, field, value and what is accepted.
     """
-    file = regular_file(path, "a calibration (YAML)")
-    try:
-        document = yaml.load(file.read_text(encoding="utf-8"), StrictLoader)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file (UTF-8)") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise InputError(f"{path}: {where}not valid YAML: {getattr(error, 'problem', None) or 'unreadable'}") from None
-    except UNREADABLE as error:
-        raise InputError(f"{path}: not YAML that can be read: {type(error).__name__}: {error}") from None
+    document = read_strictly(regular_file(path, "a calibration (YAML)"), str(path))
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
         raise InputError(f"{path}: expected a mapping from joint names to {', '.join(_FIELDS)}")
     entries = {name: _entry(f"{path}: {name}", value) for name, value in document.items()}

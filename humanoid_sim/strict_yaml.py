@@ -14,7 +14,7 @@ import yaml
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 
-__all__ = ["UNREADABLE", "StrictLoader", "load_strictly", "read_yaml", "type_at", "value_at"]
+__all__ = ["UNREADABLE", "StrictLoader", "load_strictly", "read_strictly", "read_yaml", "type_at", "value_at"]
 
 
 UNREADABLE = (ValueError, OverflowError, TypeError, LookupError, AttributeError, RecursionError)
@@ -129,6 +129,27 @@ def _place(error: yaml.YAMLError) -> str:
 def _problem(error: yaml.YAMLError) -> str:
     text = getattr(error, "problem", None) or str(error)
     return " ".join(text.split())
+
+
+def read_strictly(path: Path, label: str) -> Any:
+    """The document in a file; `label` is what to call the file in messages.
+
+    Raises:
+        InputError: one line with the label, the place and what is wrong.
+    """
+    try:
+        return load_strictly(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{label}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{label}: is not a text file (UTF-8)") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
+        raise InputError(f"{label}: {where}not valid YAML: {problem}") from None
+    except UNREADABLE as error:
+        raise InputError(f"{label}: not YAML that can be read: {type(error).__name__}: {error}") from None
 
 
 def value_at(document: Any, place: str) -> Any:

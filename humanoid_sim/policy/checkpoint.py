@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -14,7 +15,6 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
-from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.graph_motion import Progress, has_graph_motion, sweep_motion
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, first_line, read_header
@@ -31,6 +31,9 @@ __all__ = [
     "read_contract",
     "zero_policy",
 ]
+
+PLACEHOLDER = "placeholder"
+"""Source of the stand-in that is taken where no policy can run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +54,11 @@ class Checkpoint:
     """The contract.yaml that took part, beside the model or named; None without one."""
     golden: str = ""
     """What the golden vectors that were computed again are worth, in words; empty without any."""
+
+    @property
+    def metadata(self) -> Mapping[str, str]:
+        """Of the model; empty for a policy without one."""
+        return self.policy.metadata if isinstance(self.policy, OnnxPolicy) else {}
 
 
 def load_checkpoint(
@@ -91,11 +99,11 @@ def load_checkpoint(
     motion = sweep_motion(policy, contract, progress) if has_graph_motion(policy, contract) else None
     used = find_contract(path) if contract_file is None else contract_file
     checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
-    if verify and GOLDEN_KEY in model.metadata:
-        from humanoid_sim.policy.golden.verify import verify_golden  # noqa: PLC0415 - only stamped models need it
+    if not verify:
+        return checkpoint
+    from humanoid_sim.policy.golden.verify import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
 
-        return replace(checkpoint, golden=verify_golden(checkpoint, model.metadata))
-    return checkpoint
+    return replace(checkpoint, golden=verify_golden(checkpoint))
 
 
 def read_contract(
@@ -117,9 +125,6 @@ def file_digest(path: Path) -> str:
     if is_file(external):
         digest.update(external.read_bytes())
     return digest.hexdigest()
-
-
-PLACEHOLDER = "placeholder"
 
 
 def zero_policy(action_count: int) -> Policy:

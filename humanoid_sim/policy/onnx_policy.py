@@ -15,7 +15,11 @@ from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 
-__all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "read_header", "read_metadata"]
+__all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "read_header"]
+
+_ACTIONS = ("actions", "action")
+_TIME_STEP = "time_step"
+_NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,15 +102,6 @@ def has_onnxruntime() -> bool:
     return True
 
 
-def read_metadata(path: Path) -> dict[str, str]:
-    """The metadata of a checkpoint, without ONNX Runtime.
-
-    Raises:
-        InputError: if the file is no ONNX model.
-    """
-    return read_header(path)[0]
-
-
 def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     """The metadata of a checkpoint and the names of its outputs, without ONNX Runtime.
 
@@ -137,11 +132,6 @@ def check_file(path: Path) -> None:
 def first_line(error: Exception) -> str:
     """What an exception says, cut to its first line."""
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-
-
-_ACTIONS = ("actions", "action")
-_TIME_STEP = "time_step"
-_NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
 
 
 class OnnxPolicy:

@@ -34,6 +34,14 @@ Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 """The worst first. An error keeps the policy from running as it was meant to; a warning is worth a look."""
 
+_TOLERANCE = 1e-3
+"""rad. Exporters round poses to three decimals."""
+_STUCK = 0.02
+"""rad. A joint that an action of one unit moves by less hardly moves."""
+_COARSE = 0.02
+"""Relative error at which the rounding of a gain by the motor's format is worth a word."""
+_RATE_TOLERANCE = 1e-6
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -123,12 +131,6 @@ def _side(name: str) -> str:
     return "left" if "left" in name else "right" if "right" in name else ""
 
 
-_TOLERANCE = 1e-3
-"""rad. Exporters round poses to three decimals."""
-_STUCK = 0.02
-"""rad. A joint that an action of one unit moves by less hardly moves."""
-
-
 def range_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Poses and actions against limits, for joints that the robot has."""
     limits = {joint.name: (joint.lower, joint.upper) for joint in description.joints}
@@ -180,10 +182,6 @@ def _action(contract: PolicyContract, i: int, joint: str, limits: tuple[float, f
         yield Finding("info", "action_scale", message, joint, scale, limit)
 
 
-_COARSE = 0.02
-"""Relative error at which the rounding of a gain by the motor's format is worth a word."""
-
-
 def motor_findings(contract: PolicyContract, description: RobotDescription, *, hardware: bool) -> Iterator[Finding]:
     """Gains beyond what the robot's motors can encode, joint by joint."""
     motors = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
@@ -225,7 +223,6 @@ _ESTIMATES = {
     "motion_anchor_pos": "the position of the anchor body",
     "motion_anchor_ori": "the pose of the anchor body",
 }
-_RATE_TOLERANCE = 1e-6
 
 
 def estimate_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:

@@ -13,13 +13,13 @@ from rich.markup import escape
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
-from humanoid_sim.controllers.policy_step import resolve_action
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT, resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
+from humanoid_sim.policy.onnx_policy import OnnxModel
 from humanoid_sim.policy.robot_check import (
     SEVERITIES,
     Finding,
@@ -43,8 +43,6 @@ __all__ = ["check", "check_checkpoint"]
 
 Float32Array = npt.NDArray[np.float32]
 
-_LARGEST_ACTION = 100.0
-"""The controller's own limit of a raw action."""
 _PROBES = 4
 _STYLES: dict[Severity, str] = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 _PLURALS: dict[Severity, str] = {"error": "error(s)", "warning": "warning(s)", "info": "remark(s)"}
@@ -136,10 +134,8 @@ def _findings(
 
 
 def _golden(checkpoint: Checkpoint) -> Iterator[Finding]:
-    if not isinstance(checkpoint.policy, OnnxPolicy):
-        return
     try:
-        label = verify_golden(checkpoint, checkpoint.policy.metadata)
+        label = verify_golden(checkpoint)
     except (InputError, FieldError) as error:
         yield Finding("error", "golden vectors", str(error).removeprefix(f"{checkpoint.source}: golden vectors: "))
         return
@@ -177,10 +173,10 @@ def _answers(checkpoint: Checkpoint, width: int) -> Iterator[Finding]:
     if not np.isfinite(action).all():
         joint = joints[int(np.argmax(~np.isfinite(action)))]
         yield Finding("error", "model", "answers an observation of zeros with a number that is not finite", joint)
-    elif action.max() > _LARGEST_ACTION:
+    elif action.max() > ACTION_LIMIT:
         worst = int(np.argmax(action))
-        message = f"answers an observation of zeros with {action[worst]:g}, expected at most {_LARGEST_ACTION:g}"
-        yield Finding("error", "model", message, joints[worst], float(action[worst]), _LARGEST_ACTION)
+        message = f"answers an observation of zeros with {action[worst]:g}, expected at most {ACTION_LIMIT:g}"
+        yield Finding("error", "model", message, joints[worst], float(action[worst]), ACTION_LIMIT)
 
 
 def _deaf(checkpoint: Checkpoint, layout: ObservationLayout) -> Iterator[Finding]:

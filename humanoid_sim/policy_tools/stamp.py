@@ -7,7 +7,6 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -25,7 +24,7 @@ from humanoid_sim.policy.golden.trace import BodyReader, read_trace
 from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
+from humanoid_sim.policy.onnx_policy import first_line
 from humanoid_sim.policy_tools import Stamp
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot
@@ -84,7 +83,7 @@ def stamp(
     _check_output(path, output, overwrite)
     joints = None if description is None else description.joint_names
     checkpoint = load_checkpoint(path, contract_file, joints, verify=False)
-    samples = _samples(checkpoint, _metadata(checkpoint), description, trace, motion)
+    samples = _samples(checkpoint, description, trace, motion)
     try:
         metadata = {
             **write_metadata(checkpoint.contract),
@@ -132,14 +131,8 @@ def _check_output(path: Path, output: Path, overwrite: bool) -> None:
         raise InputError(f"{output}: exists already; --overwrite replaces it")
 
 
-def _metadata(checkpoint: Checkpoint) -> Mapping[str, str]:
-    policy = checkpoint.policy
-    return policy.metadata if isinstance(policy, OnnxPolicy) else MappingProxyType({})
-
-
 def _samples(
     checkpoint: Checkpoint,
-    metadata: Mapping[str, str],
     description: RobotDescription | None,
     trace: Path | None,
     motion_file: Path | None,
@@ -148,10 +141,10 @@ def _samples(
     if trace is not None:
         bodies = None if description is None else body_reader(description, checkpoint.contract.anchor_body)
         return trainer_samples(checkpoint, read_trace(trace, checkpoint.contract, bodies), motion)
-    if GOLDEN_KEY in metadata:
-        samples = decode_samples(metadata[GOLDEN_KEY], checkpoint.source)
+    if GOLDEN_KEY in checkpoint.metadata:
+        samples = decode_samples(checkpoint.metadata[GOLDEN_KEY], checkpoint.source)
         if samples.origin == "trainer":
-            verify_golden(checkpoint, metadata)
+            verify_golden(checkpoint)
             return samples
     return own_samples(checkpoint, motion)
 

@@ -8,7 +8,6 @@ from typing import Any, get_args
 
 import msgspec
 import numpy as np
-import yaml
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.contract import PolicyContract
@@ -18,7 +17,7 @@ from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
-from humanoid_sim.strict_yaml import UNREADABLE, load_strictly, type_at, value_at
+from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
 
 __all__ = ["RobotDescription", "load_robot", "shipped_robots", "with_contract"]
 
@@ -73,19 +72,7 @@ def _find(name_or_path: str) -> tuple[Path, str]:
 
 
 def _read(path: Path, label: str) -> dict[str, Any]:
-    try:
-        document = load_strictly(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{label}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{label}: is not a text file (UTF-8)") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
-        raise InputError(f"{label}: {where}not valid YAML: {problem}") from None
-    except UNREADABLE as error:
-        raise InputError(f"{label}: not YAML that can be read: {type(error).__name__}: {error}") from None
+    document = read_strictly(path, label)
     if document is None:
         raise InputError(f"{label}: is empty, expected a robot description")
     if not isinstance(document, dict):

@@ -177,11 +177,6 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         return self.base.type == "floating"
 
     @property
-    def has_gains(self) -> bool:
-        """Whether any joint has a default K_p; a user's MJCF has none, so that they must come from the policy."""
-        return any(joint.stiffness > 0.0 for joint in self.joints)
-
-    @property
     def lower(self) -> FloatArray:
         """Shape (n,), rad, read-only: lower position limits."""
         return _read_only([joint.lower for joint in self.joints])

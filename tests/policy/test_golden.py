@@ -24,7 +24,7 @@ from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples, encod
 from humanoid_sim.policy.golden.trace import read_trace
 from humanoid_sim.policy.golden.verify import golden_problem
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.onnx_policy import read_metadata
+from humanoid_sim.policy.onnx_policy import read_header
 from humanoid_sim.policy_tools.stamp import add_metadata
 
 
@@ -147,7 +147,7 @@ def test_samples_survive_their_encoding(walker: Path, trace: Path) -> None:
 
 
 def test_broken_stamps_are_one_line(stamped: Path) -> None:
-    document = json.loads(read_metadata(stamped)[GOLDEN_KEY])
+    document = json.loads(read_header(stamped)[0][GOLDEN_KEY])
     broken: dict[str, Any] = {
         "no JSON": "{",
         "a list": "[]",

@@ -17,7 +17,7 @@ from onnx import TensorProto, helper, numpy_helper
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import file_digest, load_checkpoint
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.onnx_policy import OnnxPolicy, has_onnxruntime, read_metadata
+from humanoid_sim.policy.onnx_policy import OnnxPolicy, has_onnxruntime, read_header
 
 
 def test_a_checkpoint_is_loaded_with_all_that_it_says(tmp_path: Path) -> None:
@@ -35,7 +35,7 @@ def test_a_checkpoint_is_loaded_with_all_that_it_says(tmp_path: Path) -> None:
 
 
 def test_metadata_can_be_read_without_running_the_model(tmp_path: Path) -> None:
-    assert read_metadata(models.saved(tmp_path / "policy.onnx")) == write_metadata(models.contract())
+    assert read_header(models.saved(tmp_path / "policy.onnx"))[0] == write_metadata(models.contract())
 
 
 def test_a_dynamic_batch_is_a_batch_of_one(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("load", [load_checkpoint, read_metadata])
+@pytest.mark.parametrize("load", [load_checkpoint, read_header])
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_is_no_model_is_refused_in_one_line(
     name: str, load: Callable[[Path], object], tmp_path: Path

@@ -19,7 +19,7 @@ from humanoid_sim.policy.contract_json import STAMP_KEY
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples
 from humanoid_sim.policy.golden.verify import golden_problem
 from humanoid_sim.policy.metadata import METADATA_KEYS, parse_metadata, write_metadata
-from humanoid_sim.policy.onnx_policy import read_metadata
+from humanoid_sim.policy.onnx_policy import read_header
 from humanoid_sim.policy_tools.stamp import add_metadata
 from humanoid_sim.robots.description import load_robot
 
@@ -68,12 +68,12 @@ def test_published_policy(cli, tmp_path: Path, name: str) -> None:
     again = folder / "again.onnx"
     status, out, error = cli("stamp", output, "-o", again)
     assert status == 0, error
-    assert read_metadata(again)[GOLDEN_KEY] == read_metadata(output)[GOLDEN_KEY]
+    assert read_header(again)[0][GOLDEN_KEY] == read_header(output)[0][GOLDEN_KEY]
     assert load_checkpoint(again).golden == copy.golden
 
 
 def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped: Path) -> None:
-    metadata = read_metadata(stamped)
+    metadata = read_header(stamped)[0]
     assert set(metadata) == {*METADATA_KEYS, STAMP_KEY, GOLDEN_KEY}
     thirteen = parse_metadata(metadata, "stamped")
     assert thirteen.joint_names == contract().joint_names
@@ -94,7 +94,7 @@ def test_keeps_other_metadata(cli, walker: Path, tmp_path: Path) -> None:
     onnx.save(model, str(walker))
     output = tmp_path / "out.onnx"
     assert cli("stamp", walker, "-o", output)[0] == 0
-    assert read_metadata(output)["run_path"] == "team/walk/17"
+    assert read_header(output)[0]["run_path"] == "team/walk/17"
 
 
 def test_without_a_trace_the_samples_only_show_drift(cli, walker: Path, tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_a_motion_from_a_file_goes_into_the_samples(cli, tmp_path: Path) -> None
     assert status == 0, error
     checkpoint = load_checkpoint(output)  # without the motion
     assert "drift only" in checkpoint.golden
-    samples = decode_samples(read_metadata(output)[GOLDEN_KEY], "x")
+    samples = decode_samples(read_header(output)[0][GOLDEN_KEY], "x")
     assert {"motion_body_pos_b", "motion_body_ori_b"} == set(samples.reference)
     shifted = replace(checkpoint, contract=replace(checkpoint.contract, default_joint_pos=np.full(14, 0.1)))
     assert "joint_pos[0] (left_shoulder_pitch)" in golden_problem(shifted, samples)

@@ -87,7 +87,7 @@ def test_poses_are_zero_within_the_limits_and_gains_are_left_to_the_policy(hoppe
     robot = load_robot(hopper)
     assert robot.initial_position == (0.0, 0.2)
     assert robot.standby_controller_a.pose_segments == ((0.0, 0.2),)
-    assert not robot.has_gains
+    assert not robot.stiffness.any()
     assert not robot.stiffness.any()
 
 

@@ -48,7 +48,7 @@ def test_what_its_mjcf_says() -> None:
     assert robot.joint_count == 29
     assert robot.joint_names[:2] == ("left_hip_pitch_joint", "left_hip_roll_joint")
     assert (robot.base.body, robot.imu) == ("pelvis", "imu_in_pelvis")
-    assert not robot.has_gains
+    assert not robot.stiffness.any()
 
 
 def test_gyro_and_gravity_are_those_of_the_published_trace(g1: RobotDescription) -> None:

@@ -7,7 +7,7 @@ import pytest
 from humanoid_sim.assets import asset_path
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.metadata import METADATA_KEYS
-from humanoid_sim.policy.onnx_policy import read_metadata
+from humanoid_sim.policy.onnx_policy import read_header
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training import scales
 from humanoid_sim.training.arm import ORIENTATION_SIGN, POSITION_SIGN, arm_joints, both_arms
@@ -78,7 +78,7 @@ def test_the_graph_computes_what_the_network_is_said_to(tmp_path, lite, weights)
 
 
 def test_the_shipped_policy_describes_itself(lite):
-    metadata = read_metadata(SHIPPED)
+    metadata = read_header(SHIPPED)[0]
     assert set(METADATA_KEYS) <= set(metadata)
     contract = load_checkpoint(SHIPPED).contract
     assert contract.task_type == "tracking"

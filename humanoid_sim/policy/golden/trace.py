@@ -1,24 +1,6 @@
 """A trainer's run in an `.npz` file: what the robot did, what the policy saw, what it answered.
 
-Every array has one row per policy step, F of them, one after the other from the activation of the policy on:
-
-| array | shape | |
-|---|---|---|
-| `obs` or `observation` | (F, N) | as fed to the model, without noise |
-| `action` or `actions` | (F, m) | raw, as the model answered |
-| `joint_names` | (J,) | order of the joints; with `qpos` the free joint's name may come first |
-| `qpos`, `qvel` | (F, nq), (F, nv) | MuJoCo's state before the step: the joints, behind x y z, w x y z of a free one |
-| or `joint_position`, `joint_velocity` | (F, J) | rad, rad/s |
-| with `imu_quaternion`, `imu_angular_velocity` | (F, 4), (F, 3) | w x y z; rad/s in the body frame |
-| `velocity_command` or `cmd` | (3,) or (F, 3) | vx, vy in m/s, yaw rate in rad/s |
-| `imu_linear_acceleration` | (F, 3) | m/s², body frame; only for policies that observe it |
-| `base_linear_velocity` | (F, 3) | m/s, world frame; follows from `qvel` |
-| `anchor_pose` | (F, 7) | x y z and w x y z of the anchor body, world frame; follows from `qpos` and the robot |
-| `key_pressed` | (F, keys) | 0 or 1 |
-| `target` | (F, J) | rad, positions that the trainer commanded; joints as in `joint_names` |
-| `last_action`, `frame`, `walked`, `history`, `alignment` | | memory, for runs that do not start at activation |
-
-Without the last line the memory follows from the steps before: `last_action` is zero at first, `frame` counts from 0.
+`docs/golden-vectors.md` lists the arrays, one row per policy step, from the activation of the policy on.
 """
 
 from __future__ import annotations

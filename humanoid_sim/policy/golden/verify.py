@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,8 +60,8 @@ class _Wrong:
     """Of them in that sample."""
 
 
-def verify_golden(checkpoint: Checkpoint, metadata: Mapping[str, str]) -> str:
-    """Check a checkpoint against the golden vectors in its metadata.
+def verify_golden(checkpoint: Checkpoint) -> str:
+    """Check a checkpoint against the golden vectors that it carries.
 
     Returns:
         What its samples are worth, in words; empty if it has none.
@@ -70,9 +70,9 @@ def verify_golden(checkpoint: Checkpoint, metadata: Mapping[str, str]) -> str:
         InputError: one line with the first sample, term and joint that differ, and both values; or the samples are
             malformed.
     """
-    if GOLDEN_KEY not in metadata:
+    if GOLDEN_KEY not in checkpoint.metadata:
         return ""
-    samples = decode_samples(metadata[GOLDEN_KEY], checkpoint.source)
+    samples = decode_samples(checkpoint.metadata[GOLDEN_KEY], checkpoint.source)
     problem = golden_problem(checkpoint, samples)
     if problem:
         raise InputError(f"{checkpoint.source}: golden vectors: {problem}")
@@ -214,23 +214,28 @@ def _memory(samples: GoldenSamples, i: int) -> PolicyMemory:
 
 def memory_fields(given: Mapping[str, npt.NDArray[np.floating | np.integer]]) -> dict[str, Any]:
     """The recorded memory in its own types; NaN stands for a history or an alignment that is not there."""
-    fields: dict[str, Any] = {}
-    if "last_action" in given:
-        fields["last_action"] = np.asarray(given["last_action"], dtype=np.float32)
-    if "frame" in given:
-        fields["frame"] = int(given["frame"])
-    if "walked" in given:
-        fields["walked"] = float(given["walked"])
-    if "history" in given:
-        history = np.asarray(given["history"], dtype=np.float32)
-        fields["history"] = None if np.isnan(history).any() else history
-    if "alignment" in given:
-        fields["alignment"] = _alignment(np.asarray(given["alignment"], dtype=np.float64))
-    return fields
+    return {name: _MEMORY[name](value) for name, value in given.items()}
+
+
+def _history(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32] | None:
+    return None if np.isnan(values).any() else values.astype(np.float32)
 
 
 def _alignment(values: FloatArray) -> Alignment | None:
-    return None if np.isnan(values).any() else Alignment(yaw=values[3:], offset=values[:3])
+    return (
+        None
+        if np.isnan(values).any()
+        else Alignment(yaw=values[3:].astype(np.float64), offset=values[:3].astype(np.float64))
+    )
+
+
+_MEMORY: Mapping[str, Callable[[Any], Any]] = {
+    "last_action": lambda values: values.astype(np.float32),
+    "frame": int,
+    "walked": float,
+    "history": _history,
+    "alignment": _alignment,
+}
 
 
 def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) -> str:

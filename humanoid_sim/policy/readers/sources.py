@@ -20,7 +20,7 @@ from humanoid_sim.policy.readers.partial import PartialContract
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 from humanoid_sim.policy.readers.values import shown
 
-__all__ = ["assemble_contract", "assumptions", "metadata_contract", "source_files"]
+__all__ = ["assemble_contract", "assumptions", "metadata_contract"]
 
 _DIALECTS = ((is_mjlab, read_mjlab), (is_holosoma, read_holosoma))
 """Of trainers that write into a model's metadata: whether it is there, and what it says. A new one is a line here, and
@@ -79,12 +79,6 @@ def _check_stamp(metadata: Mapping[str, str], where: str) -> None:
                 f"{where}: {name} is {shown(given.value)} in its metadata, {shown(expected.value)} in its stamped "
                 "contract; stamp it again from the one that is right"
             )
-
-
-def source_files(path: Path, contract_file: Path | None = None) -> tuple[Path, ...]:
-    """The files beside a checkpoint that `assemble_contract` reads, as far as they exist."""
-    found = (find_deploy(path), find_contract(path) if contract_file is None else contract_file)
-    return tuple(file for file in found if file is not None)
 
 
 def assumptions(contract: PolicyContract) -> tuple[str, ...]:
