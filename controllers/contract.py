@@ -14,9 +14,10 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 import numpy as np
 
 from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
+from humanoid_sim.controllers.term_kinds import TermKind, term_kind
 from humanoid_sim.controllers.terms import QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import FloatArray, frozen_array
+from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, frozen_array
 
 __all__ = ["FORMS", "Form", "HistoryLayout", "PhaseRule", "PolicyContract", "TaskType", "TensorNames"]
 
@@ -43,9 +44,7 @@ class Form:
     key: str = ""
     """Among the thirteen of a model's metadata; empty for a field that they do not tell."""
     is_required: bool = False
-    """Whether some source has to state it."""
-    needed_by: tuple[str, ...] = ()
-    """Kinds of observation terms that cannot do without it."""
+    """Whether some source has to state it; a kind of observation term may require another field."""
 
 
 def _choice(choices: Any, key: str = "") -> Form:
@@ -124,16 +123,11 @@ class PolicyContract:
     """Shape (m,) or scalar, rad per unit of action."""
     policy_dt: Annotated[float, Form("number", key="policy_dt", is_required=True)]
     """s"""
-    body_names: Annotated[
-        tuple[str, ...],
-        Form("names", may_be_empty=True, key="body_names", needed_by=("motion_body_pos_b", "motion_body_ori_b")),
-    ]
+    body_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, key="body_names")]
     """Bodies that the motion reference describes, b of them."""
     dataset_repo_id: Annotated[str, Form("text", key="dataset_repo_id")] = ""
     """Where the default motion comes from; empty for none."""
-    lookahead_steps: Annotated[
-        tuple[int, ...], Form("steps", key="lookahead_steps", needed_by=("target_keys_future",))
-    ] = ()
+    lookahead_steps: Annotated[tuple[int, ...], Form("steps", key="lookahead_steps")] = ()
     """Policy steps ahead of the present one that `target_keys_future` shows (piano)."""
     action_offset: Annotated[FloatArray | None, _values("action_joint_names")] = None
     """Shape (m,) or scalar, rad, added to the scaled action; None: the default pose of the driven joints."""
@@ -145,9 +139,9 @@ class PolicyContract:
     """Of terms that show more than one step: each term's steps together, or each step's terms together."""
     command_ranges: Annotated[FloatArray | None, Form("axes")] = None
     """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
-    phase: Annotated[PhaseRule | None, Form("parts", needed_by=("sin_phase", "cos_phase", "gait_phase"))] = None
+    phase: Annotated[PhaseRule | None, Form("parts")] = None
     """The gait clock of policies that observe one."""
-    anchor_body: Annotated[str, Form("text", needed_by=("motion_anchor_pos", "motion_anchor_ori"))] = ""
+    anchor_body: Annotated[str, Form("text")] = ""
     """The body that the reference's anchor terms compare."""
     align_reference: Annotated[bool, Form("flag")] = True
     """Lay the reference onto the robot at activation: turned to its heading, moved to where it stands."""
@@ -177,6 +171,15 @@ class PolicyContract:
     def terms(self) -> tuple[Term, ...]:
         """The observation terms, in order, every one written out."""
         return tuple(term for term in self.observation if isinstance(term, Term))
+
+    def kind(self, term: Term) -> TermKind:
+        """What a term means here; `command` stands for the motion or the velocity, as `command_names` says."""
+        return term_kind(term.kind, self.command_names)
+
+    @property
+    def takes_velocity_command(self) -> bool:
+        """Whether what the policy observes depends on the velocity command: as a term, or through the gait clock."""
+        return self.phase is not None or any(self.kind(term).reads == VELOCITY_COMMAND for term in self.terms)
 
     @property
     def observation_names(self) -> tuple[str, ...]:

@@ -12,18 +12,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.context import ObservationContext, Source
 from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract
-from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.sources import resolve_source
+from humanoid_sim.controllers.term_values import ObservationContext, Request, Source
 from humanoid_sim.controllers.terms import Term
 
 __all__ = [
-    "ObservationContext",
     "ObservationLayout",
     "ObservationTerm",
-    "joint_indices",
     "pack",
     "resolve_observation",
     "stack",
@@ -108,7 +104,8 @@ def resolve_observation(
     terms = []
     start = 0
     for term in contract.terms:
-        width, source = resolve_source(term, contract, robot_joints, reference, extern)
+        kind = contract.kind(term)
+        width, source = kind.source(Request(term, kind, contract, robot_joints, reference, extern))
         term.check_width(width)
         terms.append(ObservationTerm(term, start, start + width, source))
         start += width

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
-from humanoid_sim.controllers.observation import ObservationContext, ObservationLayout, pack, resolve_observation, stack
+from humanoid_sim.controllers.observation import ObservationLayout, pack, resolve_observation, stack
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
-from humanoid_sim.controllers.sources import live_command, takes_velocity_command
+from humanoid_sim.controllers.term_values import ObservationContext, live_command
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand, MITState
 
@@ -83,7 +83,7 @@ class PolicyWiring:
         set_field = object.__setattr__
         set_field(self, "action_map", resolve_action(self.contract, self.joints))
         set_field(self, "layout", resolve_observation(self.contract, self.joints, self.reference, self.extern))
-        set_field(self, "takes_velocity_command", takes_velocity_command(self.contract))
+        set_field(self, "takes_velocity_command", self.contract.takes_velocity_command)
 
     def activate(self, state: MITState) -> PolicyMemory:
         """Frame 0, no last action, and the reference laid onto the robot as it stands."""

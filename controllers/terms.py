@@ -1,7 +1,7 @@
 """One term of a policy's observation, as a contract writes it down: what it means and every convention it depends on.
 
-Exporters give the same quantity different names; `TERM_KINDS` maps each known name to its meaning. A convention that
-differs between sources is an option of the term, so that any wiring, a wrong one too, can be written down.
+A convention that differs between sources is an option of the term, so that any wiring, a wrong one too, can be written
+down. What kinds of terms there are is in `term_kinds`.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.parameters import joint_tuple
+from humanoid_sim.controllers.term_kinds import TERM_NAMES
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, frozen_array
 
 __all__ = [
-    "TERM_KINDS",
     "ActionForm",
     "Frame",
     "HistoryOrder",
@@ -33,46 +33,15 @@ OrientationLayout = Literal["rows", "columns", "two_rows"]
 QuaternionOrder = Literal["wxyz", "xyzw"]
 HistoryOrder = Literal["oldest_first", "newest_first"]
 ActionForm = Literal["raw", "scaled"]
-
-TERM_KINDS: Mapping[str, str] = MappingProxyType(
+_CHOICES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "joint_pos": "joint_pos",
-        "joint_pos_rel": "joint_pos",
-        "dof_pos": "joint_pos",
-        "joint_vel": "joint_vel",
-        "joint_vel_rel": "joint_vel",
-        "dof_vel": "joint_vel",
-        "actions": "actions",
-        "last_action": "actions",
-        "base_ang_vel": "base_ang_vel",
-        "imu_ang_vel": "base_ang_vel",
-        "imu_angular_velocity": "base_ang_vel",
-        "imu_quaternion": "imu_quaternion",
-        "imu_linear_acceleration": "imu_linear_acceleration",
-        "projected_gravity": "projected_gravity",
-        "base_lin_vel": "base_lin_vel",
-        "velocity_commands": "velocity_command",
-        "velocity_command": "velocity_command",
-        "twist": "velocity_command",
-        "command_lin_vel": "command_lin_vel",
-        "command_ang_vel": "command_ang_vel",
-        "motion_command": "motion_command",
-        "motion": "motion_command",
-        "motion_anchor_pos_b": "motion_anchor_pos",
-        "motion_anchor_ori_b": "motion_anchor_ori",
-        "motion_ref_ori_b": "motion_anchor_ori",
-        "sin_phase": "sin_phase",
-        "cos_phase": "cos_phase",
-        "gait_phase": "gait_phase",
-        "motion_body_pos_b": "motion_body_pos_b",
-        "motion_body_ori_b": "motion_body_ori_b",
-        "target_keys": "target_keys",
-        "target_keys_future": "target_keys_future",
-        "progress": "progress",
-        "key_pressed": "key_pressed",
+        "history_order": get_args(HistoryOrder),
+        "frame": get_args(Frame),
+        "layout": get_args(OrientationLayout),
+        "quaternion": get_args(QuaternionOrder),
+        "form": get_args(ActionForm),
     }
 )
-"""Every known name of a term, and its meaning. The name `command` means whatever the contract's command is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +51,7 @@ class Term:
     name: str
     """As the exporter calls it."""
     kind: str = ""
-    """Its meaning, one of the values of `TERM_KINDS`; empty: by its name. Any other is the name of a live input."""
+    """Its meaning, a name of `TERM_KINDS` or `command`; empty: by its name. Any other is the name of a live input."""
     scale: FloatArray | float = 1.0
     """Scalar, or one factor per value. 0 feeds zeros."""
     clip: tuple[float, float] | None = None
@@ -110,7 +79,7 @@ class Term:
         set_field = object.__setattr__
         if not self.name or not isinstance(self.name, str):
             raise FieldError(f"observation term: its name is {self.name!r}, expected a text")
-        set_field(self, "kind", self.kind or TERM_KINDS.get(self.name, self.name))
+        set_field(self, "kind", self.kind or TERM_NAMES.get(self.name, self.name))
         scale = frozen_array(where, "scale", self.scale)
         if scale.ndim > 1 or not np.isfinite(scale).all():
             raise FieldError(f"{where}: scale is {self.scale}, expected a finite number, or one per value")
@@ -124,18 +93,9 @@ class Term:
             raise FieldError(f"{where}: history is {self.history!r}, expected a whole number >= 1")
         if self.joints is not None:
             set_field(self, "joints", joint_tuple(where, self.joints, "joints"))
-        choices = {
-            "history_order": HistoryOrder,
-            "frame": Frame,
-            "layout": OrientationLayout,
-            "quaternion": QuaternionOrder,
-            "form": ActionForm,
-        }
-        for name, accepted in choices.items():
-            if getattr(self, name) not in get_args(accepted):
-                raise FieldError(
-                    f"{where}: {name} is {getattr(self, name)!r}, expected one of {', '.join(get_args(accepted))}"
-                )
+        for name, accepted in _CHOICES.items():
+            if getattr(self, name) not in accepted:
+                raise FieldError(f"{where}: {name} is {getattr(self, name)!r}, expected one of {', '.join(accepted)}")
 
     @property
     def is_plain(self) -> bool:
@@ -157,3 +117,7 @@ class Term:
         size = np.shape(self.scale)
         if size not in ((), (1,), (width,)):
             raise FieldError(f"observation term '{self.name}': scale has {size[0]} values, expected 1 or {width}")
+
+    def others(self, convention: str) -> tuple[str, ...]:
+        """What an option with a choice of words could be instead."""
+        return tuple(choice for choice in _CHOICES[convention] if choice != getattr(self, convention))

@@ -11,7 +11,17 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["DOUBT", "STRONG_DOUBT", "Edit", "RobotFacts", "change_terms", "set_fields", "set_term", "terms_of"]
+__all__ = [
+    "DOUBT",
+    "STRONG_DOUBT",
+    "Edit",
+    "RobotFacts",
+    "change_terms",
+    "requires",
+    "set_fields",
+    "set_term",
+    "terms_with",
+]
 
 Change = Callable[[PolicyContract], PolicyContract]
 
@@ -62,15 +72,14 @@ class Edit:
             return None
 
 
-def terms_of(contract: PolicyContract, *kinds: str) -> tuple[Term, ...]:
-    """The terms of some meanings, in the contract's order; `command` counts as what it stands for."""
-    return tuple(term for term in contract.terms if _meaning(term, contract) in kinds)
+def terms_with(contract: PolicyContract, convention: str) -> tuple[Term, ...]:
+    """The terms whose values depend on a convention, in the contract's order."""
+    return tuple(term for term in contract.terms if convention in contract.kind(term).conventions)
 
 
-def _meaning(term: Term, contract: PolicyContract) -> str:
-    if term.kind != "command":
-        return term.kind
-    return "motion_command" if "motion" in contract.command_names else "velocity_command"
+def requires(contract: PolicyContract, field: str) -> bool:
+    """Whether a term means nothing without a field of the contract."""
+    return any(contract.kind(term).requires == field for term in contract.terms)
 
 
 def change_terms(contract: PolicyContract, change: Callable[[Term], Term]) -> PolicyContract:

@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, rates
 from humanoid_sim.doctor.edits import Edit, RobotFacts
@@ -112,8 +113,10 @@ def _is_known(contract: PolicyContract, known: Iterable[Hypothesis]) -> bool:
 
 def same_value(a: object, b: object) -> bool:
     """Whether two values of a field, or of a term's option, mean the same."""
-    if isinstance(a, Term) and isinstance(b, Term) and _is_relative(a) == _is_relative(b):
-        b = replace(b, relative=a.relative)  # what is not said counts as its usual meaning
+    if isinstance(a, Term) and isinstance(b, Term):
+        kind = term_kind(a.kind)
+        if kind.is_relative(a) == kind.is_relative(b):
+            b = replace(b, relative=a.relative)  # what is not said counts as its usual meaning
     if isinstance(a, Term | PhaseRule):
         return type(a) is type(b) and all(same_value(getattr(a, x.name), getattr(b, x.name)) for x in fields(a))
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
@@ -121,10 +124,6 @@ def same_value(a: object, b: object) -> bool:
     if isinstance(a, tuple) and isinstance(b, tuple):
         return len(a) == len(b) and all(same_value(x, y) for x, y in zip(a, b, strict=True))
     return bool(a == b)
-
-
-def _is_relative(term: Term) -> bool:
-    return term.relative is not False if term.kind == "joint_pos" else term.relative is True
 
 
 def _same_values(a: np.ndarray, b: np.ndarray) -> bool:

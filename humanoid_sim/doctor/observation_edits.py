@@ -15,9 +15,10 @@ from humanoid_sim.doctor.edits import (
     Edit,
     RobotFacts,
     change_terms,
+    requires,
     set_fields,
     set_term,
-    terms_of,
+    terms_with,
 )
 
 __all__ = ["conventions", "phases", "reference_conventions", "scales", "zeroed"]
@@ -30,26 +31,8 @@ _LEGGED_GYM_COMMANDS: Mapping[str, float | tuple[float, ...]] = {
     "command_lin_vel": 2.0,
     "command_ang_vel": 0.25,
 }
-_USUAL: Mapping[str, tuple[float, ...]] = {
-    "base_ang_vel": (1.0, 0.25, 0.2),
-    "joint_vel": (1.0, 0.05, 0.1),
-    "base_lin_vel": (1.0, 2.0),
-    "joint_pos": (1.0,),
-    "actions": (1.0,),
-    "projected_gravity": (1.0,),
-    "motion_command": (1.0,),
-    "motion_anchor_pos": (1.0,),
-    "motion_anchor_ori": (1.0,),
-    "velocity_command": (1.0,),
-    "command_lin_vel": (1.0, 2.0),
-    "command_ang_vel": (1.0, 0.25),
-    "sin_phase": (1.0,),
-    "cos_phase": (1.0,),
-    "gait_phase": (1.0,),
-}
-"""Scales that are seen in the wild, by meaning."""
 _PERIODS = (0.6, 0.8, 1.0)
-"""s of a gait cycle, likewise."""
+"""s of a gait cycle, seen in the wild."""
 
 
 def _is_zero(term: Term) -> bool:
@@ -68,7 +51,7 @@ def zeroed(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
                 set_term((term.name,), scale=0.0),
             )
             continue
-        for scale in _USUAL.get(term.kind, (1.0,)):
+        for scale in contract.kind(term).scales or (1.0,):
             yield Edit(
                 f"{term.name} fed" + (f", scaled by {scale:g}" if scale != 1.0 else ""),
                 cause,
@@ -93,15 +76,16 @@ def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         def scaled(
             contract: PolicyContract, values: Mapping[str, float | tuple[float, ...]] = values
         ) -> PolicyContract:
-            return change_terms(
-                contract, lambda term: term if _is_zero(term) else _scaled(term, values.get(term.kind, 1.0))
-            )
+            def changed(term: Term) -> Term:
+                return term if _is_zero(term) else _scaled(term, values.get(contract.kind(term).name, 1.0))
+
+            return change_terms(contract, changed)
 
         yield Edit(f"observation scales {title}", "observation scales", f"the observation's scales are {title}", scaled)
     for term in contract.terms:
         if _is_zero(term):
             continue
-        for scale in _USUAL.get(term.kind, ()):
+        for scale in contract.kind(term).scales:
             yield Edit(
                 f"{term.name} scaled by {scale:g}",
                 f"{term.name} scale",
@@ -112,39 +96,41 @@ def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
 
 def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """Signs, frames, quaternion order, and what joint positions and the last action are relative to."""
-    for term in terms_of(contract, "projected_gravity"):
+    for term in terms_with(contract, "sign"):
         yield Edit(
             f"{term.name} sign flipped",
             f"{term.name} sign",
             f"{term.name} points the other way when the robot stands upright",
             set_term((term.name,), scale=-np.asarray(term.scale)),
         )
-    for term in terms_of(contract, "base_ang_vel", "base_lin_vel", "motion_anchor_pos"):
-        other = "world" if term.frame == "body" else "body"
+    for term in terms_with(contract, "frame"):
+        (other,) = term.others("frame")
         yield Edit(
             f"{term.name} in the {other} frame",
             f"{term.name} frame",
             f"{term.name} is given in the {other} frame",
             set_term((term.name,), frame=other),
         )
-    for term in terms_of(contract, "imu_quaternion"):
-        other = "xyzw" if term.quaternion == "wxyz" else "wxyz"
+    for term in terms_with(contract, "quaternion"):
+        (other,) = term.others("quaternion")
         yield Edit(
             f"{term.name} {' '.join(other)}",
             f"{term.name} order",
             f"{term.name} is ordered {' '.join(other)}",
             set_term((term.name,), quaternion=other),
         )
-    for term in terms_of(contract, "joint_pos"):
-        is_relative = term.relative is not False
+    for term in terms_with(contract, "relative"):
+        if contract.kind(term).task:
+            continue  # the reference's: see `reference_conventions`
+        is_relative = contract.kind(term).is_relative(term)
         yield Edit(
             f"{term.name} {'absolute' if is_relative else 'less the default pose'}",
             f"{term.name} relative",
             f"{term.name} is {'the joint angle itself' if is_relative else 'the angle less the default pose'}",
             set_term((term.name,), relative=not is_relative),
         )
-    for term in terms_of(contract, "actions"):
-        other = "scaled" if term.form == "raw" else "raw"
+    for term in terms_with(contract, "form"):
+        (other,) = term.others("form")
         yield Edit(
             f"{term.name} {other}",
             f"{term.name} form",
@@ -156,7 +142,7 @@ def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
 def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """The gait clock starts with the other foot, shows the step before, or runs at another pace."""
     rule = contract.phase
-    if rule is None or not terms_of(contract, "sin_phase", "cos_phase", "gait_phase"):
+    if rule is None or not requires(contract, "phase"):
         return
     changes: dict[str, tuple[str, PhaseRule]] = {
         "gait clock from the other foot": ("gait clock start", replace(rule, offsets=rule.offsets[::-1])),
@@ -174,8 +160,10 @@ def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
 
 def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     """What the motion reference's terms mean, and how the reference is laid onto the robot."""
-    for term in terms_of(contract, "motion_command"):
-        is_relative = term.relative is True
+    for term in terms_with(contract, "relative"):
+        if not contract.kind(term).task:
+            continue
+        is_relative = contract.kind(term).is_relative(term)
         yield Edit(
             f"{term.name} {'absolute' if is_relative else 'less the default pose'}",
             f"{term.name} relative",
@@ -187,7 +175,7 @@ def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterat
         "columns": "first two columns, one after the other",
         "two_rows": "first two rows",
     }
-    for term in terms_of(contract, "motion_anchor_ori"):
+    for term in terms_with(contract, "layout"):
         for layout, title in layouts.items():
             yield Edit(
                 f"{term.name}: {title}",
@@ -195,6 +183,7 @@ def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterat
                 f"{term.name} holds the rotation matrix's {title}",
                 set_term((term.name,), layout=layout),
             )
+    for term in terms_with(contract, "inverse"):
         yield Edit(
             f"{term.name} {'forward' if term.inverse else 'inverted'}",
             f"{term.name} direction",
@@ -202,7 +191,7 @@ def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterat
             + ("reference seen from the robot" if term.inverse else "robot seen from the reference"),
             set_term((term.name,), inverse=not term.inverse),
         )
-    if not terms_of(contract, "motion_anchor_pos", "motion_anchor_ori"):
+    if not requires(contract, "anchor_body"):
         return
     for body in robot.motion_bodies:
         yield Edit(

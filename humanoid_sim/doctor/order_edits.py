@@ -9,30 +9,11 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.controllers.terms import HistoryOrder, Term
 from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, change_terms, set_fields
 
 __all__ = ["history_orders", "joint_orders", "mirrored", "term_orders"]
-
-_LISTED = (
-    "base_lin_vel",
-    "base_ang_vel",
-    "projected_gravity",
-    "imu_quaternion",
-    "velocity_command",
-    "command_lin_vel",
-    "command_ang_vel",
-    "motion_command",
-    "motion_anchor_pos",
-    "motion_anchor_ori",
-    "joint_pos",
-    "joint_vel",
-    "actions",
-    "sin_phase",
-    "cos_phase",
-    "gait_phase",
-)
-"""Meanings in the order of the legged_gym and Isaac Lab task configurations that most others descend from."""
 
 
 def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -126,10 +107,11 @@ def _sorted_joints(term: Term, order: tuple[str, ...]) -> Term:
 def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """The terms lie in the observation in another order, or the last two or three have changed places."""
     terms = contract.terms
-    by_kind = {kind: place for place, kind in enumerate(_LISTED)}
+    listed = list(TERM_KINDS)  # in the order of legged_gym and Isaac Lab
+    places = {term.name: listed.index(contract.kind(term).name) for term in terms if contract.kind(term).name in listed}
     orders = {
         "alphabetical": tuple(sorted(terms, key=lambda term: term.name)),
-        "as task configurations list them": tuple(sorted(terms, key=lambda term: by_kind.get(term.kind, len(_LISTED)))),
+        "as task configurations list them": tuple(sorted(terms, key=lambda term: places.get(term.name, len(listed)))),
         "reversed": terms[::-1],
     }
     for title, order in orders.items():

@@ -35,9 +35,6 @@ __all__ = [
 CALIBRATION = "calibration.yaml"
 """Where a robot's calibration is looked for unless an option names another file."""
 
-_IMU_TERMS = ("base_ang_vel", "imu_quaternion", "imu_linear_acceleration", "projected_gravity")
-"""Kinds of observation terms that are made of what an IMU feels."""
-
 
 def real_robot(config: PlayConfig, description: RobotDescription, control_period: float) -> RobotSetup:
     """A robot on the channels of `--hardware`. Opens nothing, but for emulated motors, which are then running.
@@ -128,7 +125,7 @@ def _check_policy(contract: PolicyContract, description: RobotDescription, *, ha
             raise InputError(
                 f"policy on robot '{description.name}': {finding}; see python -m humanoid_sim.policy check"
             )
-    felt = [term.name for term in contract.terms if term.kind in _IMU_TERMS]
+    felt = [term.name for term in contract.terms if contract.kind(term).reads.startswith("imu_")]
     if felt and not has_imu:
         raise InputError(f"--imu: is none, but the policy observes {', '.join(felt)}")
     return tuple(f"{finding.severity}: {finding}" for finding in findings)

@@ -10,7 +10,6 @@ from typing import Any
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.controllers.sources import takes_velocity_command
 from humanoid_sim.errors import InputError
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import (
@@ -52,7 +51,7 @@ class PolicyChoice:
     @property
     def walks(self) -> bool:
         """Whether it takes a velocity command."""
-        return takes_velocity_command(self.loaded.contract)
+        return self.loaded.contract.takes_velocity_command
 
 
 def choose_policy(

@@ -12,6 +12,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.term_kinds import TermKind
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.contract_json import encode
@@ -21,31 +22,6 @@ __all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "is_assu
 NOT_STATED = "default"
 """Source of a field that nobody states: the usual meaning stands."""
 
-_MEANINGS = {
-    "joint_pos": "joint positions, rad",
-    "joint_vel": "joint velocities, rad/s",
-    "actions": "last action",
-    "base_ang_vel": "angular velocity of the IMU, rad/s",
-    "imu_quaternion": "orientation of the IMU",
-    "imu_linear_acceleration": "acceleration of the IMU, m/s²",
-    "projected_gravity": "direction of gravity in the body frame, (0, 0, -1) upright",
-    "base_lin_vel": "velocity of the base, m/s: needs an estimator",
-    "velocity_command": "vx, vy in m/s and yaw rate in rad/s asked for",
-    "command_lin_vel": "vx, vy asked for, m/s",
-    "command_ang_vel": "yaw rate asked for, rad/s",
-    "motion_command": "reference's joint positions and velocities, rad and rad/s",
-    "motion_anchor_pos": "reference's anchor body from the robot's, m: needs an estimator",
-    "motion_anchor_ori": "reference's anchor orientation from the robot's, two columns of the matrix",
-    "sin_phase": "sine of the gait phase of each foot",
-    "cos_phase": "cosine of the gait phase of each foot",
-    "gait_phase": "sines, then cosines of the gait phase",
-    "motion_body_pos_b": "reference's body positions in the base frame, m",
-    "motion_body_ori_b": "reference's body orientations in the base frame",
-    "target_keys": "keys to press now, 0 or 1",
-    "target_keys_future": "keys to press in the steps ahead",
-    "progress": "how far into the motion, 0 to 1",
-    "key_pressed": "keys that are down, 0 or 1",
-}
 _LISTED = 4
 """Names that are all shown; of more, the first three."""
 _UNUSUAL = ("frame", "relative", "layout", "inverse", "quaternion", "form", "clip", "joints")
@@ -84,14 +60,13 @@ def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[Term
     per_step = layout.history_layout == "per_step"
     for resolved in layout.terms:
         term = resolved.term
-        kind = "motion_command" if term.kind == "command" and "motion" in contract.command_names else term.kind
-        kind = "velocity_command" if kind == "command" else kind
+        kind = contract.kind(term)
         lines.append(
             TermLine(
                 start=resolved.start if per_step else begin,
                 width=resolved.width,
                 name=term.name,
-                kind=kind,
+                kind=kind.name,
                 meaning=_meaning(kind, term),
                 conventions=", ".join(_conventions(term)),
                 scale=_numbers(term.scale),
@@ -102,13 +77,12 @@ def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[Term
     return lines
 
 
-def _meaning(kind: str, term: Term) -> str:
-    meaning = _MEANINGS.get(kind, "live input")
-    if kind == "joint_pos":
-        return f"{meaning}, {'absolute' if term.relative is False else 'less the default pose'}"
-    if kind == "motion_command" and term.relative:
-        return f"{meaning}, less the default pose"
-    return meaning
+def _meaning(kind: TermKind, term: Term) -> str:
+    if "relative" not in kind.conventions:
+        return kind.meaning
+    if kind.is_relative(term):
+        return f"{kind.meaning}, less the default pose"
+    return f"{kind.meaning}, absolute" if kind.relative else kind.meaning
 
 
 def _conventions(term: Term) -> Iterator[str]:

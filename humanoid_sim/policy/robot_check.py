@@ -218,18 +218,11 @@ def _joint_findings(
             yield Finding("warning", field, message, joint, value, step)
 
 
-_ESTIMATES = {
-    "base_lin_vel": "the velocity of the base",
-    "motion_anchor_pos": "the position of the anchor body",
-    "motion_anchor_ori": "the pose of the anchor body",
-}
-
-
 def estimate_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[Finding]:
     """Terms that need an estimator on a robot: an error on hardware, which has none."""
     for term in contract.terms:
-        what = _ESTIMATES.get(term.kind)
-        if what is None:
+        what = contract.kind(term).estimate
+        if not what:
             continue
         message = f"needs {what}, which a simulation knows and a robot has to estimate"
         if hardware:

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from rig import JOINTS, contract, reference, state
 
 from humanoid_sim.controllers.contract import PhaseRule
-from humanoid_sim.controllers.observation import ObservationContext, pack, resolve_observation
+from humanoid_sim.controllers.observation import pack, resolve_observation
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import build_reference, no_reference
+from humanoid_sim.controllers.term_values import ObservationContext
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import Extern, MITState

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.controllers.context import ObservationContext
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import pack, resolve_observation
 from humanoid_sim.controllers.policy_step import action_command, resolve_action
 from humanoid_sim.controllers.reference import no_reference
+from humanoid_sim.controllers.term_values import ObservationContext
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, MITState
 from humanoid_sim.policy.contract_json import STAMP_KEY, decode, encode
 from humanoid_sim.policy.metadata import write_metadata

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command, resolve_action
-from humanoid_sim.controllers.terms import OrientationLayout, Term
+from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray
@@ -240,23 +240,23 @@ def _mistakes(contract: PolicyContract) -> Iterator[tuple[str, PolicyContract]]:
 
 def _turned(term: Term, contract: PolicyContract) -> Iterator[tuple[str, dict[str, Any]]]:
     """The other choices of each convention that matters for the term."""
-    kind = "motion_command" if term.kind == "command" and "motion" in contract.command_names else term.kind
-    if kind in ("base_ang_vel", "base_lin_vel", "motion_anchor_pos"):
-        yield f"frame ({term.frame})", {"frame": "world" if term.frame == "body" else "body"}
-    if kind in ("joint_pos", "motion_command"):
-        relative = kind == "joint_pos" if term.relative is None else term.relative
-        yield f"{'relative' if relative else 'absolute'} positions", {"relative": not relative}
-    if kind == "motion_anchor_ori":
-        for layout in get_args(OrientationLayout):
-            if layout != term.layout:
-                yield f"layout ({term.layout}, not {layout})", {"layout": layout}
-        yield "direction of the rotation", {"inverse": not term.inverse}
-    if kind == "imu_quaternion":
-        yield f"order ({term.quaternion})", {"quaternion": "xyzw" if term.quaternion == "wxyz" else "wxyz"}
-    if kind == "actions":
-        yield f"form ({term.form})", {"form": "scaled" if term.form == "raw" else "raw"}
+    kind = contract.kind(term)
+    for convention in kind.conventions:
+        if convention == "sign":
+            continue  # a sign is not seen only where the term is silent
+        if convention == "relative":
+            relative = kind.is_relative(term)
+            yield f"{'relative' if relative else 'absolute'} positions", {"relative": not relative}
+        elif convention == "inverse":
+            yield "direction of the rotation", {"inverse": not term.inverse}
+        else:
+            now, others = getattr(term, convention), term.others(convention)
+            for other in others:
+                instead = f", not {other}" if len(others) > 1 else ""
+                title = "order" if convention == "quaternion" else convention
+                yield f"{title} ({now}{instead})", {convention: other}
     if term.history > 1 and contract.history_layout == "per_term":
-        other = "newest_first" if term.history_order == "oldest_first" else "oldest_first"
+        (other,) = term.others("history_order")
         yield f"history order ({term.history_order})", {"history_order": other}
 
 

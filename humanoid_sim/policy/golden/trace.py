@@ -29,16 +29,6 @@ BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, Fl
 
 _SAME = {"observation": "obs", "action": "actions", VELOCITY_COMMAND: "cmd"}
 _MEMORY = ("last_action", "frame", "walked", "history", "alignment")
-_NEEDED_BY = {
-    "velocity_command": VELOCITY_COMMAND,
-    "command_lin_vel": VELOCITY_COMMAND,
-    "command_ang_vel": VELOCITY_COMMAND,
-    "base_lin_vel": BASE_LINEAR_VELOCITY,
-    "motion_anchor_pos": ANCHOR_POSE,
-    "motion_anchor_ori": ANCHOR_POSE,
-    "key_pressed": "key_pressed",
-    "imu_linear_acceleration": "imu_linear_acceleration",
-}
 _DAMAGE = (
     ValueError,
     EOFError,
@@ -179,11 +169,8 @@ class _Reader:
 
     def check_needs(self, known: Mapping[str, FloatArray]) -> None:
         for term in self.contract.terms:
-            kind = term.kind
-            if kind == "command" and "motion" not in self.contract.command_names:
-                kind = "velocity_command"
-            array = _NEEDED_BY.get(kind)
-            if array is not None and array not in known:
+            array = self.contract.kind(term).reads
+            if array and array not in known:
                 hint = ", or the robot, whose model tells it from qpos" if array == ANCHOR_POSE else ""
                 raise self.wrong(array, "is missing", f"it, as the policy observes {term.name}{hint}")
 

@@ -244,13 +244,7 @@ def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) 
     name, _, rest = located.partition("[")
     place = int(rest.partition("]")[0])
     term = next(term for term in layout.terms if term.name == name)
-    joints: tuple[str, ...] = ()
-    if term.term.kind in ("joint_pos", "joint_vel"):
-        joints = term.term.joints or contract.joint_names
-    elif term.term.kind == "actions":
-        joints = contract.action_joint_names
-    elif term.stop - term.start == 2 * len(contract.joint_names) and "motion" in (*contract.command_names, name):
-        joints = contract.joint_names * 2
+    joints = contract.kind(term.term).value_names(term.term, contract)
     return f"{located} ({joints[place]})" if place < len(joints) else located
 
 

@@ -7,14 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from humanoid_sim.controllers.contract import FORMS
-from humanoid_sim.controllers.terms import TERM_KINDS
+from humanoid_sim.controllers.term_kinds import TermKind, term_kind
 from humanoid_sim.errors import FieldError
 from humanoid_sim.policy.readers.partial import Given
 
-__all__ = ["complete", "kind_of", "missing_fields"]
+__all__ = ["complete", "missing_fields"]
 
-_TRACKING = ("motion_command", "motion_anchor_pos", "motion_anchor_ori", "motion_body_pos_b", "motion_body_ori_b")
-_PIANO = ("target_keys", "target_keys_future")
 _DERIVED = "follows from"
 
 
@@ -55,48 +53,37 @@ def complete(
 
 def missing_fields(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[str]:
     """The fields that a contract cannot do without, and that nobody gives."""
-    kinds = _kinds(known, terms)
     missing = [name for name, form in FORMS.items() if form.is_required and name not in known]
-    missing += [name for name, form in FORMS.items() if kinds.intersection(form.needed_by) and name not in known]
+    required = {kind.requires for kind in _kinds(known, terms)}
+    missing += [name for name in FORMS if name in required and name not in known]
     if "observation" in known and "command" in known["observation"].value and not _value(known, "command_names"):
         missing.append("command_names")
     return missing
-
-
-def kind_of(name: str) -> str:
-    """What a term means: exporters give the same term different names."""
-    kind = TERM_KINDS.get(name, name)
-    return "velocity_command" if kind == "command" else kind
 
 
 def _value(known: Mapping[str, Given], name: str) -> Any:
     return known[name].value if name in known else None
 
 
-def _kinds(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> set[str]:
+def _kinds(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[TermKind]:
     """What the terms of the observation mean, by their option `kind` or else by their names."""
-    kinds = set()
+    commands = _value(known, "command_names") or ()
+    kinds = []
     for name in _value(known, "observation") or ():
         stated = terms.get(name, {}).get("kind")
-        kind = stated.value if stated is not None else kind_of(name)
-        if name == "command" and "motion" in (_value(known, "command_names") or ()):
-            kind = "motion_command"
-        kinds.add(kind)
+        kinds.append(term_kind(name if stated is None else stated.value, commands))
     return kinds
 
 
-def _complete_task(known: dict[str, Given], kinds: set[str]) -> None:
-    task = "locomotion"
-    if kinds.intersection(_TRACKING):
-        task = "tracking"
-    elif kinds.intersection(_PIANO):
-        task = "piano"
+def _complete_task(known: dict[str, Given], kinds: list[TermKind]) -> None:
+    tasks = {kind.task for kind in kinds}
+    task = "tracking" if "tracking" in tasks else "piano" if "piano" in tasks else "locomotion"
     if task != "tracking":
         # Of no meaning without a motion; an assumption about it would only make noise.
         _drop_assumed(known, "reference_quaternion")
     known.setdefault("task_type", Given(task, f"{_DERIVED} the observation"))
     known.setdefault("command_names", Given((), f"{_DERIVED} the observation"))
-    if kinds.isdisjoint(FORMS["body_names"].needed_by):
+    if not any(kind.requires == "body_names" for kind in kinds):
         known.setdefault("body_names", Given((), f"{_DERIVED} the observation"))
 
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.contract import FORMS, PolicyContract, TensorNames
+from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.policy.readers.complete import complete, kind_of, missing_fields
+from humanoid_sim.policy.readers.complete import complete, missing_fields
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 from humanoid_sim.policy.readers.values import one_line, shown
 
@@ -107,7 +108,7 @@ def _term_name(stated: str, names: Iterable[str]) -> str | None:
     """The name under which the observation has a term; exporters call the same one differently."""
     if stated in names:
         return stated
-    same = [name for name in names if kind_of(name) == kind_of(stated)]
+    same = [name for name in names if term_kind(name).name == term_kind(stated).name]
     return same[0] if len(same) == 1 else None
 
 
@@ -189,7 +190,7 @@ def _agreed_numbers(first: Given, second: Given) -> Given | None:
 
 
 def _kinds(names: tuple[str, ...]) -> list[str]:
-    return [kind_of(name) for name in names]
+    return [term_kind(name).name for name in names]
 
 
 def _commands(names: tuple[str, ...]) -> list[str]:

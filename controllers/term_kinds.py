@@ -1,0 +1,317 @@
+"""The one table of observation terms: what each kind means, is made of, and depends on. A new term is one entry here.
+
+Exporters give the same quantity different names, and `command` means whatever the contract's command is; `term_kind`
+says what a name stands for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers import term_values as values
+from humanoid_sim.controllers.term_values import Bounds, Limits, Request, Resolve, Source
+from humanoid_sim.errors import FieldError, known_names
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
+
+if TYPE_CHECKING:  # contracts hold terms, and terms are named by this table
+    from humanoid_sim.controllers.contract import PolicyContract
+    from humanoid_sim.controllers.terms import Term
+
+__all__ = ["TERM_KINDS", "TERM_NAMES", "TermKind", "term_kind"]
+
+Convention = Literal["frame", "relative", "layout", "inverse", "quaternion", "form", "sign"]
+
+
+def _unnamed(_term: Term, _contract: PolicyContract) -> tuple[str, ...]:
+    return ()
+
+
+@dataclass(frozen=True, slots=True)
+class TermKind:
+    """What there is to know of an observation term, whatever it is called."""
+
+    name: str
+    meaning: str
+    """In words, with its unit."""
+    resolve: Resolve
+    """Width and value, before clip and scale."""
+    bounds: float | Bounds
+    """Largest magnitude on any robot, or least and greatest values, before clip and scale."""
+    _: KW_ONLY
+    names: tuple[str, ...] = ()
+    """What exporters call it; empty: its own name."""
+    reads: str = ""
+    """The field of `MITState`, or the live input, that it is made of; empty: the policy's own memory, or its motion."""
+    estimate: str = ""
+    """What of it a simulation knows and a robot has to estimate."""
+    conventions: tuple[Convention, ...] = ()
+    """What may be turned round: options of `Term` that change the value, or its `sign`."""
+    relative: bool = False
+    """Whether positions are less the default pose where the term does not say."""
+    task: Literal["", "tracking", "piano"] = ""
+    """The task that a policy with such a term has; empty: any."""
+    requires: str = ""
+    """Field of the contract without which it means nothing."""
+    scales: tuple[float, ...] = ()
+    """Seen in the wild."""
+    value_names: Callable[[Term, PolicyContract], tuple[str, ...]] = _unnamed
+    """Joint of each value, where each has one."""
+
+    def is_relative(self, term: Term) -> bool:
+        """Whether the positions of such a term are less the default pose."""
+        return self.relative if term.relative is None else term.relative
+
+    def source(self, request: Request) -> tuple[int, Source]:
+        """Width and value of a term of this kind.
+
+        Raises:
+            FieldError: if what the term needs is not there.
+        """
+        if request.term.kind == _COMMAND and not request.contract.command_names:
+            name = request.term.name
+            raise FieldError(
+                f"observation term '{name}': the contract has no command_names, expected what it stands for"
+            )
+        if self.estimate and self.reads not in request.extern:
+            what = self.reads.replace("_", " ")
+            raise request.missing(f"the robot's {what}: a simulation knows it, a robot needs an estimator for it")
+        return self.resolve(request)
+
+    def limits(self, request: Request, limits: Limits) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+        """Least and greatest values of a term of this kind, shape (width,) or scalar, before clip and scale."""
+        if isinstance(self.bounds, float):
+            return -self.bounds, self.bounds
+        return self.bounds(request, limits)
+
+
+_COMMAND = "command"
+
+
+def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
+    """The kind of a term by a name of it or of the kind; any other name is that of a live input.
+
+    Args:
+        name: as an exporter or a contract has it.
+        command_names: of the contract; mjlab and Isaac Lab call motion and velocity commands alike.
+    """
+    if name == _COMMAND:
+        name = "motion_command" if "motion" in command_names else "velocity_command"
+    kind = TERM_KINDS.get(TERM_NAMES.get(name, name))
+    if kind is not None:
+        return kind
+    return TermKind(name, "live input", _live, 1.0, reads=name)
+
+
+def _live(request: Request) -> tuple[int, Source]:
+    if request.kind.name not in request.extern:
+        known = sorted({*TERM_NAMES, *request.extern})
+        raise FieldError(known_names("observation term", request.term.name, known))
+    return values.live(request)
+
+
+def _keys(request: Request) -> tuple[int, Source]:
+    if request.kind.name not in request.extern:
+        raise request.missing("a source of live key states")
+    return values.live(request)
+
+
+_KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations that most others descend from
+    TermKind(
+        "base_lin_vel",
+        "velocity of the base, m/s: needs an estimator",
+        values.linear_velocity,
+        100.0,
+        reads=BASE_LINEAR_VELOCITY,
+        estimate="the velocity of the base",
+        conventions=("frame",),
+        scales=(1.0, 2.0),
+    ),
+    TermKind(
+        "base_ang_vel",
+        "angular velocity of the IMU, rad/s",
+        values.angular_velocity,
+        100.0,
+        names=("base_ang_vel", "imu_ang_vel", "imu_angular_velocity"),
+        reads="imu_angular_velocity",
+        conventions=("frame",),
+        scales=(1.0, 0.25, 0.2),
+    ),
+    TermKind(
+        "projected_gravity",
+        "direction of gravity in the body frame, (0, 0, -1) upright",
+        values.gravity,
+        1.0,
+        reads="imu_quaternion",
+        conventions=("sign",),
+        scales=(1.0,),
+    ),
+    TermKind(
+        "imu_quaternion",
+        "orientation of the IMU",
+        values.imu_quaternion,
+        1.0,
+        reads="imu_quaternion",
+        conventions=("quaternion",),
+    ),
+    TermKind(
+        "velocity_command",
+        "vx, vy in m/s and yaw rate in rad/s asked for",
+        values.velocity_command(slice(0, 3)),
+        10.0,
+        names=("velocity_command", "velocity_commands", "twist"),
+        reads=VELOCITY_COMMAND,
+        scales=(1.0,),
+    ),
+    TermKind(
+        "command_lin_vel",
+        "vx, vy asked for, m/s",
+        values.velocity_command(slice(0, 2)),
+        10.0,
+        reads=VELOCITY_COMMAND,
+        scales=(1.0, 2.0),
+    ),
+    TermKind(
+        "command_ang_vel",
+        "yaw rate asked for, rad/s",
+        values.velocity_command(slice(2, 3)),
+        10.0,
+        reads=VELOCITY_COMMAND,
+        scales=(1.0, 0.25),
+    ),
+    TermKind(
+        "motion_command",
+        "reference's joint positions and velocities, rad and rad/s",
+        values.motion_command,
+        values.motion_command_bounds,
+        names=("motion_command", "motion"),
+        conventions=("relative",),
+        task="tracking",
+        scales=(1.0,),
+        value_names=lambda _, contract: contract.joint_names * 2,
+    ),
+    TermKind(
+        "motion_anchor_pos",
+        "reference's anchor body from the robot's, m: needs an estimator",
+        values.anchor_position,
+        1000.0,
+        names=("motion_anchor_pos_b",),
+        reads=ANCHOR_POSE,
+        estimate="the position of the anchor body",
+        conventions=("frame",),
+        task="tracking",
+        requires="anchor_body",
+        scales=(1.0,),
+    ),
+    TermKind(
+        "motion_anchor_ori",
+        "reference's anchor orientation from the robot's, two columns of the matrix",
+        values.anchor_orientation,
+        1.0,
+        names=("motion_anchor_ori_b", "motion_ref_ori_b"),
+        reads=ANCHOR_POSE,
+        estimate="the pose of the anchor body",
+        conventions=("layout", "inverse"),
+        task="tracking",
+        requires="anchor_body",
+        scales=(1.0,),
+    ),
+    TermKind(
+        "joint_pos",
+        "joint positions, rad",
+        values.joint_position,
+        values.joint_position_bounds,
+        names=("joint_pos", "joint_pos_rel", "dof_pos"),
+        reads="joint_position",
+        conventions=("relative",),
+        relative=True,
+        scales=(1.0,),
+        value_names=values.joint_names,
+    ),
+    TermKind(
+        "joint_vel",
+        "joint velocities, rad/s",
+        values.joint_velocity,
+        100.0,
+        names=("joint_vel", "joint_vel_rel", "dof_vel"),
+        reads="joint_velocity",
+        scales=(1.0, 0.05, 0.1),
+        value_names=values.joint_names,
+    ),
+    TermKind(
+        "actions",
+        "last action",
+        values.last_action,
+        values.action_bounds,
+        names=("actions", "last_action"),
+        conventions=("form",),
+        scales=(1.0,),
+        value_names=lambda _, contract: contract.action_joint_names,
+    ),
+    TermKind(
+        "sin_phase", "sine of the gait phase of each foot", values.phase(np.sin), 1.0, requires="phase", scales=(1.0,)
+    ),
+    TermKind(
+        "cos_phase", "cosine of the gait phase of each foot", values.phase(np.cos), 1.0, requires="phase", scales=(1.0,)
+    ),
+    TermKind(
+        "gait_phase",
+        "sines, then cosines of the gait phase",
+        values.phase(np.sin, np.cos),
+        1.0,
+        requires="phase",
+        scales=(1.0,),
+    ),
+    TermKind(
+        "imu_linear_acceleration",
+        "acceleration of the IMU, m/s²",
+        values.acceleration,
+        1e5,
+        reads="imu_linear_acceleration",
+    ),
+    TermKind(
+        "motion_body_pos_b",
+        "reference's body positions in the base frame, m",
+        values.referenced("motion_body_pos_b", "a tracking motion"),
+        values.referenced_bounds("motion_body_pos_b"),
+        task="tracking",
+        requires="body_names",
+    ),
+    TermKind(
+        "motion_body_ori_b",
+        "reference's body orientations in the base frame",
+        values.referenced("motion_body_ori_b", "a tracking motion"),
+        values.referenced_bounds("motion_body_ori_b"),
+        task="tracking",
+        requires="body_names",
+    ),
+    TermKind(
+        "target_keys",
+        "keys to press now, 0 or 1",
+        values.referenced("target_keys", "a piano motion"),
+        values.referenced_bounds("target_keys"),
+        task="piano",
+    ),
+    TermKind(
+        "target_keys_future",
+        "keys to press in the steps ahead",
+        values.referenced("target_keys_future", "a piano motion"),
+        values.referenced_bounds("target_keys_future"),
+        task="piano",
+        requires="lookahead_steps",
+    ),
+    TermKind("progress", "how far into the motion, 0 to 1", values.progress, 1.0),
+    TermKind("key_pressed", "keys that are down, 0 or 1", _keys, 1.0, reads="key_pressed"),
+)
+
+TERM_KINDS: Mapping[str, TermKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
+"""Every kind by its name."""
+TERM_NAMES: Mapping[str, str] = MappingProxyType(
+    {name: kind.name for kind in _KINDS for name in kind.names or (kind.name,)}
+)
+"""Every known name of a term, and its kind's."""
