@@ -43,8 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         args=arguments,
         config=(tyro.conf.OmitSubcommandPrefixes,),
     )
-    from humanoid_sim.hardware.cli.client import SilentMotorError  # noqa: PLC0415
-    from humanoid_sim.hardware.cli.exit_codes import NOTHING_ANSWERS  # noqa: PLC0415
+    from humanoid_sim.hardware.cli.bench import NOTHING_ANSWERS, SilentMotorError  # noqa: PLC0415
 
     module, _, name = _TOOLS[type(options).__name__].partition(":")
     tool: Callable[[Any], int] = getattr(importlib.import_module(module), name)

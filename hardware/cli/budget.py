@@ -16,9 +16,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.bus.frame import FRAME_BITS
 from humanoid_sim.hardware.bus.opening import bus_hints
-from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
+from humanoid_sim.hardware.cli.bench import NOT_AS_EXPECTED, make_console, make_table
 from humanoid_sim.hardware.cli.options import Budget
-from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robstride.parameters import report_interval
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from rich.live import Live
@@ -26,15 +28,77 @@ from humanoid_sim.hardware.calibration import (
     load_calibration,
     save_calibration,
 )
-from humanoid_sim.hardware.cli.client import MotorClient
-from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
-from humanoid_sim.hardware.cli.joint_tracks import JointTrack, JointTracks
+from humanoid_sim.hardware.cli.bench import NOT_AS_EXPECTED, make_console, make_table, open_bench, silence
 from humanoid_sim.hardware.cli.options import Calibrate
-from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
-__all__ = ["calibrate"]
+__all__ = ["JointTrack", "JointTracks", "calibrate"]
+
+
+_ANSWER_TIME = 0.1
+"""s that a poll waits for the slowest motor; as a rule all have answered within a few ms."""
+_SILENT = 1.0
+"""s without a position after which a motor counts as silent."""
+
+
+@dataclass(slots=True)
+class JointTrack:
+    """What was seen of one joint."""
+
+    angle: float = math.nan
+    """rad, `direction · motor`, without an offset."""
+    heard: float = -math.inf
+    """s, when."""
+    sweep: Sweep = field(default_factory=Sweep)
+    restarts: int = 0
+    """Times that the sweep began anew, because the motor was silent meanwhile."""
+
+    def take(self, angle: float, time: float) -> None:
+        """Take a position, rad, heard at `time`, s.
+
+        A motor that was silent may have been without power, and then counts its turns anew: what was swept before says
+        nothing any more.
+        """
+        if self.is_silent(time) and math.isfinite(self.heard):
+            self.sweep = Sweep()
+            self.restarts += 1
+        self.angle, self.heard = angle, time
+        self.sweep = self.sweep.with_angle(angle)
+
+    def is_silent(self, time: float) -> bool:
+        """Whether nothing was heard lately."""
+        return time - self.heard > _SILENT
+
+
+class JointTracks:
+    """The tracks of some joints of a robot, by index, fed by `poll`."""
+
+    def __init__(self, wiring: Wiring, channels: OpenChannels, joints: Sequence[int], begin: float) -> None:
+        """Nothing is heard yet; `begin`, s, is now."""
+        self._wiring = wiring
+        self._channels = channels
+        self._begin = begin
+        self.by_joint = {i: JointTrack() for i in joints}
+
+    def poll(self, now: float) -> None:
+        """Read every motor's `mechPos`, which counts turns and does not wrap. Reading is all that they are asked for.
+
+        Raises:
+            SilentMotorError: a motor has never been heard.
+            RobotError: a channel is down.
+        """
+        found = self._channels.requests.poll_values(PARAMETERS["mechPos"], self.by_joint, _ANSWER_TIME)
+        for i, position in found.items():
+            self.by_joint[i].take(float(self._wiring.direction[i]) * position, now)
+        if now - self._begin > _SILENT:
+            for i, track in self.by_joint.items():
+                if track.heard == -math.inf:
+                    who = f"{self._wiring.names[i]} (motor {self._wiring.motor_id[i]})"
+                    raise silence(self._channels, i, who)
+
 
 _POLL_PERIOD = 0.02
 """s between two readings of all positions."""
@@ -56,9 +120,8 @@ def calibrate(config: Calibrate) -> int:
     _check_options(config)
     addresses = parse_addresses(config.channels)
     wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
-    with contextlib.ExitStack() as opened:
-        clients = [opened.enter_context(MotorClient(address, host_id=config.host_id)) for address in addresses]
-        tracks = _sweep(config, description, wiring, clients, chosen)
+    with open_bench(addresses, config.host_id, wiring) as channels:
+        tracks = _sweep(config, description, wiring, channels, chosen)
     results = {i: _result(config, description, wiring, i, tracks[i].sweep) for i in chosen}
     _report(description, wiring, results, entries)
     silent = [wiring.names[i] for i in chosen if tracks[i].restarts or tracks[i].is_silent(time.monotonic())]
@@ -119,12 +182,12 @@ def _sweep(
     config: Calibrate,
     description: RobotDescription,
     wiring: Wiring,
-    clients: Sequence[MotorClient],
+    channels: OpenChannels,
     chosen: Sequence[int],
 ) -> Mapping[int, JointTrack]:
     """Read positions until it is enough; show them meanwhile."""
     begin = time.monotonic()
-    tracks = JointTracks(wiring, clients, chosen, begin)
+    tracks = JointTracks(wiring, channels, chosen, begin)
     next_table = begin
     console = make_console()
     print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 
 from rich.markup import escape
@@ -10,15 +9,21 @@ from rich.markup import escape
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
-from humanoid_sim.hardware.cli.client import MotorClient
-from humanoid_sim.hardware.cli.exchange import read_version
-from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED, NOTHING_ANSWERS
+from humanoid_sim.hardware.cli.bench import (
+    NOT_AS_EXPECTED,
+    NOTHING_ANSWERS,
+    channel_trouble,
+    make_console,
+    make_table,
+    open_bench,
+    some_motors,
+)
 from humanoid_sim.hardware.cli.options import Discover
-from humanoid_sim.hardware.cli.tables import make_console, make_table
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
-from humanoid_sim.hardware.robstride.messages import GetDeviceId
+from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.robots.description import load_robot
 
 __all__ = ["discover"]
@@ -46,16 +51,19 @@ def discover(config: Discover) -> int:
     if config.robot is not None:
         description = load_robot(config.robot)
         wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
-    with contextlib.ExitStack() as opened:
-        clients = [opened.enter_context(MotorClient(address, host_id=config.host_id)) for address in addresses]
-        found = _scan(clients, config)
-        firmware = _firmware(clients, found) if config.firmware else None
-        troubles = [f" ({client.trouble})" if client.trouble else "" for client in clients]
+    with open_bench(addresses, config.host_id, some_motors([], [])) as channels:
+        found: dict[tuple[int, int], set[bytes]] = {}
+        for channel, reply in channels.requests.scan(range(config.first, config.last + 1), _LATE, config.wait):
+            found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
+        found = dict(sorted(found.items()))
+        firmware = _firmware(channels, found) if config.firmware else None
+        troubles = {i: channel_trouble(channels, i) for i in range(len(addresses))}
     joints = {} if wiring is None else _joints(wiring)
     if found:
         _print(addresses, found, firmware, joints if wiring is not None else None)
-    for address, trouble in zip(addresses, troubles, strict=True):
-        if not any(addresses[channel] == address for channel, _ in found):
+    for i, address in enumerate(addresses):
+        if not any(channel == i for channel, _ in found):
+            trouble = f" ({troubles[i]})" if troubles[i] else ""
             complain(f"no motor answers on {address}{trouble}: ids {config.first} to {config.last} were asked")
     if not found:
         return NOTHING_ANSWERS
@@ -69,25 +77,14 @@ def discover(config: Discover) -> int:
     return NOT_AS_EXPECTED if missing else 0
 
 
-def _scan(clients: list[MotorClient], config: Discover) -> dict[tuple[int, int], set[bytes]]:
-    found: dict[tuple[int, int], set[bytes]] = {}
-    for channel, client in enumerate(clients):
-        heard = []
-        for motor_id in range(config.first, config.last + 1):
-            client.send(GetDeviceId(motor_id, host_id=config.host_id))
-            heard += client.heard_ids(config.wait)
-        heard += client.heard_ids(_LATE)
-        for reply in heard:
-            found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
-    return dict(sorted(found.items()))
-
-
-def _firmware(clients: list[MotorClient], found: _Found) -> dict[tuple[int, int], str]:
+def _firmware(channels: OpenChannels, found: _Found) -> dict[tuple[int, int], str]:
+    channels.expect(some_motors(list(found), channels.sources))
+    versions = read_versions(channels.requests, range(len(found)))
     texts = {}
-    for channel, motor_id in found:
-        version = read_version(clients[channel], motor_id)
+    for i, place in enumerate(found):
+        version = versions.get(i)
         model = None if version is None else model_name(version)
-        texts[channel, motor_id] = "unknown" if version is None else f"{version_text(version)} ({model or 'unknown'})"
+        texts[place] = "unknown" if version is None else f"{version_text(version)} ({model or 'unknown'})"
     return texts
 
 

@@ -16,7 +16,7 @@ from humanoid_sim.hardware.cli.options import Emulate
 from humanoid_sim.hardware.emulation.faults import Fault, describe_faults, parse_fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.scale import Scale
+from humanoid_sim.hardware.robstride.fields import Scale
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.realtime import punctual_threads

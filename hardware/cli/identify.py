@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import InputError, RobotError, known_names
 from humanoid_sim.hardware.bus.address import parse_addresses
-from humanoid_sim.hardware.cli.client import MotorClient
-from humanoid_sim.hardware.cli.enabled_motor import EnabledMotor
-from humanoid_sim.hardware.cli.exchange import read_device_id, read_values
-from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
+from humanoid_sim.hardware.cli.bench import NOT_AS_EXPECTED, EnabledMotor, open_bench, read_device_id
 from humanoid_sim.hardware.cli.options import Identify
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.robstride.requests import Unreadable
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import POSITION_RANGE
 
@@ -59,25 +57,18 @@ def identify(config: Identify) -> int:
         raise InputError(
             f"--torque: is {config.torque}, expected more than 0 and at most {wiring.effort_limit[joint]:g} N·m"
         )
-    models = [
-        {wiring.motor_id[i]: wiring.model[i] for i in wiring.on_channel(channel)} for channel in range(len(addresses))
-    ]
-    with contextlib.ExitStack() as opened:
-        clients = [
-            opened.enter_context(MotorClient(address, host_id=config.host_id, models=known))
-            for address, known in zip(addresses, models, strict=True)
-        ]
-        client = clients[wiring.channel[joint]]
-        read_device_id(client, wiring.motor_id[joint])
-        _ask_for_leave(config, wiring, joint, client)
-        before = _positions(wiring, clients)
-        after = _move(config, wiring, joint, client, clients)
+    with open_bench(addresses, config.host_id, wiring) as channels:
+        read_device_id(channels, joint)
+        _ask_for_leave(config, wiring, joint, channels)
+        before = _positions(channels)
+        after = _move(config, wiring, joint, channels)
     return _report(config, wiring, joint, before, after)
 
 
-def _ask_for_leave(config: Identify, wiring: Wiring, joint: int, client: MotorClient) -> None:
+def _ask_for_leave(config: Identify, wiring: Wiring, joint: int, channels: OpenChannels) -> None:
+    source = channels.sources[wiring.channel[joint]]
     print(
-        f"{config.joint}: motor {wiring.motor_id[joint]} on {client.address} will move the joint by "
+        f"{config.joint}: motor {wiring.motor_id[joint]} on {source} will move the joint by "
         f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most about {config.torque:g} N·m"
     )
     if config.yes:
@@ -92,24 +83,21 @@ def _ask_for_leave(config: Identify, wiring: Wiring, joint: int, client: MotorCl
         raise InputError("not moved: leave was not given")
 
 
-def _positions(wiring: Wiring, clients: Sequence[MotorClient]) -> dict[int, float]:
+def _positions(channels: OpenChannels) -> dict[int, float]:
     """`mechPos` of every motor that tells it, rad, motor frame, by joint."""
-    found = {}
-    for channel, client in enumerate(clients):
-        joints = {wiring.motor_id[i]: i for i in wiring.on_channel(channel)}
-        for motor_id, position in read_values(client, list(joints), PARAMETERS["mechPos"], _ANSWER_TIME).items():
-            found[joints[motor_id]] = position
-    return found
+    motors = range(channels.requests.motors.count)
+    found = channels.requests.read(dict.fromkeys(motors, PARAMETERS["mechPos"]), (_ANSWER_TIME,))
+    return {i: position for i, position in found.items() if not isinstance(position, Unreadable)}
 
 
-def _move(
-    config: Identify, wiring: Wiring, joint: int, client: MotorClient, clients: Sequence[MotorClient]
-) -> dict[int, float]:
+def _move(config: Identify, wiring: Wiring, joint: int, channels: OpenChannels) -> dict[int, float]:
     """Move there and back; every motor's position where the joint was there."""
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)
     damping = min(_DAMPING_TIME * stiffness, wiring.model[joint].damping)
-    with EnabledMotor(client, wiring.motor_id[joint]) as motor:
+    with EnabledMotor(channels, joint) as motor:
+        for warning in motor.warnings:
+            complain(f"warning: {warning}")
         start = motor.command(0.0, 0.0, 0.0, 0.0).position
         if abs(start + step) > POSITION_RANGE:
             raise RobotError(f"{config.joint}: is at {start:.2f} rad, too near the end of what commands can say: ±4π")
@@ -125,7 +113,7 @@ def _move(
 
         follow(0.0, 1.0, _RAMP)
         follow(1.0, 1.0, _HOLD)
-        there = _positions(wiring, clients)
+        there = _positions(channels)
         follow(1.0, 0.0, _RAMP)
     return there
 

@@ -5,12 +5,18 @@ from __future__ import annotations
 from typing import assert_never
 
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.hardware.cli.client import open_client
-from humanoid_sim.hardware.cli.exchange import any_status, read_value, shown, write_value
-from humanoid_sim.hardware.cli.exit_codes import NOT_AS_EXPECTED
+from humanoid_sim.hardware.cli.bench import (
+    NOT_AS_EXPECTED,
+    command_motor,
+    make_console,
+    make_table,
+    motor_bench,
+    read_value,
+    shown,
+    write_value,
+)
 from humanoid_sim.hardware.cli.options import Get, Param, Save, Set
-from humanoid_sim.hardware.cli.tables import make_console, make_table
-from humanoid_sim.hardware.robstride.faults import MotorMode
+from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.messages import SaveParameters
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
@@ -65,9 +71,9 @@ def _parameter(text: str, kind: str | None) -> Parameter:
 
 def _get(config: Get) -> int:
     parameters = [_parameter(name, config.type) for name in config.names] or list(PARAMETERS.values())
-    with open_client(config.channel, config.motor_id, config.host_id) as client:
-        values = [read_value(client, config.motor_id, parameter) for parameter in parameters]
-    table = make_table("index", "name", "value", "", title=f"motor {config.motor_id} on {client.address}")
+    with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
+        values = [read_value(channels, parameter) for parameter in parameters]
+    table = make_table("index", "name", "value", "", title=channels.requests.motors.names[0])
     for parameter, value in zip(parameters, values, strict=True):
         note = parameter.meaning if parameter.is_writable else f"{parameter.meaning} (read only)".strip()
         table.add_row(f"0x{parameter.index:04X}", parameter.name, shown(parameter, value), note)
@@ -83,19 +89,20 @@ def _set(config: Set) -> int:
         pack_value(parameter.type, config.value)
     except FieldError as error:
         raise InputError(f"{parameter.name}: {str(error).partition(': ')[2]}") from None
-    with open_client(config.channel, config.motor_id, config.host_id) as client:
-        before = read_value(client, config.motor_id, parameter)
-        status = write_value(client, config.motor_id, parameter, config.value)
-        after = read_value(client, config.motor_id, parameter)
+    with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
+        before = read_value(channels, parameter)
+        write_value(channels, parameter, config.value)
+        after = read_value(channels, parameter)
+        status = channels.table.slots[0].sample  # what the write was answered with
     change = f"{shown(parameter, before)} -> {shown(parameter, after)}"
-    print(f"motor {config.motor_id} on {client.address}: {parameter.name} {change}, until power-off unless saved")
-    if status.mode is MotorMode.RUN:
+    print(f"{channels.requests.motors.names[0]}: {parameter.name} {change}, until power-off unless saved")
+    if status is not None and status.mode is MotorMode.RUN:
         print(f"motor {config.motor_id} is enabled")
     return 0
 
 
 def _save(config: Save) -> int:
-    with open_client(config.channel, config.motor_id, config.host_id) as client:
-        client.require(SaveParameters(config.motor_id, host_id=config.host_id), any_status)
-    print(f"motor {config.motor_id} on {client.address}: saved")
+    with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
+        command_motor(channels, SaveParameters(config.motor_id, host_id=config.host_id))
+    print(f"{channels.requests.motors.names[0]}: saved")
     return 0

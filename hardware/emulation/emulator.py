@@ -19,7 +19,7 @@ from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.motors import Motors, Told
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.wire import HOST, OTHER_HOST, FrameFaults, Transmission, Wire
-from humanoid_sim.hardware.robstride.codec import encode_command
+from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl
 from humanoid_sim.robots.description import RobotDescription
 

@@ -27,8 +27,8 @@ from humanoid_sim.hardware.emulation.motor_state import (
     read_parameter,
     written_parameters,
 )
-from humanoid_sim.hardware.robstride.codec import decode_command, encode_reply
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.commands import decode_command
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.messages import (
     BaudRate,
     Command,
@@ -56,6 +56,7 @@ from humanoid_sim.hardware.robstride.messages import (
     WriteParameter,
 )
 from humanoid_sim.hardware.robstride.parameters import CanTimeout, RunMode, report_interval
+from humanoid_sim.hardware.robstride.replies import encode_reply
 
 __all__ = ["Reaction", "advance", "next_time", "power_on", "receive", "status", "torque_limit", "wrapped"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
 
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, Scale, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.firmware import Firmware, FirmwareVersion
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID, BaudRate, OperationControl, Protocol
 from humanoid_sim.hardware.robstride.parameters import (
@@ -21,7 +21,6 @@ from humanoid_sim.hardware.robstride.parameters import (
     pack_value,
     unpack_value,
 )
-from humanoid_sim.hardware.robstride.scale import Scale
 from humanoid_sim.robots.motors import POSITION_RANGE, MotorModel
 
 __all__ = [

@@ -15,9 +15,9 @@ from humanoid_sim.hardware.emulation.drives import Drives
 from humanoid_sim.hardware.emulation.motor_state import MotorState, Sensed, Stored
 from humanoid_sim.hardware.emulation.plant import MotorPlant
 from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
-from humanoid_sim.hardware.robstride.codec import encode_reply
-from humanoid_sim.hardware.robstride.faults import MotorMode, flag_names
+from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
 from humanoid_sim.hardware.robstride.messages import DeviceId
+from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.robots.description import RobotDescription
 
 __all__ = ["Conditions", "Motors", "Told"]

@@ -1,33 +1,26 @@
-"""Everything before a motor is enabled: who is there, are they stopped and sound, where are they, what may they do."""
+"""Everything before a robot is enabled: who is there, are they stopped and sound, where are they, what may they do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.frame import bus_load
-from humanoid_sim.hardware.robot.checks import CheckList
-from humanoid_sim.hardware.robot.configure import configure, read_supply
-from humanoid_sim.hardware.robot.identify import identify
-from humanoid_sim.hardware.robot.link import Link
-from humanoid_sim.hardware.robot.parameter_access import ParameterAccess
-from humanoid_sim.hardware.robot.requests import Requests
-from humanoid_sim.hardware.robot.settings import AdapterSettings
-from humanoid_sim.hardware.robot.stopping import stop_and_clear
-from humanoid_sim.hardware.robot.turns import WRAP, find_turns, turn_problems
-from humanoid_sim.hardware.robot.wiring import Wiring
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.robot.joint_tracking import WRAP, find_turns, turn_problems
+from humanoid_sim.hardware.robot.wiring import AdapterSettings, Wiring
+from humanoid_sim.hardware.robstride.enabling import examine, make_ready, set_reports
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of
-from humanoid_sim.hardware.robstride.messages import SetActiveReport
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, report_interval
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["Prepared", "prepare_motors", "set_reports"]
+__all__ = ["Prepared", "gain_warnings", "prepare_motors"]
 
-_LISTENING = 0.05
-"""s of silence in which another host would be heard, before anything is sent."""
+
 _REPORT_WAIT = 0.3
 """s at most in which the first active reports must come."""
 _SCAN_TIME = 1
@@ -42,8 +35,6 @@ class Prepared:
 
     turns: FloatArray
     """Shape (n,), see `find_turns`."""
-    position: FloatArray
-    """Shape (n,), rad, motor frame."""
     uids: Mapping[int, bytes]
     """By joint."""
     reporting: tuple[int, ...]
@@ -51,7 +42,7 @@ class Prepared:
 
 
 def prepare_motors(
-    settings: AdapterSettings, link: Link, known_uids: Mapping[int, bytes], checks: CheckList
+    settings: AdapterSettings, channels: OpenChannels, known_uids: Mapping[int, bytes], checks: CheckList
 ) -> Prepared:
     """Identify, stop, configure and verify; leaves the motors stopped.
 
@@ -59,53 +50,45 @@ def prepare_motors(
 
     Args:
         settings: the robot's.
-        link: its open channels.
+        channels: open.
         known_uids: unique ids of the motors at an earlier activation, by joint.
         checks: takes what is found.
 
     Raises:
         RobotError: with everything that is wrong.
     """
-    name, requests = settings.name, link.requests
-    link.listen(_LISTENING)
-    _refuse_intruders(link, checks)
-    _refuse(checks, name)
-    uids, versions = identify(link, known_uids, checks)
-    _refuse(checks, name)
-    access = ParameterAccess(requests)
-    stop_and_clear(requests, access, checks)
-    configure(settings.wiring, access, settings.can_timeout, checks)
-    read_supply(settings.wiring, access, link.sources, checks)
-    turns, position = _find_positions(settings.wiring, link, access, checks)
-    _refuse(checks, name)
-    reporting = _start_reports(settings, link, access, versions, checks)
-    _refuse_intruders(link, checks)
-    for source, channel in zip(link.sources, link.channels, strict=True):
-        if channel.down:
-            checks.problem(source, f"down: {channel.down}")
-    _refuse(checks, name)
-    return Prepared(turns, position, uids, reporting)
+    joints = range(settings.wiring.count)
+    uids, versions = examine(channels, joints, checks, known_uids=known_uids, takes_over=True)
+    make_ready(channels, joints, settings.can_timeout, checks, takes_over=True)
+    _read_supply(channels, checks)
+    turns = _find_positions(settings.wiring, channels, checks)
+    checks.refuse()
+    reporting = _start_reports(settings, channels, versions, checks)
+    channels.check(checks)
+    checks.refuse()
+    return Prepared(turns, uids, reporting)
 
 
-def _refuse(checks: CheckList, name: str) -> None:
-    if checks.problems:
-        raise RobotError(checks.refusal(name))
+def _read_supply(channels: OpenChannels, checks: CheckList) -> None:
+    """Show the supply voltage of each channel's motors."""
+    motors = channels.requests.motors
+    found = channels.requests.read(dict.fromkeys(range(motors.count), PARAMETERS["VBUS"]))
+    for channel, source in enumerate(channels.sources):
+        volts = [v for i in motors.on_channel(channel) if isinstance(v := found[i], float)]
+        if volts:
+            checks.passed(source, f"supply {min(volts):.1f} to {max(volts):.1f} V at its motors")
+        else:
+            checks.warn(source, "no motor tells its supply voltage")
 
 
-def _refuse_intruders(link: Link, checks: CheckList) -> None:
-    for source, text in link.intruders:
-        checks.problem(source, f"another master drives these motors: {text}")
-
-
-def _find_positions(
-    wiring: Wiring, link: Link, access: ParameterAccess, checks: CheckList
-) -> tuple[FloatArray, FloatArray]:
-    position = link.table.readings().position
+def _find_positions(wiring: Wiring, channels: OpenChannels, checks: CheckList) -> FloatArray:
+    """The turns of `find_turns`."""
+    position = channels.table.readings().position
     turns = find_turns(wiring, position)
     wrong = dict(turn_problems(wiring, position, turns))
     for joint, text in wrong.items():
         checks.problem(joint, text)
-    counted = access.read(dict.fromkeys(range(wiring.count), PARAMETERS["mechPos"]))
+    counted = channels.requests.read(dict.fromkeys(range(wiring.count), PARAMETERS["mechPos"]))
     for i, name in enumerate(wiring.names):
         own = counted[i]
         if not isinstance(own, float):
@@ -120,13 +103,12 @@ def _find_positions(
             joint = wiring.direction[i] * (position[i] + 2.0 * np.pi * turns[i] - wiring.offset[i])
             counts = f" ({turns[i]:+.0f} turn)" if turns[i] else ""
             checks.passed(name, f"at {round(joint, 3) + 0.0:.3f} rad{counts}")
-    return turns, position
+    return turns
 
 
 def _start_reports(
     settings: AdapterSettings,
-    link: Link,
-    access: ParameterAccess,
+    channels: OpenChannels,
     versions: Mapping[int, FirmwareVersion],
     checks: CheckList,
 ) -> tuple[int, ...]:
@@ -134,7 +116,7 @@ def _start_reports(
     wiring, period = settings.wiring, settings.control_period
     able = [i for i in range(wiring.count) if firmware_of(wiring.model[i], versions[i]).has_active_reports]
     wanted = []
-    for channel, source in enumerate(link.sources):
+    for channel, source in enumerate(channels.sources):
         motors = wiring.on_channel(channel)
         interval = report_interval(_SCAN_TIME)
         load = bus_load(len(motors) * (2.0 / period + 1.0 / interval))
@@ -144,22 +126,42 @@ def _start_reports(
             checks.passed(source, f"no active reports: they would load the bus to {100.0 * load:.0f} %")
         else:
             wanted += [i for i in motors if i in able]
-    access.write(PARAMETERS["EPScan_time"], dict.fromkeys(wanted, float(_SCAN_TIME)))
-    slots = link.table.slots
+    channels.requests.write(PARAMETERS["EPScan_time"], dict.fromkeys(wanted, float(_SCAN_TIME)))
+    slots = channels.table.slots
     before = [slot.reports + slot.statuses for slot in slots]
 
     def silent() -> list[int]:
         """Joints whose motors sent no more than one status: that may have answered the request."""
         return [i for i in wanted if slots[i].reports + slots[i].statuses <= before[i] + 1]
 
-    set_reports(link.requests, wanted, is_on=True)
-    link.wait(lambda: not silent(), _REPORT_WAIT)
+    set_reports(channels.requests, wanted, is_on=True)
+    channels.wait(lambda: not silent(), _REPORT_WAIT)
     for i in silent():
         checks.warn(wiring.names[i], "sends no active reports: its state is a control period old")
     return tuple(wanted)
 
 
-def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:
-    """Switch the active reports of these joints' motors on or off; not verified."""
-    motor_id = requests.wiring.motor_id
-    requests.send({i: [SetActiveReport(motor_id[i], is_on, host_id=requests.host_id)] for i in joints})
+def gain_warnings(description: RobotDescription, wiring: Wiring) -> Iterator[tuple[str, str]]:
+    """Joint and what is cut off there: a controller's gain beyond its motor's range. A policy's are checked with it."""
+    n = wiring.count
+    standby = (
+        ("standby_controller_a", description.standby_controller_a),
+        ("standby_controller_b", description.standby_controller_b),
+    )
+    passive = (
+        ("damping_controller", description.damping_controller),
+        ("remote_policy_controller", description.remote_policy_controller),
+    )
+    stiffness = [model.stiffness for model in wiring.model]
+    damping = [model.damping for model in wiring.model]
+    for name, settings in standby:
+        yield from _beyond(wiring, f"{name}.target_stiffness", settings.target_stiffness, stiffness)
+        yield from _beyond(wiring, f"{name}.target_damping", settings.target_damping, damping)
+    for name, values in passive:
+        yield from _beyond(wiring, f"{name}'s damping", values.damping or (values.damping_scalar,) * n, damping)
+
+
+def _beyond(wiring: Wiring, what: str, gains: Sequence[float], limits: Sequence[float]) -> Iterator[tuple[str, str]]:
+    for i, (gain, limit) in enumerate(zip(gains, limits, strict=True)):
+        if gain > limit:
+            yield wiring.names[i], f"{what} is {gain:g}, an {wiring.model[i].name} is told {limit:g} at most"

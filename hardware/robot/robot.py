@@ -12,19 +12,24 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
+from humanoid_sim.hardware.checks import Check, CheckList
 from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
-from humanoid_sim.hardware.robot.activation import Prepared, prepare_motors
-from humanoid_sim.hardware.robot.checks import Check, CheckList
-from humanoid_sim.hardware.robot.closing import damp_until_rest, disable, is_damped, is_limp, unconfirmed
-from humanoid_sim.hardware.robot.control import MotorControl, robot_state
-from humanoid_sim.hardware.robot.enabling import enable_motors
-from humanoid_sim.hardware.robot.gain_checks import gain_warnings
-from humanoid_sim.hardware.robot.link import Link, Locks, open_link, reopen
-from humanoid_sim.hardware.robot.settings import make_settings
+from humanoid_sim.hardware.robot.activation import gain_warnings, prepare_motors
+from humanoid_sim.hardware.robot.control import (
+    MotorControl,
+    damp_until_rest,
+    disable,
+    is_damped,
+    is_limp,
+    robot_state,
+    unconfirmed,
+)
+from humanoid_sim.hardware.robot.joint_tracking import unheard
 from humanoid_sim.hardware.robot.statistics import RobotStatistics, gather_statistics
-from humanoid_sim.hardware.robot.stopping import stop_motors
-from humanoid_sim.hardware.robot.tracker import unheard
+from humanoid_sim.hardware.robot.wiring import make_settings
+from humanoid_sim.hardware.robstride.enabling import enable_motors, stop_motors
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
+from humanoid_sim.hardware.robstride.open_channels import Locks, OpenChannels
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
@@ -88,13 +93,13 @@ class RobstrideRobot:
         self._open_bus = open_bus
         self._clock, self._origin = clock, clock()
         self._locks = Locks()
-        self._link: Link | None = None
+        self._channels: OpenChannels | None = None
         self._control: MotorControl | None = None
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()
         self._uids: Mapping[int, bytes] = {}
         self._slipped: frozenset[str] = frozenset()
-        self._checks = CheckList()
+        self._checks = CheckList(self._settings.name)
         self._is_closing = self._is_closed = False
 
     @property
@@ -135,7 +140,7 @@ class RobstrideRobot:
     @property
     def statistics(self) -> RobotStatistics:
         """What happened on the buses since they were opened."""
-        return gather_statistics(self._settings, self._link, self._control, self.time)
+        return gather_statistics(self._settings, self._channels, self._control, self.time)
 
     # --- activation
 
@@ -154,20 +159,20 @@ class RobstrideRobot:
         Raises:
             RobotError: with the whole list of what is wrong; no motor is enabled then.
         """
-        link, prepared, control = self._prepare()
+        channels, control = self._prepare()
         if self._dry_run:
             raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
         self._may_run = frozenset(range(self._settings.wiring.count))
         try:
-            enable_motors(link.requests, prepared.position.tolist(), self._settings.can_timeout, self._checks)
-            if self._checks.problems:
-                raise RobotError(self._checks.refusal(self._settings.name))
+            joints = range(self._settings.wiring.count)
+            enable_motors(channels.requests, joints, self._settings.can_timeout, self._checks)
+            self._checks.refuse()
         except BaseException as error:
             self._give_up(error)
             raise
         control.enable(self.time)
 
-    def _prepare(self) -> tuple[Link, Prepared, MotorControl]:
+    def _prepare(self) -> tuple[OpenChannels, MotorControl]:
         if self._is_closing:
             raise RobotError(f"{self._settings.name}: the robot is closed")
         if self._control is not None:
@@ -175,31 +180,43 @@ class RobstrideRobot:
             if self._control.is_enabled:
                 self._damp(self._control)  # or arms that still sink would fall while their motors are verified
         self._control, self._why_not = None, "not enabled"
-        self._checks = CheckList()
+        self._checks = CheckList(self._settings.name)
         for joint, text in gain_warnings(self._description, self._settings.wiring):
             self._checks.warn(joint, text)
         for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
             self._checks.warn(joint, _JUMPED)
         try:
-            link = self._open()
-            prepared = prepare_motors(self._settings, link, self._uids, self._checks)
+            channels = self._open()
+            prepared = prepare_motors(self._settings, channels, self._uids, self._checks)
         except BaseException as error:
             self._give_up(error)
             raise
         self._may_run, self._uids = frozenset(), prepared.uids
-        self._control = control = MotorControl(self._settings, link, prepared)
-        return link, prepared, control
+        self._control = control = MotorControl(self._settings, channels, prepared)
+        return channels, control
 
-    def _open(self) -> Link:
+    def _open(self) -> OpenChannels:
         """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-        self._locks.take(self._settings, self._checks)
+        if self._channels is not None:
+            self._channels.close()
+            self._channels = None
+        settings, checks = self._settings, self._checks
+        self._locks.take(settings.addresses, checks)
         if self._imu is not None:
-            reopen(self._imu, self._checks)
-        self._link = open_link(self._settings, clock=lambda: self.time, open_bus=self._open_bus, checks=self._checks)
-        return self._link
+            self._imu.close()
+            try:
+                self._imu.open()
+            except RobotError as error:
+                checks.problem("imu", str(error))
+        self._channels = OpenChannels(
+            settings.addresses,
+            settings.wiring,
+            settings.host_id,
+            checks,
+            clock=lambda: self.time,
+            open_bus=self._open_bus,
+        )
+        return self._channels
 
     def _give_up(self, error: BaseException) -> None:
         """After a refusal: stop the motors, unless another master drives them, whose arms would fall.
@@ -207,13 +224,13 @@ class RobstrideRobot:
         Raises:
             RobotError: in place of one of these, where motors of an earlier activation do not confirm it.
         """
-        link, checks = self._link, self._checks
-        if link is not None and (self._may_run or not link.intruders):
-            link.forget_queues()
-            self._may_run &= frozenset(stop_motors(link.requests, range(self._settings.wiring.count)))
+        channels, checks = self._channels, self._checks
+        if channels is not None and (self._may_run or not channels.intruders):
+            channels.forget_queues()
+            self._may_run &= frozenset(stop_motors(channels.requests, range(self._settings.wiring.count)))
         for joint in sorted(self._may_run):
             checks.problem(self._settings.wiring.names[joint], "does not confirm that it is disabled")
-        refusal = RobotError(checks.refusal(self._settings.name)) if self._may_run else error
+        refusal = RobotError(checks.refusal()) if self._may_run else error
         first = str(refusal).partition("\n")[0] or type(error).__name__
         self._why_not = first.removeprefix(f"{self._settings.name}: ")
         if isinstance(error, RobotError) and refusal is not error:
@@ -236,7 +253,7 @@ class RobstrideRobot:
         return robot_state(now, joints, age, imu), statuses
 
     def _not_enabled(self) -> tuple[SafetyStatus, ...]:
-        flags = SafetyFlag.BUS_OFF if self._link is None else SafetyFlag.MOTOR_FAULT
+        flags = SafetyFlag.BUS_OFF if self._channels is None else SafetyFlag.MOTOR_FAULT
         return tuple(
             SafetyStatus(SafetyLevel.FAULT, flags, str(address), self._why_not) for address in self._settings.addresses
         )
@@ -267,25 +284,25 @@ class RobstrideRobot:
         if self._is_closing:
             return
         self._is_closing = True
-        link, control = self._link, self._control
+        channels, control = self._channels, self._control
         with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
             stack.callback(self._ended)
             stack.callback(self._locks.release)
             if self._imu is not None:
                 stack.callback(self._imu.close)
-            if link is not None:
-                stack.callback(link.close)
-            if link is not None and (control is not None or self._may_run):
+            if channels is not None:
+                stack.callback(channels.close)
+            if channels is not None and (control is not None or self._may_run):
                 try:
                     if control is not None:
                         self._damp(control)
                 finally:
-                    left = disable(self._settings, link, () if control is None else control.reporting)
+                    left = disable(self._settings, channels, () if control is None else control.reporting)
                     self._may_run &= frozenset(left)
                     if control is not None:
                         control.disable()
         if self._may_run:
-            text = unconfirmed(self._settings, link, sorted(self._may_run))
+            text = unconfirmed(self._settings, channels, sorted(self._may_run))
             raise RobotError(f"{self._settings.name}: {text}")
 
     def _ended(self) -> None:

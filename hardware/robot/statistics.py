@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from humanoid_sim.hardware.bus.events import ChannelCounters
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.hardware.robot.control import MotorControl
-from humanoid_sim.hardware.robot.link import Link
-from humanoid_sim.hardware.robot.settings import AdapterSettings
+from humanoid_sim.hardware.robot.wiring import AdapterSettings
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 
 __all__ = ["ChannelStatistics", "RobotStatistics", "gather_statistics"]
 
@@ -97,32 +97,32 @@ class RobotStatistics:
 
 
 def gather_statistics(
-    settings: AdapterSettings, link: Link | None, control: MotorControl | None, now: float
+    settings: AdapterSettings, channels: OpenChannels | None, control: MotorControl | None, now: float
 ) -> RobotStatistics:
-    """The statistics of an open link, or of none.
+    """The statistics since the channels were opened, or of none.
 
     Args:
         settings: the robot's.
-        link: its channels.
+        channels: the robot's, open.
         control: of the motors; none before they are prepared.
         now: s, robot's clock.
     """
-    slots = () if link is None else link.table.slots
-    channels: list[ChannelStatistics] = []
-    if link is not None:
-        for source, channel, notes in zip(link.sources, link.channels, link.table.channels, strict=True):
+    slots = () if channels is None else channels.table.slots
+    found: list[ChannelStatistics] = []
+    if channels is not None:
+        for source, channel, notes in zip(channels.sources, channels.channels, channels.table.channels, strict=True):
             strangers = dict(notes.strangers)
-            elapsed = now - link.opened
-            channels.append(ChannelStatistics(source, channel.counters, strangers, notes.intrusions, elapsed))
+            elapsed = now - channels.opened
+            found.append(ChannelStatistics(source, channel.counters, strangers, notes.intrusions, elapsed))
     names = settings.wiring.names
     return RobotStatistics(
-        channels=tuple(channels),
+        channels=tuple(found),
         commanded=sum(slot.commanded for slot in slots),
         acknowledged=sum(slot.acknowledged for slot in slots),
         reports=sum(slot.reports for slot in slots),
         invalid_frames=sum(slot.invalid_frames for slot in slots),
         saturations={} if control is None else control.encoder.saturations,
         bounded={} if control is None else control.encoder.bounded,
-        temperature={names[slot.joint]: slot.sample.temperature / 10.0 for slot in slots if slot.sample},
+        temperature={names[slot.joint]: slot.sample.temperature for slot in slots if slot.sample},
         refused=0 if control is None else control.refused,
     )

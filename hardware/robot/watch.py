@@ -9,14 +9,15 @@ import numpy.typing as npt
 
 from humanoid_sim.hardware.bus.channel import Channel
 from humanoid_sim.hardware.bus.events import BusEvent
-from humanoid_sim.hardware.robot.settings import AdapterSettings
-from humanoid_sim.hardware.robot.table import MotorSlot, MotorTable, Sample
-from humanoid_sim.hardware.robot.tracker import JointTracker
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
+from humanoid_sim.hardware.robot.joint_tracking import JointTracker
+from humanoid_sim.hardware.robot.wiring import AdapterSettings
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
+from humanoid_sim.hardware.robstride.motor_table import MotorSlot, MotorTable, Sample
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
 
 __all__ = ["SafetyWatch"]
+
 
 _WARNINGS = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.INVALID_FRAME
 """Flags that are a WARNING by themselves; the others are a FAULT."""
@@ -113,12 +114,12 @@ class SafetyWatch:
 
 
 def _alarm(name: str, sample: Sample) -> Iterator[_Finding]:
-    for fault in flag_names(StatusFault(sample.faults)):
+    for fault in flag_names(sample.faults):
         yield SafetyFlag.MOTOR_FAULT, fault, name
     if sample.faults & StatusFault.MOTOR_OVERTEMPERATURE:
         yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
-    if sample.mode != MotorMode.RUN:
-        yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {MotorMode(sample.mode).name.lower()})", name
+    if sample.mode is not MotorMode.RUN:
+        yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {sample.mode.name.lower()})", name
 
 
 def _report(name: str, faults: FaultBit, warnings: WarningBit) -> Iterator[_Finding]:

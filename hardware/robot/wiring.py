@@ -1,4 +1,4 @@
-"""Which motor drives which joint, on which channel, and how its frame maps to the joint's. Data and two transforms."""
+"""What an adapter is told, checked: channels, times, which motor drives which joint, and how frames map to joints."""
 
 from __future__ import annotations
 
@@ -9,48 +9,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.hardware.bus.address import BusAddress, parse_address
+from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.motor_table import MotorGroup
+from humanoid_sim.hardware.robstride.parameters import CanTimeout
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.motors import MOTORS, MotorModel
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["Wiring", "make_wiring"]
+__all__ = ["AdapterSettings", "Wiring", "make_settings", "make_wiring"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wiring:
-    """Per-joint constants, in the robot's joint order. Every array is read-only, shape (n,)."""
+class Wiring(MotorGroup):
+    """A robot's motors, in its joint order, with what maps their frames to the joints'. Every array is read-only."""
 
-    names: tuple[str, ...]
-    channel: tuple[int, ...]
-    """Index into the robot's channels."""
-    motor_id: tuple[int, ...]
-    model_name: tuple[str, ...]
-    model: tuple[MotorModel, ...]
-    torque_limit: tuple[float, ...]
-    """N·m, written to the firmware; 0: leave the firmware's own."""
-    current_limit: tuple[float, ...]
-    """A, written to the firmware; 0: leave the firmware's own."""
     direction: FloatArray
-    """±1"""
+    """Shape (n,), ±1."""
     offset: FloatArray
-    """rad, motor frame, homing offset."""
+    """Shape (n,), rad, motor frame, homing offset."""
     lower: FloatArray
-    """rad, joint frame."""
+    """Shape (n,), rad, joint frame."""
     upper: FloatArray
-    """rad, joint frame."""
+    """Shape (n,), rad, joint frame."""
     effort_limit: FloatArray
-    """N·m, within what the motor's frames can say."""
+    """Shape (n,), N·m, within what the motor's frames can say."""
     fastest: FloatArray
-    """rad/s, the end of the motor's velocity range."""
-
-    @property
-    def count(self) -> int:
-        """n, the number of joints."""
-        return len(self.names)
-
-    def on_channel(self, channel: int) -> tuple[int, ...]:
-        """Indices of the joints whose motors are on a channel."""
-        return tuple(i for i, index in enumerate(self.channel) if index == channel)
+    """Shape (n,), rad/s, the end of the motor's velocity range."""
 
 
 def make_wiring(description: RobotDescription, channel_count: int, calibration: Mapping[str, float]) -> Wiring:
@@ -84,7 +69,6 @@ def make_wiring(description: RobotDescription, channel_count: int, calibration: 
         names=description.joint_names,
         channel=tuple(motor.bus if channel_count > 1 else 0 for motor in motors),
         motor_id=tuple(motor.can_id for motor in motors),
-        model_name=tuple(motor.model for motor in motors),
         model=models,
         torque_limit=tuple(motor.torque_limit for motor in motors),
         current_limit=tuple(motor.current_limit for motor in motors),
@@ -116,3 +100,64 @@ def _array(values: Sequence[float]) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdapterSettings:
+    """All that stays the same between two activations."""
+
+    name: str
+    """The robot's."""
+    addresses: tuple[BusAddress, ...]
+    wiring: Wiring
+    host_id: int
+    control_period: float
+    """s between two commands."""
+    can_timeout: float
+    """s without a command after which a motor stops by itself."""
+    rx_timeout: float
+    """s without a status after which a joint counts as silent."""
+    damping: FloatArray
+    """Shape (n,), N·m·s/rad, of the command that stands in for a bad one and that closing sends."""
+
+
+def make_settings(
+    description: RobotDescription,
+    channels: Sequence[BusAddress | str],
+    calibration: Mapping[str, float],
+    *,
+    control_period: float | None,
+    host_id: int,
+    can_timeout: float,
+) -> AdapterSettings:
+    """Settings for a robot; the arguments are those of `RobstrideRobot`.
+
+    Raises:
+        InputError: a channel, the calibration or a number does not fit.
+    """
+    name = description.name
+    addresses = tuple(parse_address(channel) if isinstance(channel, str) else channel for channel in channels)
+    if len(set(addresses)) < len(addresses):
+        raise InputError(f"{name}: a channel is named twice; one channel carries all motors by itself")
+    if not LARGEST_MOTOR_ID < host_id <= 0xFF:
+        raise InputError(f"host id: is {host_id}, expected {LARGEST_MOTOR_ID + 1} to 255, above every motor's")
+    period = 1.0 / description.hardware.control_frequency if control_period is None else control_period
+    longest = CanTimeout.to_seconds(CanTimeout.LONGEST)
+    if not period < can_timeout <= longest:
+        raise InputError(
+            f"CAN timeout: is {can_timeout:g} s, expected more than the control period of {period:g} s, and at most "
+            f"{longest:g} s: motors without a timeout execute their last command for ever"
+        )
+    damping = description.damping_controller
+    values = np.array(damping.damping or (damping.damping_scalar,) * description.joint_count)
+    values.setflags(write=False)
+    return AdapterSettings(
+        name=name,
+        addresses=addresses,
+        wiring=make_wiring(description, len(addresses), calibration),
+        host_id=host_id,
+        control_period=period,
+        can_timeout=can_timeout,
+        rx_timeout=description.hardware.rx_timeout_ms / 1000.0,
+        damping=values,
+    )

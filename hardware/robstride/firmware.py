@@ -13,7 +13,17 @@ from typing import TypeAlias
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
-__all__ = ["Firmware", "FirmwareVersion", "firmware_of", "model_name", "parse_version", "version_text"]
+__all__ = [
+    "Firmware",
+    "FirmwareVersion",
+    "firmware_of",
+    "firmware_problem",
+    "firmware_warning",
+    "model_name",
+    "parse_version",
+    "version_text",
+]
+
 
 FirmwareVersion: TypeAlias = tuple[int, int, int, int]
 
@@ -99,3 +109,29 @@ def parse_version(text: str) -> FirmwareVersion:
 def version_text(version: FirmwareVersion) -> str:
     """A version as the vendor writes it: `0.2.3.6`."""
     return ".".join(str(number) for number in version)
+
+
+def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
+    """Why a motor with this firmware must not be driven as this model; empty when it may.
+
+    A motor driven as another model would scale torque, velocity and gains wrongly.
+    """
+    found = model_name(version)
+    if found != model.name:
+        whose = f"is an {found}'s" if found else "is no known model's"
+        return f"its firmware {version_text(version)} {whose}, the robot description has an {model.name} here"
+    factor = firmware_of(model, version).gain_factor
+    if factor != 1.0:
+        return f"its firmware {version_text(version)} multiplies K_p and K_d by {factor:g}: update it"
+    return ""
+
+
+def firmware_warning(model: MotorModel, version: FirmwareVersion) -> str:
+    """What an operator should know about this firmware; empty for nothing."""
+    found = firmware_of(model, version).position_range
+    if found == model.position:
+        return ""
+    return (
+        f"its firmware {version_text(version)} counts ±{found:g} rad where frames are read as ±{model.position:.3f}: "
+        f"angles are off by {100.0 * (model.position / found - 1.0):.1f} %"
+    )

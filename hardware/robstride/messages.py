@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import TypeAlias
 
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 
 __all__ = [
     "DEFAULT_HOST_ID",

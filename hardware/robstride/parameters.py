@@ -65,6 +65,12 @@ class Parameter:
     """Of a motor as it comes; none where the documents do not say, or models differ (`default_value`)."""
     meaning: str = ""
 
+    def is_same(self, value: float, other: float) -> bool:
+        """Whether two values are one to the motor: 12.1 and the float32 next to it are. NaN is not even itself."""
+        if not math.isfinite(value):
+            return False
+        return pack_value(self.type, value) == pack_value(self.type, other)
+
 
 def pack_value(kind: ParameterType, value: float) -> bytes:
     """A value's 4 bytes: little-endian, left-aligned, the rest zero.

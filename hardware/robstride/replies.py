@@ -6,12 +6,16 @@ import struct
 from collections.abc import Mapping
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.frames import (
+from humanoid_sim.hardware.robstride.fields import (
     BROADCAST_ID,
     DATA_LENGTH,
+    FaultBit,
     FrameType,
     Identifier,
+    MotorMode,
+    Scale,
+    StatusFault,
+    WarningBit,
     join_identifier,
     split_identifier,
 )
@@ -26,7 +30,6 @@ from humanoid_sim.hardware.robstride.messages import (
     Status,
     Version,
 )
-from humanoid_sim.hardware.robstride.scale import Scale
 from humanoid_sim.robots.motors import MotorModel
 
 __all__ = ["VERSION_MARK", "decode_reply", "encode_reply"]
@@ -51,7 +54,7 @@ _BOTH = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER, FrameType.
 _DEFINED = frozenset(int(kind) for kind in FrameType)
 _NAMES = {
     FrameType.STATUS: "status",
-    FrameType.ACTIVE_REPORT: "active report",
+    FrameType.ACTIVE_REPORT: "status",
     FrameType.FAULT_REPORT: "fault report",
     FrameType.READ_PARAMETER: "parameter reply",
     FrameType.GET_DEVICE_ID: "device-id reply",
@@ -120,12 +123,13 @@ def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply
     model = models.get(motor_id)
     if model is None:
         return Ignored(IgnoredReason.UNKNOWN_DEVICE, motor_id)
-    if kind == FrameType.STATUS and data.startswith(VERSION_MARK) and _VERSION_END <= len(data) <= DATA_LENGTH:
+    is_status = kind in (FrameType.STATUS, FrameType.ACTIVE_REPORT)
+    if is_status and data.startswith(VERSION_MARK) and _VERSION_END <= len(data) <= DATA_LENGTH:
         first, second, third, fourth = data[len(VERSION_MARK) : _VERSION_END]
         return Version(motor_id, destination, (first, second, third, fourth))
     if len(data) != DATA_LENGTH:
         return _bad_length(data, parts)
-    if kind in (FrameType.STATUS, FrameType.ACTIVE_REPORT):
+    if is_status:
         position, velocity, effort, temperature = _STATUS.unpack(data)
         return Status(
             motor_id,

@@ -4,7 +4,7 @@ import io
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,12 @@ from rich.console import Console
 
 from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_calibration, save_calibration
 from humanoid_sim.hardware.cli import calibrate as tool
-from humanoid_sim.hardware.cli import joint_tracks
-from humanoid_sim.hardware.cli.client import MotorClient
-from humanoid_sim.hardware.cli.joint_tracks import JointTrack
+from humanoid_sim.hardware.cli.calibrate import JointTrack
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.messages import Command
+from humanoid_sim.hardware.robstride.requests import Requests
 from humanoid_sim.robots.description import load_robot
 
 Run = Callable[..., tuple[int, str, str]]
@@ -107,13 +107,13 @@ def test_no_motor_is_enabled_or_written_to(
     run: Run, motors: VirtualMotors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sent = []
-    send = MotorClient.send
+    send = Requests.send
 
-    def watched(client: MotorClient, command: Any) -> None:
-        sent.append(type(command).__name__)
-        send(client, command)
+    def watched(requests: Requests, commands: Mapping[int, Sequence[Command]]) -> None:
+        sent.extend(type(command).__name__ for group in commands.values() for command in group)
+        send(requests, commands)
 
-    monkeypatch.setattr(MotorClient, "send", watched)
+    monkeypatch.setattr(Requests, "send", watched)
     run("calibrate", _CHANNEL, "--output", str(tmp_path / "c.yaml"), *_JOINTS, "--duration", "0.2")
     assert set(sent) == {"ReadParameter"}
     assert len(sent) >= 3  # one reading of each joint, however busy the machine is
@@ -218,7 +218,7 @@ def test_ctrl_c_writes_nothing(
 
 
 def test_status_3_where_a_motor_is_silent(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(joint_tracks, "_SILENT", 0.5)
+    monkeypatch.setattr(tool, "_SILENT", 0.5)
     path = tmp_path / "calibration.yaml"
     channel = "virtual:bench-silent"
     with VirtualMotors(_LITE, [channel], faults=[Fault("silent", ("left_wrist_yaw",))]):

@@ -11,13 +11,13 @@ import pytest
 import yaml
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.cli import enabled_motor
+from humanoid_sim.hardware.cli import bench
 from humanoid_sim.hardware.cli import identify as tool
-from humanoid_sim.hardware.cli.client import MotorClient
-from humanoid_sim.hardware.cli.exchange import read_value, write_value
+from humanoid_sim.hardware.cli.bench import motor_bench, read_value, write_value
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.robots.description import load_robot
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -29,13 +29,15 @@ _WRIST = ("identify", _CHANNEL, "left_wrist_yaw", "--yes")
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tool, "_RAMP", 0.12)
     monkeypatch.setattr(tool, "_HOLD", 0.05)
-    monkeypatch.setattr(enabled_motor, "_CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
+    monkeypatch.setattr(bench, "_CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
 
 
 def _is_stopped_as_before(motor_id: int) -> bool:
-    with MotorClient(parse_address(_CHANNEL), host_id=0xFD) as client:
-        timeout = read_value(client, motor_id, PARAMETERS["canTimeout"])
-        return timeout == 0 and write_value(client, motor_id, PARAMETERS["zero_sta"], 0).mode.name == "RESET"
+    with motor_bench(_CHANNEL, motor_id, 0xFD) as channels:
+        write_value(channels, PARAMETERS["zero_sta"], 0)
+        sample = channels.table.slots[0].sample
+        assert sample is not None
+        return read_value(channels, PARAMETERS["canTimeout"]) == 0 and sample.mode.name == "RESET"
 
 
 def test_the_joint_moves_in_its_positive_direction_and_back(run: Run, lite_motors: VirtualMotors) -> None:
@@ -116,6 +118,16 @@ def test_leave_is_asked_for_on_a_terminal(
     monkeypatch.setattr(terminal, "isatty", lambda: True)
     monkeypatch.setattr("sys.stdin", terminal)
     assert run(*_WRIST[:-1])[0] == expected
+
+
+def test_firmware_that_scales_gains_is_refused(run: Run) -> None:
+    channel = "virtual:bench-identify"
+    with VirtualMotors(load_robot("lite"), [channel], settings=EmulationSettings(firmware={"rs-02": "0.2.3.5"})):
+        status, _, complained = run("identify", channel, "left_shoulder_pitch", "--yes")
+    assert status == 2
+    assert complained == (
+        "error: left_shoulder_pitch: its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it\n"
+    )
 
 
 def test_status_3_where_the_motor_is_silent(run: Run) -> None:

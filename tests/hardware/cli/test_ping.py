@@ -4,10 +4,9 @@ from collections.abc import Callable
 
 import pytest
 
-from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.cli.client import MotorClient
-from humanoid_sim.hardware.cli.exchange import read_value, write_value
+from humanoid_sim.hardware.cli.bench import motor_bench, read_value, write_value
 from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.robots.description import load_robot
@@ -16,10 +15,6 @@ Inject = Callable[[VirtualMotors, Fault], None]
 Run = Callable[..., tuple[int, str, str]]
 
 _CHANNEL = "virtual:bench-tools"
-
-
-def _client(channel: str = _CHANNEL) -> MotorClient:
-    return MotorClient(parse_address(channel), host_id=0xFD)
 
 
 def _values(printed: str) -> dict[str, str]:
@@ -45,9 +40,12 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run: Run, lite_mo
     assert float(values["position"].split()[0]) == pytest.approx(float(values["mechPos"].split()[0]), abs=2e-3)
     assert abs(float(values["effort"].split()[0])) < 1e-3
     assert values["temperature"] == "25.0 °C"
-    with _client() as client:
-        assert read_value(client, 13, PARAMETERS["canTimeout"]) == 0  # as before
-        assert write_value(client, 13, PARAMETERS["zero_sta"], 0).mode.name == "RESET"
+    with motor_bench(_CHANNEL, 13, 0xFD) as channels:
+        assert read_value(channels, PARAMETERS["canTimeout"]) == 0  # as before
+        write_value(channels, PARAMETERS["zero_sta"], 0)
+        sample = channels.table.slots[0].sample
+        assert sample is not None
+        assert sample.mode.name == "RESET"
 
 
 def test_a_model_that_is_given_is_used(run: Run, lite_motors: VirtualMotors) -> None:
@@ -55,10 +53,20 @@ def test_a_model_that_is_given_is_used(run: Run, lite_motors: VirtualMotors) -> 
     assert (status, _values(printed)["model"]) == (0, "rs-03")
 
 
+def test_firmware_that_scales_gains_is_mentioned_where_none_are_asked_for(run: Run) -> None:
+    settings = EmulationSettings(firmware={"rs-02": "0.2.3.5"})
+    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"], settings=settings):
+        status, printed, complained = run("ping", "virtual:bench-ping", "11", "--count", "1", "--read-status")
+    assert (status, _values(printed)["model"]) == (0, "rs-02")
+    assert complained == (
+        "warning: motor 11 on virtual:bench-ping: its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it\n"
+    )
+
+
 def test_a_motor_in_another_run_mode_is_not_enabled(run: Run) -> None:
     with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]):
-        with _client("virtual:bench-ping") as client:
-            write_value(client, 13, PARAMETERS["run_mode"], 2)
+        with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
+            write_value(channels, PARAMETERS["run_mode"], 2)
         status, printed, complained = run("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
         assert status == 2
         assert "motor 13 on virtual:bench-ping: run_mode is 2, in which enabling may move it" in complained

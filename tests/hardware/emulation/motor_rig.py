@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Sensed, Stored
-from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
+from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
 from humanoid_sim.hardware.robstride.messages import (
     Command,
@@ -21,6 +21,7 @@ from humanoid_sim.hardware.robstride.messages import (
     WriteParameter,
 )
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
+from humanoid_sim.hardware.robstride.replies import decode_reply
 from humanoid_sim.robots.motors import MOTORS
 
 ID = 11

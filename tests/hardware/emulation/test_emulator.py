@@ -13,8 +13,8 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
-from humanoid_sim.hardware.robstride.faults import MotorMode, StatusFault
+from humanoid_sim.hardware.robstride.commands import decode_command, encode_command
+from humanoid_sim.hardware.robstride.fields import MotorMode, Scale, StatusFault
 from humanoid_sim.hardware.robstride.messages import (
     DeviceId,
     Enable,
@@ -24,7 +24,6 @@ from humanoid_sim.hardware.robstride.messages import (
     Status,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.scale import Scale
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 

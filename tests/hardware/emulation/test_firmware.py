@@ -13,8 +13,8 @@ from motor_rig import HOST, ID, Motor, fault_reports, identity
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.motor_state import Sensed
-from humanoid_sim.hardware.robstride.codec import encode_command
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.messages import (
     BaudRate,
     DeviceId,

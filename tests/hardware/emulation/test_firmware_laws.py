@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from motor_rig import ID, Motor
 
 from humanoid_sim.hardware.emulation import firmware
-from humanoid_sim.hardware.robstride.faults import MotorMode
+from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     Enable,

@@ -15,7 +15,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.codec import encode_command
+from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.messages import Command, Enable, OperationControl
 from humanoid_sim.robots.description import load_robot
 

@@ -14,15 +14,18 @@ from hypothesis import strategies as st
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.robstride.codec import (
-    OperationControlEncoder,
-    decode_command,
-    decode_reply,
-    encode_command,
-    encode_reply,
+from humanoid_sim.hardware.robstride.commands import OperationControlEncoder, decode_command, encode_command
+from humanoid_sim.hardware.robstride.fields import (
+    SIGNED_STEPS,
+    UNSIGNED_STEPS,
+    FaultBit,
+    FrameType,
+    MotorMode,
+    Scale,
+    StatusFault,
+    WarningBit,
+    join_identifier,
 )
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.frames import FrameType, join_identifier
 from humanoid_sim.hardware.robstride.messages import (
     BaudRate,
     Command,
@@ -50,7 +53,7 @@ from humanoid_sim.hardware.robstride.messages import (
     Version,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.scale import SIGNED_STEPS, UNSIGNED_STEPS, Scale
+from humanoid_sim.hardware.robstride.replies import decode_reply, encode_reply
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 _HOST = 0xFD

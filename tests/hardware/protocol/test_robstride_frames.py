@@ -1,8 +1,7 @@
 from __future__ import annotations
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.robstride.faults import FaultBit, StatusFault, flag_names
-from humanoid_sim.hardware.robstride.frames import join_identifier, split_identifier
+from humanoid_sim.hardware.robstride.fields import FaultBit, StatusFault, flag_names, join_identifier, split_identifier
 
 
 def test_identifiers_split_and_join() -> None:

@@ -14,14 +14,8 @@ import pytest
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.robstride.codec import (
-    OperationControlEncoder,
-    decode_command,
-    decode_reply,
-    encode_command,
-    encode_reply,
-)
-from humanoid_sim.hardware.robstride.faults import flag_names
+from humanoid_sim.hardware.robstride.commands import OperationControlEncoder, decode_command, encode_command
+from humanoid_sim.hardware.robstride.fields import Scale, flag_names, from_unsigned
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     DeviceId,
@@ -45,7 +39,7 @@ from humanoid_sim.hardware.robstride.messages import (
     WriteParameter,
 )
 from humanoid_sim.hardware.robstride.parameters import ParameterType, pack_value, unpack_value
-from humanoid_sim.hardware.robstride.scale import Scale, from_unsigned
+from humanoid_sim.hardware.robstride.replies import decode_reply, encode_reply
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 Row = dict[str, str]

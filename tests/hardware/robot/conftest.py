@@ -11,8 +11,9 @@ import pytest
 
 from humanoid_sim.hardware.bus import channel
 from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.robot import activation, closing, enabling, identify, requests
+from humanoid_sim.hardware.robot import activation, control
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
+from humanoid_sim.hardware.robstride import enabling, identification, requests
 from humanoid_sim.robots.schema import (
     DampingSettings,
     JointDescription,
@@ -34,11 +35,11 @@ _PATIENT = (0.05, 0.1, 0.2, 0.4, 0.4)
 @pytest.fixture(autouse=True)
 def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """What takes a real bus milliseconds takes a virtual one less."""
-    monkeypatch.setattr(activation, "_LISTENING", 0.005)
+    monkeypatch.setattr(enabling, "_LISTENING", 0.005)
     monkeypatch.setattr(channel, "_POLL", 0.005)
-    monkeypatch.setattr(identify, "_QUIET", 0.01)
+    monkeypatch.setattr(identification, "_QUIET", 0.01)
     monkeypatch.setattr(requests, "_ANSWER_TIMES", _PATIENT)
-    monkeypatch.setattr(closing, "_LONGEST", 0.05)
+    monkeypatch.setattr(control, "_LONGEST", 0.05)
 
 
 @pytest.fixture
@@ -52,7 +53,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests in which somebody answers whom nobody asks again."""
-    monkeypatch.setattr(identify, "_QUIET", 0.1)
+    monkeypatch.setattr(identification, "_QUIET", 0.1)
 
 
 @pytest.fixture

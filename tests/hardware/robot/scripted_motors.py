@@ -14,7 +14,7 @@ import can
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.commands import decode_command
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     DeviceId,

@@ -17,12 +17,12 @@ from waiting import wait_until
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.opening import open_bus
+from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.imu.interface import ImuReading, upright_at_rest
-from humanoid_sim.hardware.robot import closing
-from humanoid_sim.hardware.robot.checks import Verdict
+from humanoid_sim.hardware.robot import control
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.hardware.robstride.commands import encode_command
-from humanoid_sim.hardware.robstride.faults import MotorMode, StatusFault
+from humanoid_sim.hardware.robstride.fields import MotorMode, StatusFault
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     Enable,
@@ -297,7 +297,7 @@ def test_another_master_is_left_alone(
     right: ScriptedMotor,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("humanoid_sim.hardware.robot.activation._LISTENING", 0.05)
+    monkeypatch.setattr("humanoid_sim.hardware.robstride.enabling._LISTENING", 0.05)
     frame = encode_command(OperationControl(11, 0.0, 0.0, 0.0, 10.0, 1.0), MOTORS["rs-02"])
     timer = threading.Timer(0.02, ScriptedMotors.send_frame, [motors.buses[0], frame])
     timer.start()
@@ -643,7 +643,7 @@ def test_a_channel_named_twice_is_refused(description: RobotDescription) -> None
 def test_a_robot_that_moves_is_damped_before_it_is_activated_again(
     robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(closing, "_LONGEST", 0.4)
+    monkeypatch.setattr(control, "_LONGEST", 0.4)
     robot.activate()
     left.velocity = 0.9
     robot.write(_damp())

@@ -10,9 +10,10 @@ from scripted_motors import ScriptedMotor
 from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.robot import closing, requests
+from humanoid_sim.hardware.robot import control
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
-from humanoid_sim.hardware.robstride.faults import MotorMode
+from humanoid_sim.hardware.robstride import requests
+from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.messages import Command, OperationControl, Stop
 from humanoid_sim.mit import MITCommand
 
@@ -27,7 +28,7 @@ def _hold(stiffness: float = 50.0, damping: float = 2.0) -> MITCommand:
 def test_a_robot_that_holds_is_damped_and_then_disabled(
     robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(closing, "_LONGEST", 2.0)
+    monkeypatch.setattr(control, "_LONGEST", 2.0)
     robot.activate()
     robot.write(_hold())
     assert wait_until(lambda: bool(left.commands))
@@ -47,7 +48,7 @@ def test_a_robot_that_holds_is_damped_and_then_disabled(
 def test_a_moving_joint_is_damped_for_two_seconds_at_most(
     robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(closing, "_LONGEST", 0.2)
+    monkeypatch.setattr(control, "_LONGEST", 0.2)
     left.velocity = 3.0
     robot.activate()
     robot.write(_hold(0.0))
@@ -168,7 +169,7 @@ def _moving_while_answers_are_lost(robot: RobstrideRobot, left: ScriptedMotor) -
 def test_a_silent_joint_is_not_taken_to_rest(
     robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(closing, "_LONGEST", 0.7)
+    monkeypatch.setattr(control, "_LONGEST", 0.7)
     _moving_while_answers_are_lost(robot, left)
     monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03,))
     with pytest.raises(RobotError, match="not confirmed to be disabled: left"):

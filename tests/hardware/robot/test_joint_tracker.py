@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from humanoid_sim.hardware.robot.table import Readings, nothing_heard
-from humanoid_sim.hardware.robot.tracker import JointTracker
+from humanoid_sim.hardware.robot.joint_tracking import JointTracker
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.robstride.motor_table import Readings, nothing_heard
 from humanoid_sim.robots.schema import RobotDescription
 
 

@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from humanoid_sim.hardware.robot.limiter import CommandEncoder
-from humanoid_sim.hardware.robot.table import Readings
-from humanoid_sim.hardware.robot.tracker import JointTracker
+from humanoid_sim.hardware.robot.control import CommandEncoder
+from humanoid_sim.hardware.robot.joint_tracking import JointTracker
 from humanoid_sim.hardware.robot.wiring import make_wiring
 from humanoid_sim.hardware.robstride.commands import decode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl
+from humanoid_sim.hardware.robstride.motor_table import Readings
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE

@@ -15,7 +15,7 @@ from waiting import wait_until
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robot import closing
+from humanoid_sim.hardware.robot import control
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.messages import SafetyFlag, SafetyStatus
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
@@ -31,7 +31,7 @@ _numbers = itertools.count()
 @pytest.fixture(autouse=True)
 def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """These motors answer in the time that a bus takes: the waits for answers are as they are."""
-    monkeypatch.setattr(closing, "_LONGEST", 0.1)
+    monkeypatch.setattr(control, "_LONGEST", 0.1)
 
 
 def _offsets() -> dict[str, float]:

@@ -20,8 +20,7 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.hardware.robstride.commands import encode_command
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.frames import join_identifier
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, join_identifier
 from humanoid_sim.hardware.robstride.messages import Enable, GetDeviceId, OperationControl, Stop
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import MITCommand

@@ -9,11 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.robot.table import MotorTable, nothing_heard
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.robstride.commands import encode_command
-from humanoid_sim.hardware.robstride.faults import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.frames import FrameType, join_identifier
+from humanoid_sim.hardware.robstride.fields import (
+    FaultBit,
+    FrameType,
+    MotorMode,
+    StatusFault,
+    WarningBit,
+    join_identifier,
+)
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     DeviceId,
@@ -29,6 +34,7 @@ from humanoid_sim.hardware.robstride.messages import (
     Stop,
     Version,
 )
+from humanoid_sim.hardware.robstride.motor_table import MotorTable, nothing_heard
 from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS

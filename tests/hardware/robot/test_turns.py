@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.hardware.robot.turns import WRAP, find_turns, has_jumped, turn_problems, unwrapped
+from humanoid_sim.hardware.robot.joint_tracking import WRAP, find_turns, has_jumped, turn_problems, unwrapped
 from humanoid_sim.hardware.robot.wiring import Wiring, make_wiring
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription

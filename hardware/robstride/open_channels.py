@@ -1,43 +1,43 @@
-"""The channels of a robot: locked, open, and what is heard on them."""
+"""The channels that motors are on: locked, open, and what is heard on them."""
 
 from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.channel import Channel, OpenBus
+from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.lock import ChannelLock
-from humanoid_sim.hardware.bus.opening import bus_hints
-from humanoid_sim.hardware.imu.interface import Imu
-from humanoid_sim.hardware.robot.checks import CheckList
-from humanoid_sim.hardware.robot.requests import Requests
-from humanoid_sim.hardware.robot.settings import AdapterSettings
-from humanoid_sim.hardware.robot.table import MotorTable
+from humanoid_sim.hardware.bus.opening import bus_hints, open_bus
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.robstride.motor_table import MotorGroup, MotorTable
+from humanoid_sim.hardware.robstride.requests import Requests
 
-__all__ = ["Link", "Locks", "open_link", "reopen"]
+__all__ = ["Locks", "OpenChannels"]
 
 _POLL = 0.001
 """s"""
 
 
 class Locks:
-    """All channels of a robot for this session alone, from its first activation until it is closed."""
+    """Some channels for this program alone: a robot's from its first activation until it is closed."""
 
     def __init__(self) -> None:
         self._held: list[ChannelLock] = []
 
-    def take(self, settings: AdapterSettings, checks: CheckList) -> None:
+    def take(self, addresses: Sequence[BusAddress], checks: CheckList) -> None:
         """Lock every channel, or none; a channel that another session holds becomes a problem."""
         if self._held:
             return
-        for address in settings.addresses:
+        for address in addresses:
             try:
                 self._held.append(ChannelLock(address))
             except RobotError as error:
                 checks.problem(str(address), str(error).removeprefix(f"{address}: "))
-        if len(self._held) < len(settings.addresses):
+        if len(self._held) < len(addresses):
             self.release()
 
     def release(self) -> None:
@@ -47,46 +47,63 @@ class Locks:
         self._held.clear()
 
 
-class Link:
-    """All channels open, their frames going into one table."""
+class OpenChannels:
+    """Channels that are open, their frames going into one table."""
 
     def __init__(
-        self, settings: AdapterSettings, *, clock: Callable[[], float], open_bus: OpenBus, checks: CheckList
+        self,
+        addresses: Sequence[BusAddress],
+        motors: MotorGroup,
+        host_id: int,
+        checks: CheckList,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        open_bus: OpenBus = open_bus,
     ) -> None:
-        """Open every channel; one that cannot be opened becomes a problem.
+        """Open every channel, if nothing was wrong before.
 
         Args:
-            settings: the robot's.
+            addresses: the channels.
+            motors: that are talked to.
+            host_id: our own id.
+            checks: takes what is wrong with a channel.
             clock: the robot's clock, s.
             open_bus: opens a channel.
-            checks: takes what is wrong with a channel.
+
+        Raises:
+            RobotError: with everything that is wrong; no channel is open then.
         """
-        wiring, addresses = settings.wiring, settings.addresses
+        checks.refuse()
         self.opened = clock()
         self.sources = tuple(str(address) for address in addresses)
-        self.table = MotorTable(wiring, settings.host_id, len(addresses))
-        opened = []
+        self.host_id = host_id
+        self.table = MotorTable(motors, host_id, len(addresses))
+        opened: list[Channel] = []
         for index, address in enumerate(addresses):
             try:
-                receive = functools.partial(self.table.receive, index)
-                opened.append(Channel(address, receive, open_bus=open_bus, clock=clock))
+                opened.append(Channel(address, functools.partial(self._receive, index), open_bus=open_bus, clock=clock))
             except RobotError as error:
                 checks.problem(str(address), str(error).removeprefix(f"{address}: "))
                 continue
-            for hint in bus_hints(address, len(wiring.on_channel(index))):
+            for hint in bus_hints(address, len(motors.on_channel(index))):
                 checks.warn(str(address), hint)
         self.channels = tuple(opened)
-        self.requests = Requests(wiring, self.table, self.channels, settings.host_id)
-        self.table.inbox = self.requests.collect
+        self.requests = Requests(motors, self.table, self.channels, host_id)
+        if checks.problems:
+            self.close()
+            checks.refuse()
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether every channel is open."""
-        return len(self.channels) == len(self.sources)
+    def _receive(self, channel: int, frame: Frame, when: float) -> None:
+        self.table.receive(channel, frame, when)
+
+    def expect(self, motors: MotorGroup) -> None:
+        """Talk to these motors from here on; what was heard of others is forgotten."""
+        self.table = MotorTable(motors, self.host_id, len(self.channels))
+        self.requests = Requests(motors, self.table, self.channels, self.host_id)
 
     @property
     def intruders(self) -> tuple[tuple[str, str], ...]:
-        """Channel and sign of every other host that commands the robot's motors."""
+        """Channel and sign of every other host that commands these motors."""
         return tuple(
             (source, notes.intruder.text)
             for source, notes in zip(self.sources, self.table.channels, strict=True)
@@ -98,6 +115,18 @@ class Link:
         """Commands that no status has answered yet; those that a newer one replaced unsent are left out."""
         superseded = sum(channel.counters.superseded for channel in self.channels)
         return sum(slot.commanded - slot.acknowledged for slot in self.table.slots) - superseded
+
+    def check_intruders(self, checks: CheckList) -> None:
+        """Another master is a problem."""
+        for source, text in self.intruders:
+            checks.problem(source, f"another master drives these motors: {text}")
+
+    def check(self, checks: CheckList) -> None:
+        """Another master, and a channel that is down, are problems."""
+        self.check_intruders(checks)
+        for source, channel in zip(self.sources, self.channels, strict=True):
+            if channel.down:
+                checks.problem(source, f"down: {channel.down}")
 
     def listen(self, duration: float) -> None:
         """Wait for what others say, s."""
@@ -128,26 +157,3 @@ class Link:
         self.table.inbox = None
         for channel in self.channels:
             channel.close()
-
-
-def reopen(imu: Imu, checks: CheckList) -> None:
-    """Open an IMU afresh; one that cannot be opened is a problem."""
-    imu.close()
-    try:
-        imu.open()
-    except RobotError as error:
-        checks.problem("imu", str(error))
-
-
-def open_link(settings: AdapterSettings, *, clock: Callable[[], float], open_bus: OpenBus, checks: CheckList) -> Link:
-    """All channels open, if nothing was wrong before; the arguments are those of `Link`.
-
-    Raises:
-        RobotError: with everything that is wrong; no channel is open then.
-    """
-    if not checks.problems:
-        link = Link(settings, clock=clock, open_bus=open_bus, checks=checks)
-        if link.is_complete:
-            return link
-        link.close()
-    raise RobotError(checks.refusal(settings.name))

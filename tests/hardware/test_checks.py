@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from humanoid_sim.hardware.robot.checks import CheckList, Verdict
+from humanoid_sim.hardware.checks import CheckList, Verdict
 
 
 def test_what_is_right_with_a_joint_is_one_line() -> None:
@@ -18,10 +18,10 @@ def test_what_is_right_with_a_joint_is_one_line() -> None:
 
 
 def test_a_refusal_lists_every_problem() -> None:
-    checks = CheckList()
+    checks = CheckList("lite")
     checks.problem("left", "is missing")
     checks.passed("right", "motor 21")
     checks.problem("can0", "is down")
     assert checks.problems == ("left: is missing", "can0: is down")
-    assert checks.refusal("lite") == "lite: not enabled, 2 problems:\n  - left: is missing\n  - can0: is down"
+    assert checks.refusal() == "lite: not enabled, 2 problems:\n  - left: is missing\n  - can0: is down"
     assert [check.verdict for check in checks.all] == [Verdict.PROBLEM, Verdict.PASSED, Verdict.PROBLEM]

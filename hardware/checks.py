@@ -1,10 +1,11 @@
-"""The list that an operator reads before anything is enabled."""
+"""What was found before anything is enabled: the list that an operator reads, or the reason of a refusal."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+
+from humanoid_sim.errors import RobotError
 
 __all__ = ["Check", "CheckList", "Verdict"]
 
@@ -40,7 +41,9 @@ class Check:
 class CheckList:
     """Checks in the order in which they were made."""
 
-    def __init__(self) -> None:
+    def __init__(self, robot: str = "") -> None:
+        """Begin; `robot` is named in a refusal, which without one is the problems alone."""
+        self._robot = robot
         self._checks: list[Check] = []
 
     def passed(self, subject: str, text: str) -> None:
@@ -69,12 +72,24 @@ class CheckList:
         """What keeps the robot from being enabled, one line each."""
         return tuple(f"{check.subject}: {check.text}" for check in self._checks if not check.passed)
 
-    def refusal(self, robot: str, done: str = "enabled") -> str:
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What an operator should know, one line each."""
+        return tuple(f"{check.subject}: {check.text}" for check in self._checks if check.verdict is Verdict.WARNING)
+
+    def refusal(self) -> str:
         """All problems as the message of one error."""
         problems = self.problems
+        if not self._robot:
+            return "; ".join(problems)
         count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
-        return f"{robot}: not {done}, {count}:" + _lines(problems)
+        return f"{self._robot}: not enabled, {count}:" + "".join(f"\n  - {problem}" for problem in problems)
 
+    def refuse(self) -> None:
+        """Go no further if there is a problem.
 
-def _lines(texts: Iterable[str]) -> str:
-    return "".join(f"\n  - {text}" for text in texts)
+        Raises:
+            RobotError: with everything that is wrong.
+        """
+        if self.problems:
+            raise RobotError(self.refusal())

@@ -1,0 +1,302 @@
+"""What the bench tools share: motors on a bench, one of them enabled for a moment, and how figures are shown."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Self, TypeVar
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
+from humanoid_sim.hardware.bus.address import BusAddress, parse_address
+from humanoid_sim.hardware.bus.channel import OpenBus
+from humanoid_sim.hardware.bus.events import BusEvent
+from humanoid_sim.hardware.bus.opening import open_bus
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.enabling import enable_motors, examine, make_ready, stop_motors
+from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
+from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, OperationControl, Reply
+from humanoid_sim.hardware.robstride.motor_table import MotorGroup, Sample
+from humanoid_sim.hardware.robstride.open_channels import Locks, OpenChannels
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, Parameter
+from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.robots.motors import MOTORS, MotorModel
+
+__all__ = [
+    "NOTHING_ANSWERS",
+    "NOT_AS_EXPECTED",
+    "EnabledMotor",
+    "SilentMotorError",
+    "channel_trouble",
+    "command_motor",
+    "make_console",
+    "make_table",
+    "motor_bench",
+    "open_bench",
+    "read_device_id",
+    "read_value",
+    "shown",
+    "silence",
+    "some_motors",
+    "write_value",
+]
+
+NOT_AS_EXPECTED = 1
+"""Exit status of a tool that worked, and what it found is wrong."""
+NOTHING_ANSWERS = 3
+"""Exit status where a motor, or all of them, stayed silent."""
+_CAN_TIMEOUT = 0.1
+"""s after which an enabled motor stops by itself if the tool does not."""
+_ANY_MODEL = MOTORS["rs-00"]
+"""Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
+_UNLIMITED = 200
+"""Characters a line where no terminal says how many fit."""
+
+Answer = TypeVar("Answer")
+
+
+class SilentMotorError(HumanoidSimError):
+    """A motor does not answer: the tool ends with a status of its own."""
+
+
+def some_motors(
+    places: Sequence[tuple[int, int]], sources: Sequence[str], model: MotorModel = _ANY_MODEL
+) -> MotorGroup:
+    """Motors that no robot description names: by their channels' indices and ids."""
+    count = len(places)
+    return MotorGroup(
+        names=tuple(f"motor {motor_id} on {sources[channel]}" for channel, motor_id in places),
+        channel=tuple(channel for channel, _ in places),
+        motor_id=tuple(motor_id for _, motor_id in places),
+        model=(model,) * count,
+        torque_limit=(0.0,) * count,
+        current_limit=(0.0,) * count,
+    )
+
+
+@contextlib.contextmanager
+def open_bench(
+    addresses: Sequence[BusAddress], host_id: int, motors: MotorGroup, *, open_channel: OpenBus = open_bus
+) -> Iterator[OpenChannels]:
+    """Channels for this tool alone, as a session has them.
+
+    Raises:
+        InputError: the host id is none.
+        RobotError: a channel is in use by a session or another tool, or cannot be opened.
+    """
+    if not 0 <= host_id <= 0xFF:
+        raise InputError(f"--host-id: is {host_id}, expected 0 to 255")
+    checks, locks = CheckList(), Locks()
+    try:
+        locks.take(addresses, checks)
+        channels = OpenChannels(addresses, motors, host_id, checks, open_bus=open_channel)
+        try:
+            yield channels
+        finally:
+            channels.close()
+    finally:
+        locks.release()
+
+
+@contextlib.contextmanager
+def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[OpenChannels]:
+    """The channel of one motor, of whatever model, for the tools that talk to one.
+
+    Raises:
+        InputError: the channel or an id is not one.
+        RobotError: the channel is in use, or cannot be opened.
+    """
+    if not 1 <= motor_id <= LARGEST_MOTOR_ID:
+        raise InputError(f"motor id: is {motor_id}, expected 1 to {LARGEST_MOTOR_ID}")
+    address = parse_address(channel)
+    with open_bench([address], host_id, some_motors([(0, motor_id)], [str(address)])) as channels:
+        yield channels
+
+
+def channel_trouble(channels: OpenChannels, index: int) -> str:
+    """What a channel itself says about why nothing comes back; empty where it says nothing."""
+    channel = channels.channels[index]
+    events = (channel.recent(event, channels.opened) for event in (BusEvent.TX_FULL, BusEvent.DAMAGED))
+    return channel.down or next((text for text in events if text), "")
+
+
+def silence(channels: OpenChannels, motor: int = 0, who: str = "") -> HumanoidSimError:
+    """The error for a motor that does not answer, with what its channel says about why nothing comes back."""
+    motors, index = channels.requests.motors, channels.requests.motors.channel[motor]
+    source, trouble = channels.sources[index], channel_trouble(channels, index)
+    if channels.channels[index].down:
+        return RobotError(f"{source}: {trouble}")
+    why = f" ({trouble})" if trouble else ""
+    return SilentMotorError(f"{who or f'motor {motors.motor_id[motor]}'} does not answer on {source}{why}")
+
+
+def _require(channels: OpenChannels, motor: int, command: Command, accept: Callable[[Reply], Answer | None]) -> Answer:
+    found = channels.requests.ask({motor: [command]}, lambda _, reply: accept(reply))
+    if motor not in found:
+        raise silence(channels, motor)
+    return found[motor]
+
+
+def read_device_id(channels: OpenChannels, motor: int = 0) -> DeviceId:
+    """Who a motor is.
+
+    Raises:
+        SilentMotorError: it does not answer.
+        RobotError: its channel is down.
+    """
+    question = GetDeviceId(channels.requests.motors.motor_id[motor], host_id=channels.host_id)
+    return _require(channels, motor, question, lambda reply: reply if isinstance(reply, DeviceId) else None)
+
+
+def command_motor(channels: OpenChannels, command: Command, motor: int = 0) -> Sample:
+    """Send a command that is answered by a status; the status.
+
+    Raises:
+        SilentMotorError: none follows.
+        RobotError: its channel is down.
+    """
+    found = channels.requests.until_status({motor: [command]}, lambda _: True)
+    if motor not in found:
+        raise silence(channels, motor)
+    return found[motor]
+
+
+def read_value(channels: OpenChannels, parameter: Parameter, motor: int = 0) -> float | None:
+    """A parameter's value; none if the motor has no such parameter.
+
+    Raises:
+        SilentMotorError: the motor does not answer.
+        RobotError: its channel is down.
+    """
+    return _known(channels, channels.requests.read({motor: parameter})[motor], motor)
+
+
+def write_value(channels: OpenChannels, parameter: Parameter, value: float, motor: int = 0) -> None:
+    """Write a parameter and verify it.
+
+    Raises:
+        FieldError: the value does not fit the parameter's type.
+        SilentMotorError: the motor does not answer.
+        RobotError: it reads back differently.
+    """
+    found = _known(channels, channels.requests.write(parameter, {motor: value})[motor], motor)
+    if found is None or not parameter.is_same(found, value):
+        reads = "nothing" if found is None else f"{found:g}"
+        who = channels.requests.motors.names[motor]
+        raise RobotError(f"{who}: {parameter.name} reads {reads} after {value:g} was written")
+
+
+def _known(channels: OpenChannels, found: float | Unreadable, motor: int) -> float | None:
+    if not isinstance(found, Unreadable):
+        return found
+    if found.is_silent:
+        raise silence(channels, motor)
+    return None
+
+
+class EnabledMotor:
+    """A context in which a motor executes commands; it is limp at first, and stopped at the end whatever happens."""
+
+    def __init__(self, channels: OpenChannels, motor: int = 0, *, is_limp: bool = False) -> None:
+        """Nothing is sent yet; the channels must know the motor's model.
+
+        Args:
+            channels: open.
+            motor: its index.
+            is_limp: no torque will be asked for, see `identify`.
+        """
+        self._channels = channels
+        self._motor = motor
+        self._is_limp = is_limp
+        self._motor_id = channels.requests.motors.motor_id[motor]
+        self._who = channels.requests.motors.names[motor]
+        self._old_timeout: float | None = None
+        self.warnings: tuple[str, ...] = ()
+        """What was found that did not keep it from being enabled, one line each."""
+        self.status: Sample | None = None
+        """The latest."""
+
+    def __enter__(self) -> Self:
+        """Enable the motor, after every check that a session makes.
+
+        Raises:
+            SilentMotorError: it does not answer.
+            RobotError: another host drives it, it is another motor than expected or in another run mode, has no CAN
+                timeout, or reports a fault.
+        """
+        channels, joints, checks = self._channels, [self._motor], CheckList()
+        examine(channels, joints, checks, takes_over=False, is_limp=self._is_limp)
+        self._old_timeout = read_value(channels, PARAMETERS["canTimeout"], self._motor)
+        try:
+            make_ready(channels, joints, _CAN_TIMEOUT, checks, takes_over=False)
+            channels.check(checks)
+            checks.refuse()
+            enable_motors(channels.requests, joints, _CAN_TIMEOUT, checks)
+            checks.refuse()
+        except BaseException:
+            self._stop()
+            raise
+        self.warnings = checks.warnings
+        self.status = channels.table.slots[self._motor].sample
+        return self
+
+    def command(self, position: float, velocity: float, stiffness: float, damping: float) -> Sample:
+        """Send a command in the motor frame: rad, rad/s, N·m/rad, N·m·s/rad; the status that follows.
+
+        Raises:
+            SilentMotorError: none follows.
+            RobotError: the motor is no longer enabled, reports a fault, or another host commands it too.
+        """
+        command = OperationControl(self._motor_id, position, velocity, 0.0, stiffness, damping)
+        self.status = status = command_motor(self._channels, command, self._motor)
+        checks = CheckList()
+        self._channels.check(checks)
+        if status.faults:
+            checks.problem(self._who, f"reports {', '.join(flag_names(status.faults))}")
+        elif status.mode is not MotorMode.RUN:
+            checks.problem(self._who, f"is in mode {status.mode.name.lower()}, expected run")
+        checks.refuse()
+        return status
+
+    def _stop(self) -> None:
+        """Stop the motor, verify it, and give it its CAN timeout back."""
+        if stop_motors(self._channels.requests, [self._motor]):
+            raise RobotError(
+                f"{self._who}: does not confirm that it stopped; without commands it stops by itself after "
+                f"{1000.0 * _CAN_TIMEOUT:g} ms; if it does not, switch its power off"
+            )
+        if self._old_timeout is not None:
+            write_value(self._channels, PARAMETERS["canTimeout"], self._old_timeout, self._motor)
+
+    def __exit__(self, *_: object) -> None:
+        self._stop()
+
+
+# --- what is shown
+
+
+def shown(parameter: Parameter, value: float | None) -> str:
+    """A value for a person."""
+    if value is None:
+        return "not there"
+    if parameter.name == "canTimeout":
+        return f"{int(value)} ({1000.0 * CanTimeout.to_seconds(int(value)):g} ms)" if value else "0 (off)"
+    return f"{value:g} {parameter.unit}".rstrip() if parameter.type.is_float else str(int(value))
+
+
+def make_console() -> Console:
+    """Standard output; `:b:` in a channel's name is no emoji."""
+    console = Console(highlight=False, emoji=False)
+    return console if console.is_terminal else Console(highlight=False, emoji=False, width=_UNLIMITED)
+
+
+def make_table(*headings: str, right: tuple[str, ...] = (), title: str | None = None) -> Table:
+    """A table with these columns, of which those named in `right` hold numbers."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading in right else "left", overflow="fold")
+    return table

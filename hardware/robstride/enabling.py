@@ -1,0 +1,271 @@
+"""The one way to a motor that executes commands, and back: examine, make ready, enable, stop.
+
+The adapter goes it with a robot's motors, a bench tool with one. A session takes its motors over: it clears their
+faults and writes run mode and limits. A tool takes a motor as it is: one that has a fault, or another run mode, is
+refused, and only its CAN timeout is written. All else that is checked is the same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
+from humanoid_sim.hardware.robstride.identification import identify
+from humanoid_sim.hardware.robstride.messages import (
+    Command,
+    Enable,
+    OperationControl,
+    ParameterReply,
+    ReadParameter,
+    SetActiveReport,
+    Stop,
+)
+from humanoid_sim.hardware.robstride.motor_table import Sample, mode_text
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, fault_word, unpack_value
+from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
+
+__all__ = ["enable_motors", "examine", "make_ready", "set_reports", "stop_motors"]
+
+_LISTENING = 0.05
+"""s of silence in which another host would be heard, before anything is sent."""
+_LONGEST = 1.0
+"""s in which every motor must run and have confirmed its CAN timeout."""
+_PERIOD = 0.02
+"""s between two rounds of commands meanwhile, well within the CAN timeout."""
+_POLL = 0.001
+"""s"""
+_FLOAT32 = 1e-6
+"""Relative; values travel as float32."""
+_RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
+
+
+def examine(
+    channels: OpenChannels,
+    joints: Sequence[int],
+    checks: CheckList,
+    *,
+    known_uids: Mapping[int, bytes] | None = None,
+    takes_over: bool,
+    is_limp: bool = False,
+) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
+    """Whether these motors may be touched: nobody else drives them, and they are those that were expected.
+
+    Asks only; nothing is written to any motor, and none is stopped.
+
+    Args:
+        channels: open.
+        joints: of which motors.
+        checks: takes what is found.
+        known_uids: unique ids at an earlier activation, by joint.
+        takes_over: whether they are all motors of their channels, and their run mode will be written.
+        is_limp: no torque will be asked for, see `identify`.
+
+    Returns:
+        Unique ids and firmware versions, by joint.
+
+    Raises:
+        RobotError: with everything that is wrong.
+    """
+    channels.listen(_LISTENING)
+    channels.check_intruders(checks)
+    checks.refuse()
+    found = identify(channels, joints, checks, known_uids or {}, asks_everyone=takes_over, is_limp=is_limp)
+    checks.refuse()
+    if not takes_over:
+        for joint, mode in channels.requests.read(dict.fromkeys(joints, _RUN_MODE)).items():
+            name = channels.requests.motors.names[joint]
+            if isinstance(mode, Unreadable):
+                checks.problem(name, "does not tell its run_mode")
+            elif mode != RunMode.OPERATION:
+                text = f"run_mode is {mode:g}, in which enabling may move it; set run_mode 0 first"
+                checks.problem(name, text)
+        checks.refuse()
+    return found
+
+
+def make_ready(
+    channels: OpenChannels, joints: Sequence[int], can_timeout: float, checks: CheckList, *, takes_over: bool
+) -> None:
+    """Stop these motors, see to their faults, and configure them; leaves them stopped.
+
+    Without a CAN timeout a motor executes its last command for ever when the host dies, so one that does not confirm it
+    is not enabled; nor is one that would take another kind of command, or more torque than it was given.
+
+    Args:
+        channels: open.
+        joints: of which motors.
+        can_timeout: s without a command after which a motor stops by itself.
+        checks: takes what is found.
+        takes_over: whether faults are cleared, and run mode and limits written.
+    """
+    requests = channels.requests
+    _stop_and_check(requests, joints, checks, clears_faults=takes_over)
+    if checks.problems and not takes_over:
+        return
+    if takes_over:
+        _write_exactly(requests, "run_mode", dict.fromkeys(joints, float(RunMode.OPERATION)), checks)
+    ticks = float(CanTimeout.to_ticks(can_timeout))
+    _write_exactly(requests, "canTimeout", dict.fromkeys(joints, ticks), checks)
+    if takes_over:
+        motors = requests.motors
+        _write_limit(requests, "limit_torque", {i: motors.torque_limit[i] for i in joints}, checks, is_needed=True)
+        # Documented for the velocity and position modes only: operation mode is held by the torque limit.
+        _write_limit(requests, "limit_cur", {i: motors.current_limit[i] for i in joints}, checks, is_needed=False)
+
+
+# --- stopping
+
+
+def stop_motors(requests: Requests, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
+    """Stop these motors, and clear their faults if so asked; those that did not confirm it."""
+    motor_id = requests.motors.motor_id
+    commands = {i: [Stop(motor_id[i], clear_faults, host_id=requests.host_id)] for i in joints}
+
+    def is_done(sample: Sample) -> bool:
+        return sample.mode is MotorMode.RESET and not (clear_faults and sample.faults)
+
+    confirmed = requests.until_status(commands, is_done)
+    return tuple(i for i in commands if i not in confirmed)
+
+
+def _stop_and_check(requests: Requests, joints: Sequence[int], checks: CheckList, *, clears_faults: bool) -> None:
+    """Stop these motors, clear the faults of those that report some if so told; what is left of them is a problem.
+
+    The fault words are asked for as well: they show what no status does, overvoltage.
+    """
+    names, slots = requests.motors.names, requests.table.slots
+    silent = stop_motors(requests, joints)
+    words = _fault_words(requests, joints)
+
+    def faults(i: int) -> str:
+        sample = slots[i].sample
+        status = () if sample is None else flag_names(sample.faults)
+        return ", ".join(dict.fromkeys([*status, *flag_names(FaultBit(words.get(i, 0)))]))
+
+    if clears_faults:
+        faulty = [i for i in joints if faults(i)]
+        for i in faulty:
+            checks.warn(names[i], f"had faults, cleared: {faults(i)}")
+        stop_motors(requests, [i for i in faulty if i not in silent], clear_faults=True)
+        words.update(_fault_words(requests, faulty))
+    for i in joints:
+        if i in silent:
+            checks.problem(names[i], f"does not confirm that it is stopped ({mode_text(slots[i].sample)})")
+        elif left := faults(i):
+            checks.problem(names[i], f"faults do not clear: {left}" if clears_faults else f"reports {left}")
+        if i not in words:
+            checks.warn(names[i], "its fault word cannot be read: overvoltage would not be seen here")
+
+
+def _fault_words(requests: Requests, joints: Iterable[int]) -> dict[int, int]:
+    """The fault words of these motors; those that cannot be read are left out."""
+    found = requests.read({i: fault_word(requests.motors.model[i].name) for i in joints})
+    return {i: int(word) for i, word in found.items() if not isinstance(word, Unreadable)}
+
+
+# --- configuring
+
+
+def _write_exactly(requests: Requests, name: str, values: Mapping[int, float], checks: CheckList) -> None:
+    for joint, found in requests.write(PARAMETERS[name], values).items():
+        motor = requests.motors.names[joint]
+        if isinstance(found, Unreadable):
+            checks.problem(motor, f"{name} cannot be verified ({found.reason})")
+        elif found != values[joint]:
+            checks.problem(motor, f"{name} reads {found:g} after {values[joint]:g} was written")
+        elif name == "canTimeout":
+            checks.passed(motor, f"stops {1000.0 * CanTimeout.to_seconds(int(found)):g} ms after the last command")
+        else:
+            checks.passed(motor, f"{name} {found:g}")
+
+
+def _write_limit(
+    requests: Requests, name: str, values: Mapping[int, float], checks: CheckList, *, is_needed: bool
+) -> None:
+    parameter = PARAMETERS[name]
+    for joint, found in requests.write(parameter, {i: limit for i, limit in values.items() if limit > 0.0}).items():
+        motor, wanted = requests.motors.names[joint], values[joint]
+        if isinstance(found, Unreadable):
+            note = checks.problem if is_needed else checks.warn
+            note(motor, f"{name} cannot be verified ({found.reason})")
+        elif not found <= wanted * (1.0 + _FLOAT32):  # NaN too
+            checks.problem(motor, f"{name} reads {found:g} {parameter.unit} after {wanted:g} was written")
+        elif found < wanted * (1.0 - _FLOAT32):
+            checks.warn(motor, f"{name} reads {found:g} {parameter.unit}: the motor allows no {wanted:g}")
+        else:
+            checks.passed(motor, f"at most {found:g} {parameter.unit}")
+
+
+def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:
+    """Switch the active reports of these motors on or off; not verified."""
+    motor_id = requests.motors.motor_id
+    requests.send({i: [SetActiveReport(motor_id[i], is_on, host_id=requests.host_id)] for i in joints})
+
+
+# --- enabling
+
+
+def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
+    """Enable these motors, without torque; one that does not run afterwards, or has booted meanwhile, is a problem.
+
+    A command without gains or effort goes before and after each enable: some firmware keeps its last command, and
+    nobody knows what the last program that talked to this motor wanted of it. The same command goes on to those that
+    run already, or their CAN timeout would stop them while others are still asked. The timeout is read back once more
+    from each motor that runs: one whose supply failed for a moment since it was configured has lost it, and would
+    execute its last command for ever.
+
+    Args:
+        requests: asks motors that were made ready, and so have told a status.
+        joints: of which motors.
+        can_timeout: s, what was written.
+        checks: takes the problems.
+    """
+    motors, slots = requests.motors, requests.table.slots
+    before = {i: slots[i].sample for i in joints}
+    ticks = CanTimeout.to_ticks(can_timeout)
+    confirmed: dict[int, float] = {}
+    requests.received()
+    deadline = time.monotonic() + _LONGEST
+    while True:
+        running = [i for i in joints if slots[i].sample is not before[i] and _runs(slots[i].sample)]
+        confirmed = {i: found for i, found in confirmed.items() if i in running}
+        if len(confirmed) == len(joints) or time.monotonic() > deadline:
+            break
+        for i in joints:  # one motor after the other: no other's frames between enable and limp
+            motor_id, sample = motors.motor_id[i], before[i]
+            limp = OperationControl(motor_id, 0.0 if sample is None else sample.position, 0.0, 0.0, 0.0, 0.0)
+            commands: list[Command] = [limp]
+            if i not in running:
+                commands += [Enable(motor_id, host_id=requests.host_id), limp]
+            elif i not in confirmed:
+                commands.append(ReadParameter(motor_id, _TIMEOUT.index, host_id=requests.host_id))
+            requests.send({i: commands})
+        _listen(requests, joints, confirmed)
+    for i in joints:
+        name = motors.names[i]
+        if i not in running:
+            checks.problem(name, f"was not enabled ({mode_text(slots[i].sample)})")
+        elif i not in confirmed:
+            checks.problem(name, "does not tell its CAN timeout after it was enabled")
+        elif confirmed[i] != ticks:
+            checks.problem(name, f"has booted since it was configured: its canTimeout reads {confirmed[i]:g}")
+
+
+def _listen(requests: Requests, asked: Sequence[int], confirmed: dict[int, float]) -> None:
+    """Take answers for one round, or until all that were asked have answered."""
+    end = time.monotonic() + _PERIOD
+    while time.monotonic() < end:
+        for joint, reply in requests.received():
+            if joint in asked and isinstance(reply, ParameterReply) and reply.index == _TIMEOUT.index:
+                confirmed[joint] = float(unpack_value(_TIMEOUT.type, reply.payload)) if reply.is_success else -1.0
+        if len(confirmed) == len(asked):
+            return
+        time.sleep(_POLL)
+
+
+def _runs(sample: Sample | None) -> bool:
+    return sample is not None and sample.mode is MotorMode.RUN and not sample.faults

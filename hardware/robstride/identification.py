@@ -1,0 +1,147 @@
+"""Who is on the buses: every expected motor once, on its channel, with a firmware that can be driven."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+from humanoid_sim.hardware.bus.events import BusEvent
+from humanoid_sim.hardware.bus.frame import BITRATE
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.firmware import (
+    FirmwareVersion,
+    firmware_problem,
+    firmware_warning,
+    version_text,
+)
+from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, ReadVersion, Reply, Version
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.requests import Requests
+
+__all__ = ["identify", "read_versions"]
+
+Answers = dict[tuple[int, int], set[bytes]]
+"""Unique ids that answered, by channel and motor id."""
+
+_QUIET = 0.1
+"""s without an answer that end the scan; motors answer within a few milliseconds."""
+
+
+def identify(
+    channels: OpenChannels,
+    joints: Sequence[int],
+    checks: CheckList,
+    known_uids: Mapping[int, bytes],
+    *,
+    asks_everyone: bool,
+    is_limp: bool,
+) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
+    """Ask on all channels who is there, and these motors for their firmware. Asks only; nothing is written.
+
+    Args:
+        channels: open.
+        joints: of which motors.
+        checks: takes what was found.
+        known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
+        asks_everyone: whether every id is asked, and strangers are mentioned.
+        is_limp: no torque will be asked for: firmware that scales it wrongly, or that nobody knows, is a warning.
+
+    Returns:
+        Unique ids and firmware versions by joint, of the motors that answered.
+    """
+    motors = channels.requests.motors
+    ids = range(1, LARGEST_MOTOR_ID + 1) if asks_everyone else sorted({motors.motor_id[i] for i in joints})
+    answers: Answers = defaultdict(set)
+    for channel, reply in channels.requests.scan(ids, _QUIET):
+        answers[channel, reply.motor_id].add(reply.uid)
+    _ask_again(channels.requests, joints, answers)
+    uids: dict[int, bytes] = {}
+    for channel, source in enumerate(channels.sources):
+        here = [i for i in motors.on_channel(channel) if i in joints]
+        if len(here) > 1 and not any(answered == channel for answered, _ in answers):
+            checks.problem(source, _dead_channel(channels, channel))
+            continue
+        for i in here:
+            problem = _problem(channel, motors.motor_id[i], answers, channels.sources)
+            if problem:
+                checks.problem(motors.names[i], problem)
+            uids.update((i, uid) for uid in answers.get((channel, motors.motor_id[i]), ()))
+            if i in uids and known_uids.get(i, uids[i]) != uids[i]:
+                text = f"its motor was exchanged (id {motors.motor_id[i]} on {source}): calibrate it"
+                checks.problem(motors.names[i], text)
+    for channel, motor_id in sorted(answers):
+        if motor_id not in motors.motor_id:
+            checks.warn(channels.sources[channel], f"motor {motor_id} is no joint of this robot; it is left alone")
+    return uids, _check_versions(channels, uids, checks, is_limp=is_limp)
+
+
+def _dead_channel(channels: OpenChannels, channel: int) -> str:
+    """What to look at when nobody answers on a channel."""
+    interface = channels.channels[channel]
+    events = [interface.down, *(interface.recent(event, channels.opened) for event in BusEvent)]
+    events += [channels.table.slots[i].invalid.text for i in channels.requests.motors.on_channel(channel)]
+    heard = "; ".join(dict.fromkeys(event for event in events if event))
+    rate = BITRATE // 1_000_000
+    question = f"no motor answers: are they powered, is the bus terminated, is it set to {rate} Mbit/s?"
+    return f"{question} What was noticed: {heard}" if heard else question
+
+
+def _ask_again(requests: Requests, joints: Sequence[int], answers: Answers) -> None:
+    """Ask those once more whose answer may have been lost."""
+    motors = requests.motors
+    missing = {
+        i: [GetDeviceId(motors.motor_id[i], host_id=requests.host_id)]
+        for i in joints
+        if (motors.channel[i], motors.motor_id[i]) not in answers
+    }
+    found = requests.ask(missing, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
+    for joint, uid in found.items():
+        answers[motors.channel[joint], motors.motor_id[joint]].add(uid)
+
+
+def _problem(channel: int, motor_id: int, answers: Answers, sources: Sequence[str]) -> str:
+    found = answers.get((channel, motor_id), set())
+    elsewhere = [sources[other] for other, answered in answers if answered == motor_id and other != channel]
+    if not found:
+        hint = f"; {', '.join(elsewhere)} has a motor {motor_id}: are the channels swapped?" if elsewhere else ""
+        return f"motor {motor_id} does not answer on {sources[channel]}{hint}"
+    if len(found) > 1:
+        uids = " and ".join(sorted(uid.hex() for uid in found))
+        return f"{len(found)} motors answer as {motor_id} on {sources[channel]} (uid {uids})"
+    if elsewhere:
+        return f"a second motor {motor_id} answers on {', '.join(elsewhere)}"
+    return ""
+
+
+def read_versions(requests: Requests, joints: Sequence[int]) -> dict[int, FirmwareVersion]:
+    """The firmware of these motors; one that does not know the question takes it for a stop, and is left out."""
+
+    def version(_: int, reply: Reply) -> FirmwareVersion | None:
+        return reply.version if isinstance(reply, Version) else None
+
+    motor_id = requests.motors.motor_id
+    return requests.ask({i: [ReadVersion(motor_id[i], host_id=requests.host_id)] for i in joints}, version)
+
+
+def _check_versions(
+    channels: OpenChannels, uids: Mapping[int, bytes], checks: CheckList, *, is_limp: bool
+) -> dict[int, FirmwareVersion]:
+    motors = channels.requests.motors
+    note = checks.warn if is_limp else checks.problem
+    versions = read_versions(channels.requests, list(uids))
+    for joint in sorted(uids):
+        name, model = motors.names[joint], motors.model[joint]
+        if joint not in versions:
+            note(name, "does not tell its firmware's version, by which its model and its scales are known")
+            continue
+        problem = firmware_problem(model, versions[joint])
+        if problem:
+            note(name, problem)
+            continue
+        where = f"motor {motors.motor_id[joint]} on {channels.sources[motors.channel[joint]]}"
+        checks.passed(name, f"{where}, {model.name}, firmware {version_text(versions[joint])}, uid {uids[joint].hex()}")
+        warning = firmware_warning(model, versions[joint])
+        if warning:
+            checks.warn(name, warning)
+    return versions

@@ -1,0 +1,297 @@
+"""What was heard of each motor. Receiver threads write, the control thread reads, and neither waits for the other.
+
+Each slot is written by the one receiver thread of its channel and only ever by assigning whole objects, so the control
+thread sees either the old sample or the new one. What may happen between two readings and be gone at the second (a
+fault bit in one frame, a mode that fell and came back) is kept beside the latest sample, with its time.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.robstride.fields import (
+    BROADCAST_ID,
+    FrameType,
+    Identifier,
+    MotorMode,
+    StatusFault,
+    flag_names,
+    split_identifier,
+)
+from humanoid_sim.hardware.robstride.messages import DeviceId, FaultReport, Ignored, Malformed, Reply, Status
+from humanoid_sim.hardware.robstride.replies import decode_reply
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import MotorModel
+
+__all__ = ["MotorGroup", "MotorSlot", "MotorTable", "Note", "Readings", "Sample", "mode_text", "nothing_heard"]
+
+Inbox = Callable[[int, Reply, float], None]
+"""Takes an answer to a request: the channel it came from, the answer, its time (s, robot's clock)."""
+
+_COMMANDS = frozenset(
+    {
+        FrameType.OPERATION_CONTROL,
+        FrameType.ENABLE,
+        FrameType.STOP,
+        FrameType.SET_ZERO,
+        FrameType.SET_DEVICE_ID,
+        FrameType.WRITE_PARAMETER,
+        FrameType.SAVE_PARAMETERS,
+        FrameType.SET_BAUD_RATE,
+        FrameType.ACTIVE_REPORT,
+        FrameType.SET_PROTOCOL,
+    }
+)
+"""What another host must not send to our motors."""
+_QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})
+"""What another host may: a scan, a parameter read."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotorGroup:
+    """Motors on some channels, each known by its index: a robot's, or those that a bench tool talks to."""
+
+    names: tuple[str, ...]
+    """The joint that each drives, or what a tool calls it."""
+    channel: tuple[int, ...]
+    """Index into the open channels."""
+    motor_id: tuple[int, ...]
+    model: tuple[MotorModel, ...]
+    torque_limit: tuple[float, ...]
+    """N·m, written to the firmware; 0: leave the firmware's own."""
+    current_limit: tuple[float, ...]
+    """A, written to the firmware; 0: leave the firmware's own."""
+
+    @property
+    def count(self) -> int:
+        """n, the number of motors."""
+        return len(self.names)
+
+    def on_channel(self, channel: int) -> tuple[int, ...]:
+        """Indices of the motors on a channel."""
+        return tuple(i for i, index in enumerate(self.channel) if index == channel)
+
+
+class Sample(NamedTuple):
+    """One status, motor frame."""
+
+    time: float
+    """s, robot's clock."""
+    position: float
+    """rad, within ±4π."""
+    velocity: float
+    """rad/s"""
+    effort: float
+    """N·m"""
+    temperature: float
+    """°C"""
+    mode: MotorMode
+    faults: StatusFault
+
+
+def mode_text(sample: Sample | None) -> str:
+    """What a status says about mode and faults: `mode reset, undervoltage`."""
+    if sample is None:
+        return "no status"
+    return ", ".join([f"mode {sample.mode.name.lower()}", *flag_names(sample.faults)])
+
+
+class Note(NamedTuple):
+    """Something that happened."""
+
+    time: float
+    """s, robot's clock."""
+    text: str
+
+
+_NEVER = Note(-float("inf"), "")
+
+
+@dataclass(slots=True)
+class MotorSlot:
+    """What was heard of one motor. Written by one receiver thread."""
+
+    joint: int
+    sample: Sample | None = None
+    """The latest status."""
+    alarm: Sample | None = None
+    """The latest status that reported a fault or a mode other than RUN."""
+    report: FaultReport | None = None
+    """The latest fault report."""
+    invalid: Note = _NEVER
+    """The latest frame that could not be read."""
+    invalid_frames: int = 0
+    statuses: int = 0
+    """Answers to commands (type 2)."""
+    reports: int = 0
+    """Active reports (type 24)."""
+    announcements: int = 0
+    """Device ids."""
+    commanded: int = 0
+    """Operation control frames handed to the channel; written by the control thread."""
+    acknowledged: int = 0
+    """Answers that had a command to answer."""
+
+
+@dataclass(slots=True)
+class ChannelNotes:
+    """What was heard on one channel that belongs to none of its motors."""
+
+    intruder: Note = _NEVER
+    """The latest sign of another host that commands our motors."""
+    intrusions: int = 0
+    strangers: Counter[str] = field(default_factory=Counter)
+    """Frames that concern none of our motors, by what they are."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """The latest status of every motor; NaN for one that was never heard. Shape (n,) each, motor frame."""
+
+    time: FloatArray
+    """s, robot's clock."""
+    position: FloatArray
+    """rad, within ±4π."""
+    velocity: FloatArray
+    """rad/s"""
+    effort: FloatArray
+    """N·m"""
+    temperature: FloatArray
+    """°C"""
+
+
+class MotorTable:
+    """The slots of a group of motors."""
+
+    def __init__(self, motors: MotorGroup, host_id: int, channel_count: int) -> None:
+        """Start with nothing heard.
+
+        Args:
+            motors: whose frames are awaited.
+            host_id: replies to this host are ours. A robot's is above 127, so that no motor can be taken for it.
+            channel_count: channels that frames come from.
+        """
+        self.slots = tuple(MotorSlot(i) for i in range(motors.count))
+        self.channels = tuple(ChannelNotes() for _ in range(channel_count))
+        self.inbox: Inbox | None = None
+        """Takes answers to requests, on a receiver's thread; none: they are dropped."""
+        self.counts_answers = True
+        """Whether a status acknowledges a command; not when something else is asked as well."""
+        self._host_id = host_id
+        self._by_address = {(motors.channel[i], motors.motor_id[i]): slot for i, slot in enumerate(self.slots)}
+        self._models = tuple(
+            {motors.motor_id[i]: motors.model[i] for i in motors.on_channel(channel)}
+            for channel in range(channel_count)
+        )
+
+    # --- receiver threads
+
+    def receive(self, channel: int, frame: Frame, time: float) -> None:
+        """Take a frame that came from a channel."""
+        notes = self.channels[channel]
+        if not frame.is_extended or frame.is_remote or frame.is_error:
+            notes.strangers["remote frame" if frame.is_remote else "11-bit identifier"] += 1
+            return
+        parts = split_identifier(frame.arbitration_id)
+        if parts.destination != self._host_id and (channel, parts.destination) in self._by_address:
+            self._take_command(notes, parts, time)
+            return
+        # A fault is a fault, whomever the motor tells: the manuals do not say where unasked reports go.
+        host_id = parts.destination if parts.type == FrameType.FAULT_REPORT else self._host_id
+        reply = decode_reply(frame, self._models[channel], host_id)
+        slot = self._by_address.get((channel, parts.low))
+        if slot is None:
+            notes.strangers["frame of no motor of this robot"] += 1
+            if isinstance(reply, DeviceId):
+                self._answer(channel, reply, time)
+        elif isinstance(reply, Status):
+            self._take_status(slot, reply, time)
+        elif isinstance(reply, FaultReport):
+            slot.report = reply
+        elif isinstance(reply, Malformed):
+            self._invalid(slot, reply.reason, time)
+        elif isinstance(reply, Ignored):
+            self._take_ignored(notes, slot, reply, parts, time)
+        else:
+            slot.announcements += isinstance(reply, DeviceId)
+            self._answer(channel, reply, time)
+
+    def _answer(self, channel: int, reply: Reply, time: float) -> None:
+        if self.inbox is not None:
+            self.inbox(channel, reply, time)
+
+    def _take_command(self, notes: ChannelNotes, parts: Identifier, time: float) -> None:
+        """A command to one of our motors that we did not send."""
+        if parts.type in _QUESTIONS:
+            notes.strangers["another host's question"] += 1
+        elif parts.type in _COMMANDS:
+            notes.intrusions += 1
+            sender = "another host" if parts.type == FrameType.OPERATION_CONTROL else f"host 0x{parts.low:02X}"
+            name = FrameType(parts.type).name.lower().replace("_", " ")
+            notes.intruder = Note(time, f"{sender} sends '{name}' to motor {parts.destination}")
+        else:
+            notes.strangers["unknown communication type"] += 1
+
+    def _take_status(self, slot: MotorSlot, status: Status, time: float) -> None:
+        sample = Sample(
+            time,
+            status.position,
+            status.velocity,
+            status.effort,
+            status.temperature,
+            status.mode,
+            status.faults,
+        )
+        if sample.faults or sample.mode is not MotorMode.RUN:
+            slot.alarm = sample
+        slot.sample = sample
+        if status.is_report:
+            slot.reports += 1
+        else:
+            slot.statuses += 1
+            slot.acknowledged += self.counts_answers and slot.acknowledged < slot.commanded
+
+    def _take_ignored(
+        self, notes: ChannelNotes, slot: MotorSlot, reply: Ignored, parts: Identifier, time: float
+    ) -> None:
+        """A frame of one of our motors that says nothing to this host."""
+        if parts.type == FrameType.STATUS:
+            notes.intrusions += 1
+            text = f"motor {parts.low} answers host 0x{parts.destination:02X}, not 0x{self._host_id:02X}"
+            notes.intruder = Note(time, text)
+        elif parts.type == FrameType.ACTIVE_REPORT:  # switched on by a host that may be long gone
+            notes.strangers["report to another host"] += 1
+        elif parts.destination in {self._host_id, BROADCAST_ID}:
+            self._invalid(slot, f"frame of communication type {parts.type}", time)
+        else:
+            notes.strangers[reply.reason.value] += 1
+
+    @staticmethod
+    def _invalid(slot: MotorSlot, text: str, time: float) -> None:
+        slot.invalid_frames += 1
+        slot.invalid = Note(time, text)
+
+    # --- control thread
+
+    def count_commands(self, batch: Iterable[tuple[int, Frame]]) -> None:
+        """Expect an acknowledgement from each of these joints' motors."""
+        for joint, _ in batch:
+            self.slots[joint].commanded += 1
+
+    def readings(self) -> Readings:
+        """The latest status of every motor."""
+        return Readings(*np.array([(slot.sample or _UNHEARD)[:5] for slot in self.slots]).reshape(-1, 5).T)
+
+
+_UNHEARD = (float("nan"),) * 5
+
+
+def nothing_heard(joint_count: int) -> Readings:
+    """The readings before any motor was heard."""
+    return Readings(*np.full((5, joint_count), np.nan))

@@ -1,0 +1,268 @@
+"""Questions to many motors at once, and their answers: one outstanding question per motor, asked again if need be.
+
+Every question of the adapter and of the bench tools goes through here, parameters included.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from humanoid_sim.hardware.bus.channel import Channel
+from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.messages import (
+    Command,
+    DeviceId,
+    GetDeviceId,
+    ParameterReply,
+    ReadParameter,
+    Reply,
+    WriteParameter,
+)
+from humanoid_sim.hardware.robstride.motor_table import MotorGroup, MotorTable, Sample
+from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
+from humanoid_sim.robots.motors import MOTORS
+
+__all__ = ["Requests", "Unreadable"]
+
+_ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)
+"""s that a motor has to answer each time that it is asked. It takes milliseconds; the first retries are for a lost
+frame, the last for a busy computer."""
+_POLL = 0.001
+"""s"""
+
+_WRITES = 4
+"""Times that a value is written before what is read back counts."""
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A motor answered that it has no such parameter, or did not answer."""
+
+    reason: str
+    is_silent: bool = False
+    """Whether nothing came back."""
+
+
+_SILENT = Unreadable("no answer", is_silent=True)
+
+
+class Requests:
+    """Asks motors by their index, while nothing is moving. Each call waits for its answers and never raises."""
+
+    def __init__(self, motors: MotorGroup, table: MotorTable, channels: Sequence[Channel], host_id: int) -> None:
+        """Prepare; the table's answers come here from now on."""
+        self.motors = motors
+        self.table = table
+        self.host_id = host_id
+        self._channels = channels
+        self._answers: queue.SimpleQueue[tuple[int, Reply]] = queue.SimpleQueue()
+        self._by_address = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
+        table.inbox = lambda channel, reply, _: self._answers.put((channel, reply))
+
+    def send(self, commands: Mapping[int, Sequence[Command]]) -> None:
+        """Send commands to motors, those of one motor in order; motors take turns.
+
+        Where an earlier round is still waiting to leave, this one takes its place.
+        """
+        longest = max((len(group) for group in commands.values()), default=0)
+        for step in range(longest):
+            for joint, group in commands.items():
+                if step < len(group):
+                    frame = encode_command(group[step], self.motors.model[joint])
+                    self._channels[self.motors.channel[joint]].send([((type(group[step]), joint, step), frame)])
+
+    def ask(
+        self,
+        commands: Mapping[int, Sequence[Command]],
+        accept: Callable[[int, Reply], Answer | None],
+        patience: Sequence[float] | None = None,
+    ) -> dict[int, Answer]:
+        """Send each motor's commands and collect one answer per motor.
+
+        Args:
+            commands: by joint.
+            accept: turns an answer from a joint's motor into the result, or None if it is not the one wanted.
+            patience: s to wait for answers, each time that it asks; None: as often as an answer is needed.
+
+        Returns:
+            The results by joint; a motor that did not answer any attempt is left out.
+        """
+        found: dict[int, Answer] = {}
+        for wait in _ANSWER_TIMES if patience is None else patience:
+            missing = {joint: group for joint, group in commands.items() if joint not in found}
+            if not missing:
+                break
+            self._drain()
+            self.send(missing)
+            deadline = time.monotonic() + wait
+            while len(found) < len(commands) and (left := deadline - time.monotonic()) > 0.0:
+                try:
+                    channel, reply = self._answers.get(timeout=left)
+                except queue.Empty:
+                    break
+                joint = self._by_address.get((channel, reply.motor_id))
+                if joint is None or joint not in commands or joint in found:
+                    continue
+                answer = accept(joint, reply)
+                if answer is not None:
+                    found[joint] = answer
+        return found
+
+    def poll(
+        self, commands: Mapping[int, Sequence[Command]], accept: Callable[[int, Reply], Answer | None], wait: float
+    ) -> dict[int, Answer]:
+        """Ask once, for what is asked again and again: the latest answers that have come within `wait` s.
+
+        Unlike `ask` it takes late answers to earlier questions as well: where a bus, or whoever emulates one, takes
+        longer than `wait`, there is an old answer each time, and not none for ever.
+        """
+        self.send(commands)
+        found: dict[int, Answer] = {}
+        deadline = time.monotonic() + wait
+        while True:
+            for joint, reply in self.received():
+                answer = accept(joint, reply) if joint in commands else None
+                if answer is not None:
+                    found[joint] = answer
+            if len(found) == len(commands) or time.monotonic() > deadline:
+                return found
+            time.sleep(_POLL)
+
+    def until_status(
+        self, commands: Mapping[int, Sequence[Command]], wanted: Callable[[Sample], bool]
+    ) -> dict[int, Sample]:
+        """Send each motor's commands until a status that came afterwards is as wanted.
+
+        What counts is the state that a motor reports and not that it answers: a late status to an earlier command, or
+        an active report, answers nothing.
+
+        Returns:
+            The status by joint; a motor that did not report it after any attempt is left out.
+        """
+        found: dict[int, Sample] = {}
+        for wait in _ANSWER_TIMES:
+            missing = {joint: group for joint, group in commands.items() if joint not in found}
+            if not missing:
+                break
+            before = {joint: self.table.slots[joint].sample for joint in missing}
+            self.send(missing)
+            deadline = time.monotonic() + wait
+            while len(found) < len(commands) and time.monotonic() < deadline:
+                time.sleep(_POLL)
+                for joint, old in before.items():
+                    sample = self.table.slots[joint].sample
+                    if sample is not None and sample is not old and wanted(sample):
+                        found[joint] = sample
+        return found
+
+    def received(self) -> list[tuple[int, Reply]]:
+        """Index and answer of every answer that has come since; waits for none."""
+        found = []
+        while not self._answers.empty():
+            channel, reply = self._answers.get_nowait()
+            joint = self._by_address.get((channel, reply.motor_id))
+            if joint is not None:
+                found.append((joint, reply))
+        return found
+
+    def scan(self, motor_ids: Sequence[int], quiet_time: float, pace: float = 0.0) -> list[tuple[int, DeviceId]]:
+        """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
+
+        Args:
+            motor_ids: 1 to 127.
+            quiet_time: s without an answer after which nobody else is expected.
+            pace: s between two ids; 0: as fast as the bus takes them.
+        """
+        self._drain()
+        some_model = next(iter(MOTORS.values()))  # a question looks the same for every model
+        found: list[tuple[int, DeviceId]] = []
+        for motor_id in motor_ids:
+            frame = encode_command(GetDeviceId(motor_id, host_id=self.host_id), some_model)
+            for channel in self._channels:
+                channel.send([(None, frame)])
+            if pace:
+                time.sleep(pace)
+        for channel in self._channels:
+            channel.flush(1.0)
+        while True:
+            try:
+                channel_index, reply = self._answers.get(timeout=quiet_time)
+            except queue.Empty:
+                return found
+            if isinstance(reply, DeviceId):
+                found.append((channel_index, reply))
+
+    def _drain(self) -> None:
+        """Forget answers that came too late to their questions."""
+        while not self._answers.empty():
+            self._answers.get_nowait()
+
+    # --- parameters
+
+    def read(
+        self, parameters: Mapping[int, Parameter], patience: Sequence[float] | None = None
+    ) -> dict[int, float | Unreadable]:
+        """A parameter of each motor."""
+        return self._exchange(parameters, {}, patience)
+
+    def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float | Unreadable]:
+        """Write a value to each motor and read it back; what differs is written again: its frame was lost."""
+        found: dict[int, float | Unreadable] = {}
+        differing = dict.fromkeys(values, parameter)
+        for _ in range(_WRITES):
+            found |= self._exchange(differing, values)
+            differing = {
+                i: parameter
+                for i, value in found.items()
+                if not isinstance(value, Unreadable) and not parameter.is_same(value, values[i])
+            }
+        return found
+
+    def poll_values(self, parameter: Parameter, joints: Iterable[int], wait: float) -> dict[int, float]:
+        """`poll` for a parameter; motors that have none are left out."""
+        parameters = dict.fromkeys(joints, parameter)
+        answers: dict[int, float | Unreadable] = self.poll(
+            self._questions(parameters, {}), _values_of(parameters), wait
+        )
+        return {joint: value for joint, value in answers.items() if not isinstance(value, Unreadable)}
+
+    def _exchange(
+        self,
+        parameters: Mapping[int, Parameter],
+        values: Mapping[int, float],
+        patience: Sequence[float] | None = None,
+    ) -> dict[int, float | Unreadable]:
+        questions = self._questions(parameters, values)
+        answers: dict[int, float | Unreadable] = self.ask(questions, _values_of(parameters), patience)
+        return {joint: answers.get(joint, _SILENT) for joint in parameters}
+
+    def _questions(
+        self, parameters: Mapping[int, Parameter], values: Mapping[int, float]
+    ) -> dict[int, Sequence[Command]]:
+        questions: dict[int, Sequence[Command]] = {}
+        for joint, parameter in parameters.items():
+            motor_id = self.motors.motor_id[joint]
+            read = ReadParameter(motor_id, parameter.index, host_id=self.host_id)
+            if joint in values:
+                payload = pack_value(parameter.type, values[joint])
+                questions[joint] = [WriteParameter(motor_id, parameter.index, payload, host_id=self.host_id), read]
+            else:
+                questions[joint] = [read]
+        return questions
+
+
+def _values_of(parameters: Mapping[int, Parameter]) -> Callable[[int, Reply], float | Unreadable | None]:
+    """Accepts the answers to questions for these parameters."""
+
+    def value(joint: int, reply: Reply) -> float | Unreadable | None:
+        if not isinstance(reply, ParameterReply) or reply.index != parameters[joint].index:
+            return None
+        return float(unpack_value(parameters[joint].type, reply.payload)) if reply.is_success else Unreadable("refused")
+
+    return value
