@@ -48,8 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"--session: {session} is no running session; running: {running}")
     word = config.intent
     answer = send_reactivate(session) if word == REACTIVATE else send_intent(session, Intent(word))
-    print(f"session {session}: {answer}")
-    return 1 if " refused: " in answer or answer.startswith("REACTIVATE failed") else 0
+    print(f"session {session}: {answer.text}")
+    return 0 if answer.granted else 1
 
 
 if __name__ == "__main__":

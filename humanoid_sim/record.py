@@ -21,7 +21,7 @@ from humanoid_sim.recording.summary import Summary, summarize
 
 __all__ = ["Info", "Recover", "main"]
 
-_MAX_WORDS = 40
+_MAX_REMARKS = 40
 """Lines of a summary's list before it is cut; --json has them all."""
 
 
@@ -86,8 +86,8 @@ def _recover(command: Recover) -> None:
 def _print_summary(console: Console, summary: Summary) -> None:
     console.print(_overview(summary))
     console.print(_timeline(summary))
-    if summary.words:
-        console.print(_words(summary))
+    if summary.remarks:
+        console.print(_remarks(summary))
     console.print(_topics(summary))
 
 
@@ -122,26 +122,26 @@ def _timeline(summary: Summary) -> Table:
     table.add_column("mode")
     table.add_column("controller")
     table.add_column("why")
-    for stretch in summary.timeline:
-        seconds = stretch.ticks * summary.recording.header.control_period
+    for span in summary.timeline:
+        seconds = span.ticks * summary.recording.header.control_period
         table.add_row(
-            f"{stretch.start:.2f} s",
+            f"{span.start:.2f} s",
             f"{seconds:.2f} s",
-            stretch.mode.name,
-            escape(stretch.controller),
-            escape(stretch.reason),
+            span.mode.name,
+            escape(span.controller),
+            escape(span.reason),
         )
     return table
 
 
-def _words(summary: Summary) -> Table:
+def _remarks(summary: Summary) -> Table:
     table = Table(title="events, faults, refusals", title_justify="left")
     table.add_column("at", justify="right")
     table.add_column("what")
     table.add_column("")
-    for word in summary.words[:_MAX_WORDS]:
-        table.add_row(f"{word.time:.2f} s", word.kind, escape(word.text))
-    left = len(summary.words) - _MAX_WORDS
+    for remark in summary.remarks[:_MAX_REMARKS]:
+        table.add_row(f"{remark.time:.2f} s", remark.kind, escape(remark.text))
+    left = len(summary.remarks) - _MAX_REMARKS
     if left > 0:
         table.add_row("", "", f"and {left} more (--json lists all)")
     return table

@@ -10,12 +10,12 @@ from typing import Any
 from humanoid_sim.messages import Event, Mode, SafetyStatus, TickRecord
 from humanoid_sim.recording.reader import Recording, TopicCount
 
-__all__ = ["Stretch", "Summary", "Word", "summarize"]
+__all__ = ["ModeSpan", "Remark", "Summary", "summarize"]
 
 
 @dataclass(slots=True)
-class Stretch:
-    """A stretch of the run in which one controller was in control."""
+class ModeSpan:
+    """A stretch of a run in which one controller was in control."""
 
     mode: Mode
     controller: str
@@ -29,7 +29,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class Remark:
     """Something said at a time: an event, a refusal, a fault, a change of a safety status."""
 
     time: float
@@ -54,8 +54,8 @@ class Summary:
     mean_duration: float = 0.0
     """s of wall time per tick."""
     max_duration: float = 0.0
-    timeline: list[Stretch] = field(default_factory=list)
-    words: list[Word] = field(default_factory=list)
+    timeline: list[ModeSpan] = field(default_factory=list)
+    remarks: list[Remark] = field(default_factory=list)
     topics: dict[str, TopicCount] = field(default_factory=dict)
 
     @property
@@ -91,16 +91,16 @@ class Summary:
             "tick_seconds": {"mean": _finite(self.mean_duration), "max": _finite(self.max_duration)},
             "timeline": [
                 {
-                    "mode": stretch.mode.name,
-                    "controller": stretch.controller,
-                    "start": _finite(stretch.start),
-                    "end": _finite(stretch.end),
-                    "ticks": stretch.ticks,
-                    "reason": stretch.reason,
+                    "mode": span.mode.name,
+                    "controller": span.controller,
+                    "start": _finite(span.start),
+                    "end": _finite(span.end),
+                    "ticks": span.ticks,
+                    "reason": span.reason,
                 }
-                for stretch in self.timeline
+                for span in self.timeline
             ],
-            "words": [{"time": _finite(word.time), "kind": word.kind, "text": word.text} for word in self.words],
+            "words": [{"time": _finite(said.time), "kind": said.kind, "text": said.text} for said in self.remarks],
             "topics": {name: {"type": topic.schema, "messages": topic.messages} for name, topic in self.topics.items()},
             "observation_terms": [list(term) for term in header.observation_terms],
             "documents": dict(header.documents),
@@ -118,7 +118,7 @@ def summarize(recording: Recording) -> Summary:
     safety: dict[str, SafetyStatus] = {}
     for entry in recording.entries():
         if isinstance(entry, Event):
-            summary.words.append(Word(entry.time, "event", entry.text))
+            summary.remarks.append(Remark(entry.time, "event", entry.text))
         else:
             _add_tick(summary, entry, safety)
     if summary.ticks:
@@ -143,16 +143,16 @@ def _add_tick(summary: Summary, record: TickRecord, safety: dict[str, SafetyStat
         if status != before and (before is not None or not status.is_ok):
             flags = f" {status.flags.name}" if status.flags else ""
             text = f"{status.source}: {status.level.name}{flags} {status.message}".rstrip()
-            summary.words.append(Word(time, "safety", text))
+            summary.remarks.append(Remark(time, "safety", text))
         safety[status.source] = status
     for fault in output.faults:
         text = f"{fault.controller} -> {fault.fallback}: {fault.message}"
-        summary.words.append(Word(time, "bug" if fault.is_bug else "fault", text))
-    summary.words += [Word(time, "refused", text) for text in output.refusals]
+        summary.remarks.append(Remark(time, "bug" if fault.is_bug else "fault", text))
+    summary.remarks += [Remark(time, "refused", text) for text in output.refusals]
     control = output.control_mode
     last = summary.timeline[-1] if summary.timeline else None
     if last is None or last.controller != control.controller_name:
-        summary.timeline.append(Stretch(control.mode, control.controller_name, control.status_message, time, time))
+        summary.timeline.append(ModeSpan(control.mode, control.controller_name, control.status_message, time, time))
     else:
         last.end = time
         last.ticks += 1

@@ -1,7 +1,8 @@
 """Intents from another process on the same machine: a local socket that a running session listens on.
 
-One datagram is one intent's name, or `reactivate`; the answer is what the session made of it in its next tick. The
-socket lies in a folder that only its user can enter, and never crosses a network.
+One datagram is one intent's name, or `reactivate`; the answer is what the session made of it in its next tick: a digit,
+0 if it was refused or failed, and a line of text. The socket lies in a folder that only its user can enter, and never
+crosses a network.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pathlib import Path
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
-from humanoid_sim.session.reactivation import REACTIVATE, Reactivation
+from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
 
 __all__ = ["ControlSocket", "running_sessions", "send_intent", "send_reactivate"]
 
@@ -80,7 +81,8 @@ class ControlSocket:
         """Answer the senders of the last tick, then take what has arrived since."""
         if self._waiting and output is not None:
             control = output.control_mode
-            self._answer(self._waiting, f"{control.mode.name} ({control.controller_name}): {control.status_message}")
+            text = f"{control.mode.name} ({control.controller_name}): {control.status_message}"
+            self._answer(self._waiting, Answer(not output.refusals, text))
         if self._reactivating and self._reactivation is not None and self._reactivation.answer:
             self._answer(self._reactivating, self._reactivation.answer)
         intents: list[Intent] = []
@@ -104,15 +106,16 @@ class ControlSocket:
 
     def close(self) -> None:
         """Close and remove the socket."""
-        self._answer(self._waiting, "the session has ended")
-        self._answer(self._reactivating, "the session has ended")
+        for waiting in (self._waiting, self._reactivating):
+            self._answer(waiting, Answer(True, "the session has ended"))
         self._socket.close()
         self._path.unlink(missing_ok=True)
 
-    def _answer(self, waiting: list[str], text: str) -> None:
+    def _answer(self, waiting: list[str], answer: Answer) -> None:
+        message = f"{answer.granted:d}{answer.text}".encode()
         for sender in waiting:
             try:
-                self._socket.sendto(text.encode(), sender)
+                self._socket.sendto(message, sender)
             except OSError:  # the sender did not wait
                 continue
         waiting.clear()
@@ -134,7 +137,7 @@ def running_sessions() -> list[int]:
     return sorted(found)
 
 
-def send_intent(process: int, intent: Intent, timeout: float = 2.0) -> str:
+def send_intent(process: int, intent: Intent, timeout: float = 2.0) -> Answer:
     """Send an intent to a session and wait for its answer.
 
     Args:
@@ -142,16 +145,13 @@ def send_intent(process: int, intent: Intent, timeout: float = 2.0) -> str:
         intent: what is asked for.
         timeout: s
 
-    Returns:
-        What the session made of it, one line.
-
     Raises:
         InputError: if there is no such session, or it does not answer.
     """
     return _send(process, intent.value, timeout)
 
 
-def send_reactivate(process: int, timeout: float = 30.0) -> str:
+def send_reactivate(process: int, timeout: float = 30.0) -> Answer:
     """Have a session verify and enable its robot afresh, and wait for what becomes of it; otherwise like `send_intent`.
 
     The time allows for a bus with many motors, each of which is asked for its identity.
@@ -159,7 +159,7 @@ def send_reactivate(process: int, timeout: float = 30.0) -> str:
     return _send(process, REACTIVATE, timeout)
 
 
-def _send(process: int, word: str, timeout: float) -> str:
+def _send(process: int, word: str, timeout: float) -> Answer:
     folder = _folder()
     reply = folder / f"{os.getpid()}.reply"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
@@ -168,7 +168,8 @@ def _send(process: int, word: str, timeout: float) -> str:
         try:
             client.bind(str(reply))
             client.sendto(word.encode(), str(folder / f"{process}{_SUFFIX}"))
-            return client.recv(4096).decode(errors="replace")
+            answer = client.recv(4096).decode(errors="replace")
+            return Answer(answer.startswith("1"), answer[1:])
         except TimeoutError:
             raise InputError(f"session {process}: did not answer within {timeout:g} s") from None
         except OSError as error:

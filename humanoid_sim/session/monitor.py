@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,11 +11,12 @@ from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.messages import Mode, SafetyStatus, TickRecord
 from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray
+from humanoid_sim.recording.summary import ModeSpan
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
 from humanoid_sim.simulation.floating_base import BaseState
 
-__all__ = ["ModeSpan", "RunMonitor", "Tracker"]
+__all__ = ["RunMonitor", "Tracker"]
 
 _KEPT = 1000
 """Mode spans, faults, refusals and safety statuses beyond this many are counted but not kept."""
@@ -27,20 +27,6 @@ class Tracker(Protocol):
 
     def update(self, frame: int, joint_position: FloatArray) -> None:
         """Compare the pose at joint positions (n,), rad, with a reference frame."""
-
-
-@dataclass(slots=True)
-class ModeSpan:
-    """A stretch of time under one controller."""
-
-    mode: Mode
-    controller: str
-    reason: str
-    """Why it began."""
-    start: float
-    """s, robot's clock."""
-    end: float = 0.0
-    """s, robot's clock."""
 
 
 class RunMonitor(WorkerSink):
@@ -100,9 +86,11 @@ class RunMonitor(WorkerSink):
         self.saturated += bool((effort >= self._effort_limit * (1.0 - 1e-9)).any())
         control = output.control_mode
         if self._span is None or self._span.controller != control.controller_name:
-            self._span = ModeSpan(control.mode, control.controller_name, control.status_message, time)
+            self._span = ModeSpan(control.mode, control.controller_name, control.status_message, time, time)
             self._keep(self.spans, self._span)
-        self._span.end = time
+        else:
+            self._span.end = time
+            self._span.ticks += 1
         self._note_safety(time, record.input.safety)
         rank = min(int(control.mode), Mode.LOCOMOTION)
         if record.qpos is not None and rank >= self._pose_rank:

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
 
-__all__ = ["REACTIVATE", "Reactivation", "one_line"]
+__all__ = ["REACTIVATE", "Answer", "Reactivation", "one_line"]
 
 REACTIVATE = "reactivate"
 """What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
 
 _FROM = (Mode.ZERO_TORQUE, Mode.DAMPING)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of what an operator asked for."""
+
+    granted: bool
+    """Neither refused nor failed."""
+    text: str
+    """One line."""
 
 
 class Reactivation:
@@ -29,8 +40,8 @@ class Reactivation:
         """
         self._warnings = warnings
         self._asked = threading.Event()
-        self.answer = ""
-        """What became of the latest request; empty until it is served."""
+        self.answer: Answer | None = None
+        """To the latest request; None until it is served."""
 
     @property
     def is_asked(self) -> bool:
@@ -39,7 +50,7 @@ class Reactivation:
 
     def request(self) -> None:
         """Ask for it."""
-        self.answer = ""
+        self.answer = None
         self._asked.set()
 
     def serve(self, robot: Robot, mode: Mode) -> tuple[str, EventKind]:
@@ -51,16 +62,16 @@ class Reactivation:
         self._asked.clear()
         if mode not in _FROM:
             names = " or ".join(mode.name for mode in _FROM)
-            self.answer = f"REACTIVATE refused: requires {names}, mode is {mode.name}"
-            return self.answer, EventKind.NOTE
+            self.answer = Answer(False, f"REACTIVATE refused: requires {names}, mode is {mode.name}")
+            return self.answer.text, EventKind.NOTE
         try:
             robot.activate()
         except RobotError as error:
-            self.answer = f"REACTIVATE failed: {one_line(str(error))}"
+            self.answer = Answer(False, f"REACTIVATE failed: {one_line(str(error))}")
         else:
             told = ("reactivated: the robot is verified and enabled afresh", *self._warnings())
-            self.answer = "; warning: ".join(told)
-        return self.answer, EventKind.FRESH_START
+            self.answer = Answer(True, "; warning: ".join(told))
+        return self.answer.text, EventKind.FRESH_START
 
 
 def one_line(text: str) -> str:

@@ -18,7 +18,7 @@ from humanoid_sim.messages import Intent, Mode, TickOutput
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.robot import LoopbackRobot
 from humanoid_sim.session.control_socket import ControlSocket, running_sessions, send_intent, send_reactivate
-from humanoid_sim.session.reactivation import Reactivation
+from humanoid_sim.session.reactivation import Answer, Reactivation
 
 
 @pytest.fixture(autouse=True)
@@ -51,10 +51,23 @@ def serve(control: ControlSocket, ticks: int, work: Callable[[], None]) -> list[
 
 
 def test_an_intent_reaches_the_session_and_its_answer_comes_back(control: ControlSocket) -> None:
-    answers: list[str] = []
+    answers: list[Answer] = []
     got = serve(control, 100, lambda: answers.append(send_intent(os.getpid(), Intent.LOAD_A)))
     assert got == [Intent.LOAD_A]
-    assert answers == ["DAMPING (damping_controller): DAMP requested"]
+    assert answers == [Answer(True, "DAMPING (damping_controller): DAMP requested")]
+
+
+def test_a_refusal_is_told_apart_by_more_than_its_words(control: ControlSocket, folder: Path) -> None:
+    refused = rig.Run(rig.supervisor()).step(Intent.LOAD_A)
+    assert refused.refusals
+    answers: list[Answer] = []
+    thread = threading.Thread(target=lambda: answers.append(send_intent(os.getpid(), Intent.LOAD_A, timeout=5.0)))
+    thread.start()
+    while not control.poll(0.0, None):
+        pass
+    control.poll(0.0, refused)
+    thread.join()
+    assert [answer.granted for answer in answers] == [False]
 
 
 def test_the_session_is_listed_while_it_runs(folder: Path) -> None:
@@ -105,20 +118,20 @@ def test_a_session_that_does_not_answer_or_does_not_run(control: ControlSocket) 
 
 def test_closing_answers_whoever_still_waits() -> None:
     control = ControlSocket()
-    answers: list[str] = []
+    answers: list[Answer] = []
     thread = threading.Thread(target=lambda: answers.append(send_intent(os.getpid(), Intent.QUIT, timeout=5.0)))
     thread.start()
     while not control.poll(0.0, None):
         pass
     control.close()
     thread.join()
-    assert answers == ["the session has ended"]
+    assert answers == [Answer(True, "the session has ended")]
 
 
 def test_reactivate_is_answered_once_the_session_has_served_it(folder: Path) -> None:
     reactivation = Reactivation()
     control = ControlSocket(reactivation)
-    answers: list[str] = []
+    answers: list[Answer] = []
     thread = threading.Thread(target=lambda: answers.append(send_reactivate(os.getpid(), timeout=5.0)))
     thread.start()
     while not reactivation.is_asked:
@@ -129,7 +142,8 @@ def test_reactivate_is_answered_once_the_session_has_served_it(folder: Path) -> 
     control.poll(0.04, None)
     thread.join()
     control.close()
-    assert answers == [told[0]] == ["reactivated: the robot is verified and enabled afresh"]
+    assert answers == [Answer(True, told[0])]
+    assert told[0] == "reactivated: the robot is verified and enabled afresh"
 
 
 def test_a_folder_that_others_may_enter_is_refused(folder: Path) -> None:

@@ -7,7 +7,7 @@ from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.session.reactivation import Reactivation
+from humanoid_sim.session.reactivation import Answer, Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script, parse_script
 from humanoid_sim.session.sources import IntentQueue
 
@@ -25,7 +25,7 @@ def test_the_stack_begins_again_without_torque() -> None:
     sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
     session(robot, **options).run()
     assert robot.log.count("activate") == 2
-    assert reactivation.answer == DONE
+    assert reactivation.answer == Answer(True, DONE)
     assert not reactivation.is_asked
     assert sink.events == [DONE, "ending: duration of 0.4 s reached"]
     assert sink.kinds == [EventKind.FRESH_START, EventKind.ENDING]
@@ -66,8 +66,8 @@ def test_what_the_operator_should_know_is_told_with_it() -> None:
     reactivation, robot = Reactivation(lambda: ["wrist: its position jumped", "elbow: old"]), FakeRobot()
     sink, options = asked_at(5, reactivation)
     session(robot, **options).run()
-    assert reactivation.answer == f"{DONE}; warning: wrist: its position jumped; warning: elbow: old"
-    assert sink.events[0] == reactivation.answer
+    assert reactivation.answer == Answer(True, sink.events[0])
+    assert sink.events[0] == f"{DONE}; warning: wrist: its position jumped; warning: elbow: old"
     assert sink.kinds[0] is EventKind.FRESH_START
 
 
@@ -77,7 +77,8 @@ def test_in_motion_it_is_refused() -> None:
     session(robot, **options).run()
     assert robot.log.count("activate") == 1
     refusal = "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"
-    assert sink.events[0] == reactivation.answer == refusal
+    assert sink.events[0] == refusal
+    assert reactivation.answer == Answer(False, refusal)
     assert sink.kinds[0] is EventKind.NOTE
     assert sink.records[8].output.control_mode.mode is Mode.STANDBY
 
@@ -89,7 +90,8 @@ def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_sessio
         robot, "activation_error", RobotError("lite: 2 problems:\n  - can0: a\n  - can1: b")
     )
     session(robot, **options).run()
-    assert sink.events[0] == reactivation.answer == "REACTIVATE failed: lite: 2 problems: can0: a; can1: b"
+    assert sink.events[0] == "REACTIVATE failed: lite: 2 problems: can0: a; can1: b"
+    assert reactivation.answer == Answer(False, sink.events[0])
     assert sink.kinds[0] is EventKind.FRESH_START
     assert sink.records[6].output.control_mode.mode is Mode.ZERO_TORQUE
     assert len(sink.records) > 15
