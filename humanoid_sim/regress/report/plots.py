@@ -50,8 +50,7 @@ def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, 
     shown = _policies(results)[paired:]
     rows = -(-len(metrics) // _COLUMNS)
     with drawing(0.35 + rows * (0.7 + 0.30 * len(cases)), name, "the metrics that moved, by case") as sheet:
-        panels = _panels(sheet, len(metrics))
-        for axes, metric in zip(panels, metrics, strict=True):
+        for number, (axes, metric) in enumerate(zip(_panels(sheet, len(metrics)), metrics, strict=True)):
             factor, unit = displayed_unit(metric.unit)
             for i, (run, colour) in enumerate(shown):
                 values = _changes(run, results.baseline, metric) if paired else _values(run, metric)
@@ -60,7 +59,8 @@ def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, 
                     _draw_row(axes, factor * values.get(case, np.empty(0)), y, 0.7 / len(shown), colour, metric)
             if paired:
                 _shade_worse(axes, results, metric)
-            axes.set_yticks([-place for place in range(len(cases))], [_short(case) for case in cases])
+            names = [_short(case) for case in cases] if number % _COLUMNS == 0 else []
+            axes.set_yticks([-place for place in range(len(names))], names)
             axes.set_ylim(0.5 - len(cases), 0.5)
             axes.set_title(f"{'change of ' * paired}{metric.name.replace('_', ' ')} [{unit}]")
             style_axes(axes, grid="x")
