@@ -9,10 +9,11 @@ from collections.abc import Callable
 import mujoco
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.offscreen import make_camera, update_pose
+from humanoid_sim.session.sinks import Sink
 
 __all__ = ["NativeViewerSink"]
 
@@ -22,7 +23,7 @@ _OPENING_TIMEOUT = 30.0
 _CLOSING_TIMEOUT = 5.0
 
 
-class NativeViewerSink:
+class NativeViewerSink(Sink):
     """Shows the latest pose in a window, at most 60 times a second, from a thread with a model and data of its own.
 
     When a user closes the window the run goes on; `closed` says so.
@@ -59,14 +60,6 @@ class NativeViewerSink:
         """Put the pose where the window's thread finds it."""
         if record.qpos is not None:
             self._latest = record
-
-    def event(self, event: Event) -> None:
-        """Not shown."""
-
-    @property
-    def backlog(self) -> int:
-        """Always 0: a pose that is not shown before the next one comes is never shown."""
-        return 0
 
     def close(self) -> None:
         """Close the window and wait for its threads. May be called twice."""

@@ -17,11 +17,12 @@ from PIL import Image
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
-from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import choose_video_backend
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.session.sinks import Sink
 
 __all__ = ["VideoReport", "VideoSink", "save_snapshot"]
 
@@ -53,7 +54,7 @@ class _Moment:
     caption: Caption
 
 
-class VideoSink:
+class VideoSink(Sink):
     """Remembers how the robot stood, `fps` times a second of the robot's clock; `render` makes an MP4 (H.264) of it.
 
     Drawing takes longer than a control period, so nothing is drawn while the robot runs. At most `max_frames` are kept:
@@ -96,9 +97,6 @@ class VideoSink:
         self._last_time = math.nan
         self._next_frame = 0
 
-    def start(self, header: SessionHeader) -> None:
-        """Nothing to prepare."""
-
     def tick(self, record: TickRecord) -> None:
         """Keep the pose, if a frame is due."""
         time = record.input.state.time
@@ -113,17 +111,6 @@ class VideoSink:
             del self._moments[1::2]
             self._fps /= 2
         self._next_frame = math.floor(self._clock * self._fps) + 1
-
-    def event(self, event: Event) -> None:
-        """Not shown."""
-
-    @property
-    def backlog(self) -> int:
-        """Always 0: a tick is dealt with at once."""
-        return 0
-
-    def close(self) -> None:
-        """Nothing to release; call `render` when the robot is at rest."""
 
     def render(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
         """Draw and write the video.

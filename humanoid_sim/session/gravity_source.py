@@ -11,9 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import RemoteInbox
 from humanoid_sim.simulation.gravity import GravityTorque
 
@@ -48,7 +49,7 @@ def gravity_command(
     return MITCommand(position + gravity / stiffness, zeros, zeros, stiffness, description.damping)
 
 
-class GravitySource:
+class GravitySource(Sink):
     """Sink of states and source of commands, on a thread of its own."""
 
     def __init__(self, description: RobotDescription, inbox: RemoteInbox, form: GravityForm = "effort") -> None:
@@ -74,14 +75,6 @@ class GravitySource:
     def tick(self, record: TickRecord) -> None:
         """Hear a state."""
         self._latest = record
-
-    def event(self, event: Event) -> None:
-        """Events do not concern it."""
-
-    @property
-    def backlog(self) -> int:
-        """It only ever looks at the latest tick."""
-        return 0
 
     def close(self) -> None:
         """End the thread."""

@@ -20,23 +20,27 @@ _STUCK_AFTER = 5.0
 
 
 class Sink(Protocol):
-    """Takes ticks and events; never makes the control thread wait."""
+    """Takes ticks and events; never makes the control thread wait. A subclass defines only what it needs."""
 
     def start(self, header: SessionHeader) -> None:
         """Called once, before the first tick. Raises `InputError` if it cannot do its job."""
+        return
 
     def tick(self, record: TickRecord) -> None:
         """Called on the control thread every tick."""
 
     def event(self, event: Event) -> None:
         """Something happened outside the ticks."""
+        return
 
     @property
     def backlog(self) -> int:
         """Ticks taken but not yet dealt with. A simulated run that need not keep real time waits for a long one."""
+        return 0
 
     def close(self) -> None:
         """Called once, after the last tick: deal with what is left, release files and threads. Never raises."""
+        return
 
 
 class SinkGroup:
