@@ -31,9 +31,9 @@ _OWNER = "PolicyContract"
 class Form:
     """What a field of the contract holds, and who has to say it."""
 
-    kind: Literal["choice", "names", "text", "flag", "number", "limit", "values", "pairs", "steps", "axes", "parts"]
+    kind: Literal["choice", "names", "text", "flag", "number", "limit", "values", "pairs", "steps", "axes", "structure"]
     """`limit`: a number that may be infinite; `values`: one number for each joint; `pairs`: least and greatest for each
-    joint; `axes`: pairs for vx, vy and yaw rate; `steps`: whole numbers; `parts`: a structure of its own."""
+    joint; `axes`: pairs for vx, vy and yaw rate; `steps`: whole numbers; `structure`: fields of its own."""
     joints: str = ""
     """The field that names the joints: of values and pairs those in their order, of names those that may be named."""
     minimum: float = -np.inf
@@ -115,7 +115,7 @@ class PolicyContract:
     """Shape (n,), N·m·s/rad."""
     default_joint_pos: Annotated[FloatArray, _values("joint_names", "default_joint_pos")]
     """Shape (n,), rad."""
-    observation: Annotated[Sequence[Term | str], Form("parts", key="observation_names", is_required=True)]
+    observation: Annotated[Sequence[Term | str], Form("structure", key="observation_names", is_required=True)]
     """The flat observation, term by term; a plain name becomes the term with its usual conventions."""
     command_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, key="command_names")]
     """Runtime command terms."""
@@ -139,7 +139,7 @@ class PolicyContract:
     """Of terms that show more than one step: each term's steps together, or each step's terms together."""
     command_ranges: Annotated[FloatArray | None, Form("axes")] = None
     """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
-    phase: Annotated[PhaseRule | None, Form("parts")] = None
+    phase: Annotated[PhaseRule | None, Form("structure")] = None
     """The gait clock of policies that observe one."""
     anchor_body: Annotated[str, Form("text")] = ""
     """The body that the reference's anchor terms compare."""
@@ -147,7 +147,7 @@ class PolicyContract:
     """Lay the reference onto the robot at activation: turned to its heading, moved to where it stands."""
     reference_quaternion: Annotated[QuaternionOrder, _choice(QuaternionOrder)] = "wxyz"
     """Order in which the motion's source gives quaternions."""
-    tensors: Annotated[TensorNames, Form("parts")] = field(default_factory=TensorNames)
+    tensors: Annotated[TensorNames, Form("structure")] = field(default_factory=TensorNames)
     """Names in the model's graph."""
     provenance: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Field to the source it came from."""

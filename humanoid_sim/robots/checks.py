@@ -1,13 +1,15 @@
-"""What a description's types cannot say: limits in order, lists as long as the joints, poses within limits."""
+"""What has to hold in a description beyond its types: accepted values, lists as long as the joints, poses in limits."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
+from typing import get_args, get_type_hints
+
+import msgspec
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.schema import JointDescription, RobotDescription, StandbySettings
+from humanoid_sim.robots.schema import Accepted, JointDescription, RobotDescription, StandbySettings
 
 __all__ = ["description_problems"]
 
@@ -15,14 +17,13 @@ _MOTOR_IDS = range(1, 128)
 
 
 def description_problems(robot: RobotDescription) -> Iterator[str]:
-    """Everything that is wrong, in the order of the document, as `joints[3].upper: what is wrong`."""
-    yield from _text("name", robot.name)
-    yield from _text("mjcf", robot.mjcf)
-    yield from _text("imu", robot.imu)
-    if robot.is_floating:
-        yield from _text("base.body", robot.base.body)
-    if robot.base.height is not None and not math.isfinite(robot.base.height):
-        yield f"base.height: is {robot.base.height}, expected a finite number"
+    """Everything that is wrong, as `joints[3].upper: what is wrong`: values by themselves before what they make."""
+    refused = list(_refused_values(robot, ""))
+    yield from refused
+    if refused:
+        return
+    if robot.is_floating and not robot.base.body.strip():
+        yield "base.body: is empty, expected a text"
     if not robot.joints:
         yield "joints: is empty, expected at least one joint"
     yield from _duplicates("joints", [joint.name for joint in robot.joints], "name")
@@ -31,33 +32,32 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
     yield from _shared_motors(robot)
     yield from _pose(robot, "initial_position", robot.initial_position)
     yield from _duplicates("hands", list(robot.hands), "entry")
-    yield from _rates(robot)
-    n = robot.joint_count
-    for name, values, scalar in (
-        ("damping_controller", robot.damping_controller.damping, robot.damping_controller.damping_scalar),
-        (
-            "remote_policy_controller",
-            robot.remote_policy_controller.damping,
-            robot.remote_policy_controller.damping_scalar,
-        ),
-    ):
+    try:
+        steps_per_period(1.0 / robot.simulation.control_frequency, robot.simulation.physics_timestep)
+    except InputError as error:
+        yield f"simulation.physics_timestep: {str(error).partition(': ')[2]}"
+    for name in ("damping_controller", "remote_policy_controller"):
+        values = getattr(robot, name).damping
         if values:
-            yield from _gains(f"{name}.damping", values, n)
-        yield from _number(f"{name}.damping_scalar", scalar)
-    timeout = robot.remote_policy_controller.stale_command_timeout_ms
-    yield from _number("remote_policy_controller.stale_command_timeout_ms", timeout, above_zero=True)
+            yield from _length(f"{name}.damping", values, robot.joint_count)
     yield from _standby(robot, "standby_controller_a", robot.standby_controller_a)
     yield from _standby(robot, "standby_controller_b", robot.standby_controller_b)
 
 
-def _text(where: str, value: str) -> Iterator[str]:
-    if not value.strip():
-        yield f"{where}: is empty, expected a text"
-
-
-def _number(where: str, value: float, *, above_zero: bool = False) -> Iterator[str]:
-    if not math.isfinite(value) or value < 0.0 or (above_zero and value == 0.0):
-        yield f"{where}: is {value}, expected a finite number {'>' if above_zero else '>='} 0"
+def _refused_values(struct: msgspec.Struct, prefix: str) -> Iterator[str]:
+    """Values that the schema's `Accepted` refuses, in the order of the document."""
+    for name, hint in get_type_hints(type(struct), include_extras=True).items():
+        value = getattr(struct, name)
+        # Of `Positive`, `Positive | None` and `tuple[Positive, ...]` alike.
+        marks = [mark for kind in (hint, *get_args(hint)) for mark in getattr(kind, "__metadata__", ())]
+        accepted = next((mark for mark in marks if isinstance(mark, Accepted)), None)
+        several = isinstance(value, tuple)
+        for i, item in enumerate(value if several else (value,)):
+            where = f"{prefix}{name}[{i}]" if several else f"{prefix}{name}"
+            if isinstance(item, msgspec.Struct):
+                yield from _refused_values(item, f"{where}.")
+            elif accepted is not None and item is not None and accepted.problem(item):
+                yield f"{where}: {accepted.problem(item)}"
 
 
 def _duplicates(where: str, names: list[str], what: str) -> Iterator[str]:
@@ -68,24 +68,14 @@ def _duplicates(where: str, names: list[str], what: str) -> Iterator[str]:
 
 
 def _joint(where: str, joint: JointDescription) -> Iterator[str]:
-    yield from _text(f"{where}.name", joint.name)
-    for name, limit in (("lower", joint.lower), ("upper", joint.upper)):
-        if not math.isfinite(limit):
-            yield f"{where}.{name}: is {limit}, expected a finite number"
     if joint.lower >= joint.upper:
         yield f"{where}.upper: is {joint.upper:g}, expected more than lower, which is {joint.lower:g} ({joint.name})"
-    yield from _number(f"{where}.effort_limit", joint.effort_limit, above_zero=True)
-    yield from _number(f"{where}.stiffness", joint.stiffness)
-    yield from _number(f"{where}.damping", joint.damping)
     if joint.motor is None:
         return
     if joint.motor.bus < 0:
         yield f"{where}.motor.bus: is {joint.motor.bus}, expected a 0-based index"
     if joint.motor.can_id not in _MOTOR_IDS:
         yield f"{where}.motor.can_id: is {joint.motor.can_id}, expected {_MOTOR_IDS[0]} to {_MOTOR_IDS[-1]}"
-    yield from _text(f"{where}.motor.model", joint.motor.model)
-    yield from _number(f"{where}.motor.torque_limit", joint.motor.torque_limit)
-    yield from _number(f"{where}.motor.current_limit", joint.motor.current_limit)
 
 
 def _shared_motors(robot: RobotDescription) -> Iterator[str]:
@@ -105,12 +95,6 @@ def _length(where: str, values: tuple[float, ...], n: int) -> Iterator[str]:
         yield f"{where}: has {len(values)} values, expected {n}, one per joint"
 
 
-def _gains(where: str, values: tuple[float, ...], n: int) -> Iterator[str]:
-    yield from _length(where, values, n)
-    for i, value in enumerate(values):
-        yield from _number(f"{where}[{i}]", value)
-
-
 def _pose(robot: RobotDescription, where: str, pose: tuple[float, ...]) -> Iterator[str]:
     yield from _length(where, pose, robot.joint_count)
     for i, (joint, value) in enumerate(zip(robot.joints, pose, strict=False)):
@@ -120,31 +104,11 @@ def _pose(robot: RobotDescription, where: str, pose: tuple[float, ...]) -> Itera
             )
 
 
-def _rates(robot: RobotDescription) -> Iterator[str]:
-    simulation, hardware = robot.simulation, robot.hardware
-    broken = [
-        *_number("simulation.physics_timestep", simulation.physics_timestep, above_zero=True),
-        *_number("simulation.control_frequency", simulation.control_frequency, above_zero=True),
-    ]
-    yield from broken
-    if not broken:
-        try:
-            steps_per_period(1.0 / simulation.control_frequency, simulation.physics_timestep)
-        except InputError as error:
-            yield f"simulation.physics_timestep: {str(error).partition(': ')[2]}"
-    if not math.isfinite(simulation.floor_height):
-        yield f"simulation.floor_height: is {simulation.floor_height}, expected a finite number"
-    yield from _number("hardware.control_frequency", hardware.control_frequency, above_zero=True)
-    yield from _number("hardware.rx_timeout_ms", hardware.rx_timeout_ms, above_zero=True)
-
-
 def _standby(robot: RobotDescription, where: str, standby: StandbySettings) -> Iterator[str]:
-    yield from _gains(f"{where}.target_stiffness", standby.target_stiffness, robot.joint_count)
-    yield from _gains(f"{where}.target_damping", standby.target_damping, robot.joint_count)
+    yield from _length(f"{where}.target_stiffness", standby.target_stiffness, robot.joint_count)
+    yield from _length(f"{where}.target_damping", standby.target_damping, robot.joint_count)
     if not standby.segment_durations:
         yield f"{where}.segment_durations: is empty, expected one duration per segment"
-    for i, duration in enumerate(standby.segment_durations):
-        yield from _number(f"{where}.segment_durations[{i}]", duration, above_zero=True)
     if len(standby.pose_segments) != len(standby.segment_durations):
         yield (
             f"{where}.pose_segments: has {len(standby.pose_segments)} poses, expected "

@@ -1,14 +1,16 @@
 """What a robot is: its joints, limits, gains, motors, poses and rates. Data only; nothing here imports a simulator.
 
 A description is one YAML file beside its MJCF model (`assets/robots/lite.yaml` is the example). These structs are its
-schema, `humanoid_sim.robots.checks` is what types cannot say, `humanoid_sim.robots.description.load_robot` reads it.
+schema, `humanoid_sim.robots.checks` what has to hold between fields, `humanoid_sim.robots.description.load_robot` reads
+it.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import msgspec
 import numpy as np
@@ -18,6 +20,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 
 __all__ = [
+    "Accepted",
     "BaseSettings",
     "DampingSettings",
     "HardwareSettings",
@@ -30,6 +33,30 @@ __all__ = [
 ]
 
 
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """Numbers that a field accepts, or texts: these must not be empty."""
+
+    minimum: float = -math.inf
+    above: bool = False
+    """Whether the minimum itself is refused."""
+
+    def problem(self, value: float | str) -> str:
+        """What is wrong with a value, '' if nothing is."""
+        if isinstance(value, str):
+            return "" if value.strip() else "is empty, expected a text"
+        if math.isfinite(value) and (value > self.minimum or (value == self.minimum and not self.above)):
+            return ""
+        bound = "" if self.minimum == -math.inf else f" {'>' if self.above else '>='} {self.minimum:g}"
+        return f"is {value}, expected a finite number{bound}"
+
+
+Text = Annotated[str, Accepted()]
+Finite = Annotated[float, Accepted()]
+NotNegative = Annotated[float, Accepted(0.0)]
+Positive = Annotated[float, Accepted(0.0, above=True)]
+
+
 class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The motor that drives a joint, and where it is on the bus."""
 
@@ -37,30 +64,30 @@ class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """0-based index into the robot's buses."""
     can_id: int
     """1 to 127."""
-    model: str
+    model: Text
     """Such as `rs-02`."""
     direction: Literal[-1, 1]
     """Sign between motor and joint frame: a fact of the design, not of one physical robot."""
-    torque_limit: float
+    torque_limit: NotNegative
     """N·m, written to the firmware; 0: leave the firmware's own."""
-    current_limit: float
+    current_limit: NotNegative
     """A, written to the firmware; 0: leave the firmware's own."""
 
 
 class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One actuated joint, in the joint frame."""
 
-    name: str
+    name: Text
     """The joint's name in the MJCF, in policies and in every file."""
-    lower: float
+    lower: Finite
     """rad"""
-    upper: float
+    upper: Finite
     """rad"""
-    effort_limit: float
+    effort_limit: Positive
     """N·m, at which the MIT law saturates: the hardware's. Infinite where a user's MJCF gives none."""
-    stiffness: float
+    stiffness: NotNegative
     """N·m/rad, default K_p."""
-    damping: float
+    damping: NotNegative
     """N·m·s/rad, default K_d."""
     motor: MotorDescription | None = None
     """None: this joint exists in simulation only."""
@@ -73,7 +100,7 @@ class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """`fixed`: welded to the world, as the Lite's chest is; `floating`: the base moves freely, and may fall."""
     body: str = ""
     """The MJCF body with the free joint of a floating base."""
-    height: float | None = None
+    height: Finite | None | None = None
     """m, of the origin of a floating base above the world's origin where a simulation starts; none: such that the robot
     touches the floor in its initial position."""
 
@@ -81,40 +108,40 @@ class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the robot is simulated."""
 
-    physics_timestep: float = 0.0005
+    physics_timestep: Positive = 0.0005
     """s"""
-    control_frequency: float = 200.0
+    control_frequency: Positive = 200.0
     """Hz"""
-    floor_height: float = 0.0
+    floor_height: Finite = 0.0
     """m, world frame, height of the floor that the scene adds."""
 
 
 class HardwareSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the real robot is driven."""
 
-    control_frequency: float = 50.0
+    control_frequency: Positive = 50.0
     """Hz"""
-    rx_timeout_ms: float = 200.0
+    rx_timeout_ms: Positive = 200.0
     """ms without a status of a joint after which RX_TIMEOUT is reported."""
 
 
 class DampingSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Parameters of `damping_controller`."""
 
-    damping: tuple[float, ...] = ()
+    damping: tuple[NotNegative, ...] = ()
     """N·m·s/rad, one per joint; empty: `damping_scalar` for all."""
-    damping_scalar: float = 1.0
+    damping_scalar: NotNegative = 1.0
     """N·m·s/rad"""
 
 
 class StandbySettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Parameters of one standby controller."""
 
-    target_stiffness: tuple[float, ...]
+    target_stiffness: tuple[NotNegative, ...]
     """N·m/rad, one per joint."""
-    target_damping: tuple[float, ...]
+    target_damping: tuple[NotNegative, ...]
     """N·m·s/rad, one per joint."""
-    segment_durations: tuple[float, ...]
+    segment_durations: tuple[Positive, ...]
     """s, one per segment."""
     pose_segments: tuple[tuple[float, ...], ...]
     """rad, for each segment the pose at its end, one value per joint."""
@@ -124,24 +151,24 @@ class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Parameters of `remote_policy_controller`."""
 
     stale_command_policy: Literal["passive", "hold"] = "passive"
-    stale_command_timeout_ms: float = 100.0
+    stale_command_timeout_ms: Positive = 100.0
     """ms after its arrival at which a command is stale."""
-    damping: tuple[float, ...] = ()
+    damping: tuple[NotNegative, ...] = ()
     """N·m·s/rad of the passive hold, one per joint; empty: `damping_scalar` for all."""
-    damping_scalar: float = 6.0
+    damping_scalar: NotNegative = 6.0
     """N·m·s/rad"""
 
 
 class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A robot. Every per-joint list and array is in the order of `joints`."""
 
-    name: str
-    mjcf: str
+    name: Text
+    mjcf: Text
     """The MJCF model's path, relative to the description's own folder."""
     joints: tuple[JointDescription, ...]
     initial_position: tuple[float, ...]
     """rad, one per joint: where a simulated robot starts, at rest under gravity."""
-    imu: str
+    imu: Text
     """The MJCF site or body whose frame is the IMU's."""
     base: BaseSettings = BaseSettings()
     hands: tuple[str, ...] = ()

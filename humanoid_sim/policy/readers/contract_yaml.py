@@ -77,13 +77,13 @@ _TYPES: dict[str, Any] = {
     "axes": _COMMAND | None,
 }
 """What YAML holds for each form of a field."""
-_PARTS: dict[str, Any] = {"observation": list[str | _TERM], "phase": _PHASE | None, "tensors": _TENSORS}
+_STRUCTURES: dict[str, Any] = {"observation": list[str | _TERM], "phase": _PHASE | None, "tensors": _TENSORS}
 
 
 def _type(name: str, form: Form) -> Any:
     if form.kind == "choice":
         return Literal[form.choices]
-    return _PARTS[name] if form.kind == "parts" else _TYPES[form.kind]
+    return _STRUCTURES[name] if form.kind == "structure" else _TYPES[form.kind]
 
 
 ContractFields = _struct(
@@ -199,7 +199,7 @@ def _value(name: str, value: Any) -> Any:
             value = np.array(value, dtype=np.float64).reshape(-1, 2)
         case "names" | "steps":
             value = tuple(value)
-        case "parts":
+        case "structure":
             value = PhaseRule(**dict(_set_fields(value)))
     return _number_or_array(value)
 

@@ -39,7 +39,7 @@ def csv_field(field: str, key: str, text: str, where: str, source: str) -> Given
             return Given(number(key, text, where), source)
         case "steps":
             return Given(integers(key, text, where), source)
-        case "names" | "parts":
+        case "names" | "structure":
             return Given(names(text), source)
     return Given(text.strip(), source)
 
