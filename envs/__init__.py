@@ -3,9 +3,9 @@
 | module | what it knows |
 |---|---|
 | `tasks` | where an episode starts, its reward and its end; functions of arrays, for one robot or many |
-| `setting` | robot, contract, motion and task, brought together from what a user names |
+| `scenario` | robot, contract, motion and task, brought together from what a user names |
 | `policy_env` | one robot: `LiteTracking-v0`, `BipedVelocity-v0`, `Policy-v0` |
-| `vector_env`, `batch` | many robots at once, stepped natively: the same ids through `gymnasium.make_vec` |
+| `vector_env` | many robots at once, stepped natively: the same ids through `gymnasium.make_vec` |
 | `modes_env` | the whole control stack: `LiteModes-v0` |
 | `dm` | the same tasks for dm_control |
 | `registration` | the ids |

@@ -14,9 +14,10 @@ from gymnasium import spaces
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.envs.episode_robot import EpisodeRobot
-from humanoid_sim.envs.inputs import Named, read_policy, velocity_option
 from humanoid_sim.envs.modes_spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, check_render_mode, make_pictures
+from humanoid_sim.envs.resets import velocity_option
+from humanoid_sim.envs.scenario import Named, read_policy
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState

@@ -14,11 +14,10 @@ from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
-from humanoid_sim.envs.episode_robot import BodyPoses, EpisodeRobot, PlantState
-from humanoid_sim.envs.inputs import Named, velocity_option
-from humanoid_sim.envs.recorded_start import recorded_start
+from humanoid_sim.envs.episode_robot import BodyPoses, EpisodeRobot, PlantState, recorded_start
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, check_render_mode, make_pictures
-from humanoid_sim.envs.setting import make_setting
+from humanoid_sim.envs.resets import velocity_option
+from humanoid_sim.envs.scenario import Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.rollout import StepSample
@@ -99,7 +98,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             InputError: one line that says what cannot be read, or what does not fit.
         """
         check_render_mode(render_mode)
-        self.setting = setting = make_setting(
+        self.scenario = scenario = make_scenario(
             contract,
             robot,
             motion,
@@ -109,26 +108,26 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             **task_options,
         )
         self.robot = EpisodeRobot(
-            setting.description,
-            control_period=setting.contract.policy_dt,
-            physics_timestep=setting.physics_timestep,
+            scenario.description,
+            control_period=scenario.contract.policy_dt,
+            physics_timestep=scenario.physics_timestep,
             actuation=actuation,
             command_delay=command_delay,
             state_delay=state_delay,
             state_sampling=state_sampling,
             support=False,
-            anchor_body=setting.contract.anchor_body,
+            anchor_body=scenario.contract.anchor_body,
         )
-        bounds = observation_space(setting.wiring, setting.description)
-        self.observation_space, self.action_space = bounds, action_space(setting.wiring, setting.description)
+        bounds = observation_space(scenario.wiring, scenario.description)
+        self.observation_space, self.action_space = bounds, action_space(scenario.wiring, scenario.description)
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
-        self.metadata = self.metadata | {"render_fps": round(1.0 / setting.contract.policy_dt)}
+        self.metadata = self.metadata | {"render_fps": round(1.0 / scenario.contract.policy_dt)}
         self.render_mode = render_mode
         self._is_late = state_delay > 0.0 or state_sampling != "now"
-        self._pictures = make_pictures(setting.description, width, height, camera)
+        self._pictures = make_pictures(scenario.description, width, height, camera)
         self._window: Window | None = None
-        self._bodies = BodyPoses(self.robot.model, setting.description, setting.bodies)
+        self._bodies = BodyPoses(self.robot.model, scenario.description, scenario.bodies)
         self._low, self._high = bounds.low, bounds.high
         self._memory: PolicyMemory | None = None
         self._observation = np.zeros_like(self._low)
@@ -148,9 +147,9 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         plant, memory = self._begin({} if options is None else dict(options))
         self.robot.place(plant)
         self._steps = 0
-        self._velocity = self.setting.task.command(self._commands, 0)
+        self._velocity = self.scenario.task.command(self._commands, 0)
         state, _ = self._read()
-        wiring = self.setting.wiring
+        wiring = self.scenario.wiring
         observation, self._memory = wiring.observe(wiring.activate(state) if memory is None else memory, state)
         # of a state of the caller's choice it may be anything
         self._observation = np.clip(observation, self._low, self._high)
@@ -159,11 +158,11 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
 
     def _begin(self, options: dict[str, Any]) -> tuple[PlantState, PolicyMemory | None]:
         """Where the robot begins, with the policy's memory if it is not a fresh one; sets the episode's commands."""
-        setting = self.setting
-        start = setting.task.start(self.np_random.random(setting.task.draws))
-        plant, self._commands = PlantState(*setting.generalised(start)), start.commands
+        scenario = self.scenario
+        start = scenario.task.start(self.np_random.random(scenario.task.draws))
+        plant, self._commands = self.robot.started(start), start.commands
         if "recording" in options:
-            plant, recorded = recorded_start(options.pop("recording"), setting.description)
+            plant, recorded = recorded_start(options.pop("recording"), scenario.description)
             live = recorded.extern.get(VELOCITY_COMMAND)
             self._commands = np.zeros((1, 3)) if live is None else live.value[None]
         if "command" in options:
@@ -185,7 +184,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         """
         if self._memory is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        wiring, task = self.setting.wiring, self.setting.task
+        wiring, task = self.scenario.wiring, self.scenario.task
         with np.errstate(over="ignore"):  # becomes infinite, and is refused
             raw = np.array(action, dtype=np.float32)
         if raw.shape != self.action_space.shape:
@@ -242,7 +241,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
     def _read(self) -> tuple[MITState, str]:
         """The robot's state with the velocity command in it, and what is wrong with the simulation."""
         state, (safety,) = self.robot.read()
-        if self.setting.wiring.takes_velocity_command:
+        if self.scenario.wiring.takes_velocity_command:
             live = Extern(self._velocity, float(state.time))
             state = replace(state, extern={**state.extern, VELOCITY_COMMAND: live})
         return state, "" if safety.is_ok else safety.message
@@ -257,7 +256,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         if self.render_mode != "human":
             return
         if self._window is None:
-            self._window = Window(self.setting.description, self.setting.contract.policy_dt)
+            self._window = Window(self.scenario.description, self.scenario.contract.policy_dt)
         mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, f"step {self._steps}")
         self._window.show(TickInput(state), TickOutput(command, mode), self.robot.qpos)
 

@@ -13,14 +13,12 @@ from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
-from humanoid_sim.envs.inputs import Named
 from humanoid_sim.envs.rendering import make_pictures
-from humanoid_sim.envs.setting import make_setting
+from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
+from humanoid_sim.envs.scenario import Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
-from humanoid_sim.envs.start_numbers import StartNumbers
 from humanoid_sim.envs.tasks.task import Judgement
 from humanoid_sim.envs.vector_info import VectorInfo
-from humanoid_sim.envs.vector_options import autoreset, count_option, reset_command, reset_mask, reset_seeds
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.mit import FloatArray
@@ -98,7 +96,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
         num_envs = count_option("num_envs", num_envs)
-        self.setting = setting = make_setting(
+        self.scenario = scenario = make_scenario(
             contract,
             robot,
             motion,
@@ -108,37 +106,37 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             **task_options,
         )
         self.simulation = BatchSimulation(
-            setting.description,
+            scenario.description,
             num_envs,
-            control_period=setting.contract.policy_dt,
-            physics_timestep=setting.physics_timestep,
+            control_period=scenario.contract.policy_dt,
+            physics_timestep=scenario.physics_timestep,
             threads=threads,
-            anchor_body=setting.contract.anchor_body,
-            bodies=setting.bodies,
+            anchor_body=scenario.contract.anchor_body,
+            bodies=scenario.bodies,
             randomisation=Randomisation.of(randomisation),
         )
         self.num_envs = num_envs
-        self.single_observation_space = bounds = observation_space(setting.wiring, setting.description)
-        self.single_action_space = action_space(setting.wiring, setting.description)
+        self.single_observation_space = bounds = observation_space(scenario.wiring, scenario.description)
+        self.single_action_space = action_space(scenario.wiring, scenario.description)
         self.observation_space = batch_space(bounds, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.autoreset_mode = autoreset(autoreset_mode)
         self.render_mode = render_mode
         self.metadata = {
             "render_modes": ["rgb_array"],
-            "render_fps": round(1.0 / setting.contract.policy_dt),
+            "render_fps": round(1.0 / scenario.contract.policy_dt),
             "autoreset_mode": self.autoreset_mode,
         }
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
-        self._pictures = make_pictures(setting.description, width, height, camera)
+        self._pictures = make_pictures(scenario.description, width, height, camera)
         self._low, self._high = bounds.low, bounds.high
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self._longest = count_option("max_episode_steps", unlimited)
-        self._numbers = StartNumbers(num_envs, setting.task.draws)
+        self._numbers = StartNumbers(num_envs, scenario.task.draws)
         self._loop: ClosedLoop | None = None
         self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)
-        self._commands: FloatArray = setting.task.start(np.zeros((num_envs, setting.task.draws))).commands
+        self._commands: FloatArray = scenario.task.start(np.zeros((num_envs, scenario.task.draws))).commands
         self._steps = np.zeros(num_envs, dtype=np.int64)
         self._is_over = np.zeros(num_envs, dtype=np.bool_)
 
@@ -174,16 +172,20 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
 
     def _begin(self, chosen: IndexArray, command: FloatArray | None = None) -> ClosedLoop:
         """Put some environments at the start of an episode, and observe it."""
-        task = self.setting.task
+        task = self.scenario.task
         start = task.start(self._numbers.take(chosen))
-        qpos, qvel = self.setting.generalised(start)
-        self.simulation.reset(chosen, qpos=qpos, qvel=qvel)
+        self.simulation.reset(
+            chosen,
+            joint_position=start.joint_position,
+            joint_velocity=start.joint_velocity,
+            base_yaw=start.base_yaw,
+        )
         self._commands[chosen] = start.commands if command is None else command[chosen, None]
         self._steps[chosen] = 0
         self._is_over[chosen] = False
         velocity = task.command(self._commands, self._steps).copy()
         if self._loop is None or len(chosen) == self.num_envs:
-            self._loop = ClosedLoop(self.simulation, self.setting.wiring, velocity)
+            self._loop = ClosedLoop(self.simulation, self.scenario.wiring, velocity)
         else:
             self._loop.restart(chosen, velocity)
         self._observation[chosen] = np.clip(self._loop.observation[chosen], self._low, self._high)
@@ -208,10 +210,10 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         if raw.shape != self.action_space.shape:
             raise InputError(f"actions: have shape {raw.shape}, expected {self.action_space.shape}")
         starting = self._is_over.copy()
-        refused = ~self.setting.wiring.accepts(raw) & ~starting
+        refused = ~self.scenario.wiring.accepts(raw) & ~starting
         before = loop.memory.frame
         sound, judgement, faults = self._advance(loop, raw, ~refused & ~starting)
-        faults |= {int(i): self.setting.wiring.action_problem(raw[i]) for i in np.flatnonzero(refused)}
+        faults |= {int(i): self.scenario.wiring.action_problem(raw[i]) for i in np.flatnonzero(refused)}
         self.fault_count += len(faults)
 
         reward = np.where(sound, judgement.reward, 0.0)
@@ -245,7 +247,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         Returns:
             Shape (N,), which of them are sound afterwards; what the task thinks of all; and the others' faults.
         """
-        task, simulation = self.setting.task, self.simulation
+        task, simulation = self.scenario.task, self.simulation
         action = raw if moving.all() else np.where(moving[:, None], raw, 0.0).astype(np.float32)
         self._steps = self._steps + moving
         velocity = task.command(self._commands, self._steps).copy()

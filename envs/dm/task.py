@@ -77,7 +77,7 @@ class PolicyTask(control.Task):
         self._observation = self._action
         self._reward = 0.0
         self._discount: float | None = None
-        layout = env.setting.wiring.layout
+        layout = env.scenario.wiring.layout
         self._ends = {"observation": layout.width}
         if layout.history_layout == "per_term":
             ends = np.cumsum([term.width for term in layout.terms])
@@ -107,7 +107,7 @@ class PolicyTask(control.Task):
         del physics
         space = self.env.action_space
         assert isinstance(space, Box)
-        names = "\t".join(self.env.setting.contract.action_joint_names)  # as dm_control names actuators
+        names = "\t".join(self.env.scenario.contract.action_joint_names)  # as dm_control names actuators
         return specs.BoundedArray(space.shape, np.float32, space.low, space.high, name=names)
 
     def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, Array]:

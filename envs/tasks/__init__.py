@@ -3,4 +3,64 @@
 Single, vector and `dm_env` environments, training and regression all judge a policy step with the functions of this
 package. Everything takes and returns arrays `(..., n)`; nothing simulates and nothing is random but the numbers that a
 caller hands in.
+
+A new task is a class in a file of its own, and an entry in `TASKS`.
 """
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.envs.tasks.motion import MotionTask
+from humanoid_sim.envs.tasks.task import BalanceTask, Task
+from humanoid_sim.envs.tasks.tracking import TrackingTask
+from humanoid_sim.envs.tasks.velocity import VelocityTask
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.robots.schema import RobotDescription
+
+__all__ = ["TASKS", "TASK_OPTIONS", "Task", "make_task"]
+
+TASKS: Mapping[str, type[Task]] = MappingProxyType(
+    {"tracking": TrackingTask, "motion": MotionTask, "velocity": VelocityTask, "balance": BalanceTask}
+)
+"""By name."""
+TASK_OPTIONS = ("weights", "episode_seconds", "joint_noise", "velocity_noise")
+"""What a user may set of any task; the rest comes from the robot."""
+
+_NEEDS = {"tracking": "motion_body_pos_b", "motion": "reference_joint_pos"}
+"""What a task reads from the reference."""
+
+
+def make_task(
+    name: str, description: RobotDescription, contract: PolicyContract, reference: MotionReference, **options: Any
+) -> Task:
+    """The task `name`; `auto`: the one that the contract and its motion were made for.
+
+    Args:
+        name: of `TASKS`, or `auto`.
+        description: of the robot.
+        contract: of the policy.
+        reference: of the contract's motion.
+        options: as `Task` takes them.
+
+    Raises:
+        InputError: there is no such task, or it is not one for this robot and motion.
+    """
+    if name == "auto":
+        name = _fitting(description, contract, reference)
+    if name not in TASKS:
+        raise InputError(f"task: {known_names('task', name, ('auto', *TASKS))}")
+    if name in _NEEDS and _NEEDS[name] not in reference.terms:
+        raise InputError(f"task: {name} needs a motion with {_NEEDS[name]}, and the policy's has none")
+    return TASKS[name](description, contract, reference, **options)
+
+
+def _fitting(description: RobotDescription, contract: PolicyContract, reference: MotionReference) -> str:
+    for name, term in _NEEDS.items():
+        if term in reference.terms:
+            return name
+    return "velocity" if description.is_floating and contract.task_type == "locomotion" else "balance"

@@ -1,4 +1,4 @@
-"""What every task is, and the terms of every reward: little effort, smooth actions, no joint stops."""
+"""What every task is, the terms of every reward (little effort, smooth actions, no joint stops), and standing still."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["BoolArray", "Judgement", "Start", "Task"]
+__all__ = ["BalanceTask", "BoolArray", "Judgement", "Start", "Task"]
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -199,3 +199,24 @@ class Task(ABC):
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.step) >= self.episode_steps
+
+
+class BalanceTask(Task):
+    """Stay up for as long as the episode lasts: for contracts whose goal no other task knows.
+
+    ============== ====== ======== ================================================================================
+    term           weight unit     value
+    ============== ====== ======== ================================================================================
+    alive          1.0    1        1
+    joint_velocity -0.001 rad²/s²  squared joint velocity, summed over the joints
+    ============== ====== ======== ================================================================================
+
+    Terminated where a floating base tilts by more than 1 rad or sinks below 0.6 of its height at the start.
+    """
+
+    WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType({"alive": 1.0, "joint_velocity": -0.001, **Task.WEIGHTS})
+
+    def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
+        velocity = sample.state.joint_velocity
+        speed = total(velocity * velocity)
+        return {"alive": np.ones_like(speed), "joint_velocity": speed}, np.zeros(speed.shape, dtype=np.bool_)

@@ -108,7 +108,7 @@ def _over_rollout(repetitions: int) -> Row:
     envs.step()
     reached = simulation.qpos.copy()
     envs.begin()
-    targets = [action_command(native.setting.wiring.action_map, action).position for action in envs.actions]
+    targets = [action_command(native.scenario.wiring.action_map, action).position for action in envs.actions]
     physics = _BareRollout(simulation, simulation.qpos, simulation.qvel, targets, reached)
 
     def describe(ours: float, bare: float) -> str:
@@ -171,7 +171,7 @@ def regress_speed(repetitions: int) -> list[Row]:
     steps: list[Step] = []
     batch.run(steps)
     reached = batch.simulation.qpos.copy()
-    action_map = batch.case.setting.wiring.action_map
+    action_map = batch.case.scenario.wiring.action_map
     targets = [action_command(action_map, step.action).position for step in steps if step.action is not None]
     physics = _BareRollout(batch.simulation, steps[0].qpos, steps[0].qvel, targets, reached)
 

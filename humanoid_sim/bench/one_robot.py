@@ -198,7 +198,7 @@ def _episode(env: gymnasium.Env[Any, Any], single: PolicyEnv) -> tuple[list[Any]
     observation, info = env.reset(seed=0)
     actions, controls = [], []
     for _ in range(_STEPS):
-        action = np.asarray(single.setting.policy(observation, info["frame"]), dtype=np.float32)
+        action = np.asarray(single.scenario.policy(observation, info["frame"]), dtype=np.float32)
         observation, _, terminated, truncated, info = env.step(action)
         if terminated or truncated:
             raise AssertionError("the episode ended before the last of its steps")

@@ -91,16 +91,16 @@ class EpisodeBatch:
         self, case: PreparedCase, seeds: Sequence[int], disturbance: Disturbance, threads: int | None = None
     ) -> None:
         """Build the simulation; arguments as of `run_episodes`."""
-        setting, contract = case.setting, case.setting.contract
+        scenario, contract = case.scenario, case.scenario.contract
         self.case, self.seeds = case, seeds
         self._keys = episode_keys(case.case.name, seeds)
         self._pushes = disturbance.pushes
-        self._feet = find_feet(setting.description) if case.suite.task == "velocity" else None
+        self._feet = find_feet(scenario.description) if case.suite.task == "velocity" else None
         self.simulation = BatchSimulation(
-            setting.description,
+            scenario.description,
             len(seeds),
             control_period=contract.policy_dt,
-            physics_timestep=setting.physics_timestep,
+            physics_timestep=scenario.physics_timestep,
             threads=threads,
             anchor_body=contract.anchor_body,
             bodies=contract.body_names if self._feet is None else self._feet.bodies,
@@ -111,17 +111,19 @@ class EpisodeBatch:
     def run(self, watch: list[Step] | None = None) -> list[Episode]:
         """All episodes from their start to their end; `watch` is filled with every policy step."""
         case, simulation, count = self.case, self.simulation, len(self.seeds)
-        task = case.setting.task
+        task = case.scenario.task
         measures: Measures = (
             TrackingMeasures(task, case.joint_reference, case.steps, count)
             if self._feet is None
             else VelocityMeasures(task, self._feet, case.suite.settle, case.steps, count)
         )
         numbers = np.stack([np.random.default_rng(int(key)).random(task.draws) for key in self._keys])
-        qpos, qvel = case.setting.generalised(task.start(numbers))
-        simulation.reset(qpos=qpos, qvel=qvel)
+        start = task.start(numbers)
+        simulation.reset(
+            joint_position=start.joint_position, joint_velocity=start.joint_velocity, base_yaw=start.base_yaw
+        )
         directions = [np.random.default_rng([_PUSH_STREAM, int(key)]) for key in self._keys]
-        loop = ClosedLoop(simulation, case.setting.wiring, np.tile(case.case.command or (0.0, 0.0, 0.0), (count, 1)))
+        loop = ClosedLoop(simulation, case.scenario.wiring, np.tile(case.case.command or (0.0, 0.0, 0.0), (count, 1)))
         alive, steps = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
         failures: dict[int, tuple[str, str]] = {}
         for step in range(case.steps):
@@ -179,7 +181,7 @@ class EpisodeBatch:
         traces: Mapping[str, FloatArray],
     ) -> Episode:
         kind, reason = failures.get(i, ("", ""))
-        steps, period = int(all_steps[i]), self.case.setting.contract.policy_dt
+        steps, period = int(all_steps[i]), self.case.scenario.contract.policy_dt
         ends = {
             "faults": float(kind == "fault"),
             "losses": float(kind == "lost"),

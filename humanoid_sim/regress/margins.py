@@ -68,7 +68,7 @@ def measure_margins(cases: Sequence[PreparedCase], executor: Executor, progress:
         limit, failure = nominal, ""
         shares: list[float] = []
         for level in sweep.levels:
-            disturbance = disturbance_at(sweep, level, suite.pushes, chosen[0].setting.physics_timestep)
+            disturbance = disturbance_at(sweep, level, suite.pushes, chosen[0].scenario.physics_timestep)
             episodes = executor.run(chosen, seeds, disturbance, lambda _: None)
             reasons = [reason for episode in episodes if (reason := _failed(suite, margins, episode))]
             shares.append(len(reasons) / len(episodes))

@@ -14,7 +14,7 @@ import numpy as np
 
 from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.parameters import joint_indices
-from humanoid_sim.envs.setting import Setting, make_setting
+from humanoid_sim.envs.scenario import Scenario, make_scenario
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
@@ -69,7 +69,7 @@ class PreparedCase:
     description: RobotDescription
     """Of the robot, as it is without a policy."""
     motion: Motion | None
-    setting: Setting
+    scenario: Scenario
     steps: int
     """Policy steps of a whole episode."""
     joint_reference: FloatArray | None
@@ -213,7 +213,7 @@ def prepare_case(
         if motion is None:
             raise InputError(f"{checkpoint.source}: carries no motion, and case '{case.name}' of the suite names none")
     try:
-        # The widths of model and terms; what the setting makes of the contract has no model.
+        # The widths of model and terms; what the scenario makes of the contract has no model.
         load_policy(
             checkpoint.contract,
             checkpoint.policy,
@@ -222,7 +222,7 @@ def prepare_case(
             source=checkpoint.source,
             motion_source=f"case '{case.name}': {case.motion or 'the motion in the policy'}",
         )
-        setting = make_setting(
+        scenario = make_scenario(
             checkpoint.contract,
             description,
             motion,
@@ -235,17 +235,17 @@ def prepare_case(
     except InputError as error:
         text = str(error)
         raise InputError(text if checkpoint.source in text else f"{checkpoint.source}: {text}") from None
-    wanted = setting.wiring.reference.frame_count - 1
+    wanted = scenario.wiring.reference.frame_count - 1
     if case.duration is not None:
-        wanted = round(case.duration / setting.contract.policy_dt)
+        wanted = round(case.duration / scenario.contract.policy_dt)
     steps = max(wanted, 1)
-    joints = None if motion is None else _joint_reference(setting, motion, steps + 1)
-    return PreparedCase(suite, case, checkpoint, policy, description, motion, setting, steps, joints)
+    joints = None if motion is None else _joint_reference(scenario, motion, steps + 1)
+    return PreparedCase(suite, case, checkpoint, policy, description, motion, scenario, steps, joints)
 
 
-def _joint_reference(setting: Setting, motion: Motion, count: int) -> FloatArray | None:
+def _joint_reference(scenario: Scenario, motion: Motion, count: int) -> FloatArray | None:
     """The motion's joints in its first `count` frames; of one that has bodies only, those that bring them there."""
-    description, contract, terms = setting.description, setting.contract, setting.wiring.reference.terms
+    description, contract, terms = scenario.description, scenario.contract, scenario.wiring.reference.terms
     if "reference_joint_pos" in terms:
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
         return terms["reference_joint_pos"][:count, order].astype(np.float64)

@@ -79,8 +79,8 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
             f"--record-failures: {episode.label} goes otherwise on this machine, '{again.failure}' instead of "
             f"'{episode.failure}'; run it here to record it"
         )
-    contract, suite = case.setting.contract, case.suite
-    description = _short_standby(case.setting.description, contract.policy_dt)
+    contract, suite = case.scenario.contract, case.suite
+    description = _short_standby(case.scenario.description, contract.policy_dt)
     actions = _RecordedActions(steps)
     loaded = load_policy(contract, actions, case.motion)
     supervisor = build_supervisor(description, contract.policy_dt, loaded, action_limit=suite.action_limit)

@@ -1,20 +1,24 @@
-"""A base that moves freely: where it starts, the support that holds it, and how it moves."""
+"""Where a robot starts; and a base that moves freely: the support that holds it, and how it moves."""
 
 from __future__ import annotations
 
 import copy
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from humanoid_sim.controllers.rotation import gravity_direction, rotate
+from humanoid_sim.controllers.rotation import gravity_direction, multiply, rotate
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["BaseState", "FloatingBase", "add_support"]
+if TYPE_CHECKING:
+    from humanoid_sim.simulation.model import JointAddresses
+
+__all__ = ["BaseState", "FloatingBase", "StartPose", "add_support", "base_addresses"]
 
 _SUPPORT = "humanoid_sim_support"
 """Name of the mocap body and of the weld: unlikely enough to be free in any user's MJCF."""
@@ -85,6 +89,17 @@ def add_support(spec: mujoco.MjSpec, body: str) -> None:
     )
 
 
+def base_addresses(model: mujoco.MjModel, description: RobotDescription) -> tuple[slice, slice, slice, slice]:
+    """Where a floating base is in MuJoCo's arrays.
+
+    Position and orientation in `qpos`, m and w x y z, world frame; in `qvel` linear velocity, m/s, world frame, and
+    angular velocity, rad/s, base frame.
+    """
+    joint = int(model.body_jntadr[model.body(description.base.body).id])
+    q, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    return slice(q, q + 3), slice(q + 3, q + 7), slice(v, v + 3), slice(v + 3, v + 6)
+
+
 class FloatingBase:
     """The free joint of a robot's base in a model made by `build_model`, and the support that may hold it."""
 
@@ -120,13 +135,7 @@ class FloatingBase:
         ):
             if not math.isfinite(value):
                 raise InputError(f"{name}: is {value}, expected a finite number")
-        joint = int(model.body_jntadr[model.body(description.base.body).id])
-        start = int(model.jnt_qposadr[joint])
-        self._position = slice(start, start + 3)
-        self._quaternion = slice(start + 3, start + 7)
-        dof = int(model.jnt_dofadr[joint])
-        self._linear = slice(dof, dof + 3)
-        self._angular = slice(dof + 3, dof + 6)
+        self._position, self._quaternion, self._linear, self._angular = base_addresses(model, description)
         self._mocap = int(model.body(_SUPPORT).mocapid[0])
         self._weld = model.equality(_SUPPORT).id
 
@@ -139,7 +148,7 @@ class FloatingBase:
         if height is None:
             height = description.base.height
         if height is None:
-            qpos[start : start + 7] = self._start
+            qpos[self._position], qpos[self._quaternion] = self._start[:3], self._start[3:]
             height = float(self._start[2]) - _clearance(model, qpos)
         self._start[2] = height
 
@@ -174,6 +183,53 @@ class FloatingBase:
             data.qvel[self._linear].copy(),
             data.qvel[self._angular].copy(),
         )
+
+
+class StartPose:
+    """A robot that stands on its feet, or hangs on its fixed base, with its joints anywhere, in MuJoCo's arrays."""
+
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription, joints: JointAddresses) -> None:
+        """Find the description's own start; the model is from `build_model`."""
+        data = mujoco.MjData(model)
+        data.qpos[joints.qpos] = description.initial_position
+        self._joints = joints
+        self._dof_count = int(model.nv)
+        self._base_quaternion: slice | None = None
+        self.height = 0.0
+        """m, above the world's origin, of a floating base."""
+        if description.is_floating:
+            FloatingBase(model, description, data.qpos).place(data)
+            position, self._base_quaternion, _, _ = base_addresses(model, description)
+            self.height = float(data.qpos[position][2])
+        self._qpos: FloatArray = data.qpos.copy()
+
+    def arrays(
+        self,
+        batch: tuple[int, ...] = (),
+        *,
+        joint_position: FloatArray | None = None,
+        joint_velocity: FloatArray | None = None,
+        base_yaw: FloatArray | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """MuJoCo's generalised position (..., nq) and velocity (..., nv), new arrays.
+
+        Args:
+            batch: what (...) is.
+            joint_position: shape (..., n), rad; None for the description's initial position.
+            joint_velocity: shape (..., n), rad/s; None for rest.
+            base_yaw: shape (...), rad, about the vertical, by which a floating base is turned; None for not at all.
+        """
+        qpos = np.broadcast_to(self._qpos, (*batch, len(self._qpos))).copy()
+        qvel = np.zeros((*batch, self._dof_count))
+        if joint_position is not None:
+            qpos[..., self._joints.qpos] = joint_position
+        if joint_velocity is not None:
+            qvel[..., self._joints.dof] = joint_velocity
+        if base_yaw is not None and self._base_quaternion is not None:
+            half, none = 0.5 * np.asarray(base_yaw), np.zeros(batch)
+            turn = np.stack([np.cos(half), none, none, np.sin(half)], axis=-1)
+            qpos[..., self._base_quaternion] = multiply(turn, self._qpos[self._base_quaternion])
+        return qpos, qvel
 
 
 def _clearance(model: mujoco.MjModel, qpos: FloatArray) -> float:

@@ -66,7 +66,7 @@ def test_episodes_are_those_of_the_gymnasium_environment(name: str) -> None:
 
 def test_a_term_is_an_entry_in_the_policy_s_order() -> None:
     ours = load("lite_tracking")
-    names = [term.name for term in ours.task.env.setting.contract.terms]
+    names = [term.name for term in ours.task.env.scenario.contract.terms]
     assert list(ours.reset().observation) == names
     assert list(ours.observation_spec()) == names
     whole = load("lite_tracking", seed=1, flat_observation=True).reset().observation["observations"]
@@ -97,7 +97,7 @@ def test_how_episodes_end() -> None:
 def test_the_action_is_named_and_bounded() -> None:
     ours = load("biped_velocity")
     spec = ours.action_spec()
-    assert spec.name.split("\t") == list(ours.task.env.setting.contract.action_joint_names)
+    assert spec.name.split("\t") == list(ours.task.env.scenario.contract.action_joint_names)
     np.testing.assert_array_equal(spec.minimum, ours.task.env.action_space.low)
     np.testing.assert_array_equal(spec.maximum, ours.task.env.action_space.high)
     assert ours.control_timestep() == pytest.approx(0.02)

@@ -136,7 +136,7 @@ def test_published_policies_from_a_recording(folder: Path, policy: str, step: fl
     ticks = policy_ticks(folder / "r.mcap")
     assert len(ticks) >= 50
     env = PolicyEnv(path, g1, physics_timestep=step)
-    assert_same_trajectory(env, {"recording": "r.mcap"}, env.setting.policy, ticks)
+    assert_same_trajectory(env, {"recording": "r.mcap"}, env.scenario.policy, ticks)
     anchored = "anchor_pose" in ticks[0].input.state.extern
     assert anchored is path.name.startswith("Waltz")
 

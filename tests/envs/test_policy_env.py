@@ -51,7 +51,7 @@ def test_the_sample_policy_follows_its_motion_to_the_end(arms: PolicyEnv) -> Non
     total, steps, over = 0.0, 0, False
     while not over:
         assert arms.observation_space.contains(observation)
-        action = arms.setting.policy(observation, info["frame"])
+        action = arms.scenario.policy(observation, info["frame"])
         assert arms.action_space.contains(action)
         observation, reward, terminated, over, info = arms.step(action)
         steps += 1
@@ -68,7 +68,7 @@ def test_a_seed_decides_the_episode(arms: PolicyEnv) -> None:
         observation, info = arms.reset(seed=seed)
         seen = [observation.tobytes()]
         for _ in range(5):
-            observation, reward, *_, info = arms.step(arms.setting.policy(observation, info["frame"]))
+            observation, reward, *_, info = arms.step(arms.scenario.policy(observation, info["frame"]))
             seen += [observation.tobytes(), np.float64(reward).tobytes()]
         return seen
 
@@ -156,7 +156,7 @@ def test_an_observation_beyond_any_robot_s_is_a_fault(arms: PolicyEnv) -> None:
 
 
 def test_actions_beyond_their_bounds_command_no_more(arms: PolicyEnv) -> None:
-    wiring, robot = arms.setting.wiring, arms.setting.description
+    wiring, robot = arms.scenario.wiring, arms.scenario.description
     state, _ = arms.robot.read()
     for bound, stop, sign in ((arms.action_space.low, robot.upper, -1), (arms.action_space.high, robot.lower, 1)):
         _, command = wiring.act(wiring.activate(state), bound)
@@ -188,8 +188,8 @@ def test_observation_bounds_follow_scale_and_history() -> None:
     np.testing.assert_array_equal(low[14:42], -high[14:42])
     np.testing.assert_allclose(high[42:], 100.0, rtol=0.01)
     observation, _ = env.reset(seed=0)
-    step = env.setting.wiring.layout.step_width
-    assert stack(env.setting.wiring.layout, np.zeros(step, dtype=np.float32), None)[0].shape == observation.shape
+    step = env.scenario.wiring.layout.step_width
+    assert stack(env.scenario.wiring.layout, np.zeros(step, dtype=np.float32), None)[0].shape == observation.shape
 
 
 def test_delays_are_between_robot_and_policy_and_not_in_the_reward() -> None:

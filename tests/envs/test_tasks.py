@@ -7,10 +7,9 @@ from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
 from humanoid_sim.controllers.rotation import multiply, rotate
-from humanoid_sim.envs.tasks.balance import BalanceTask
-from humanoid_sim.envs.tasks.choice import TASKS, make_task
+from humanoid_sim.envs.tasks import TASKS, make_task
 from humanoid_sim.envs.tasks.motion import MotionTask
-from humanoid_sim.envs.tasks.task import Task
+from humanoid_sim.envs.tasks.task import BalanceTask, Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError

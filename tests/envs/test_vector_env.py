@@ -182,7 +182,7 @@ def test_a_whole_motion_ends_as_in_single_environments(both: tuple[PolicyVectorE
     native, sync = both
     native.reset(seed=0)
     sync.reset(seed=0)
-    frames = native.setting.wiring.reference.frame_count
+    frames = native.scenario.wiring.reference.frame_count
     rest = np.zeros(native.action_space.shape, dtype=np.float32)
     for _ in range(frames + 1):
         ours, theirs = native.step(rest), sync.step(rest)
@@ -259,8 +259,8 @@ def test_a_mask_resets_some() -> None:
 
 def test_commands_of_the_caller_hold() -> None:
     native = make(BIPED)
-    names = [term.name for term in native.setting.contract.terms]
-    layout = native.setting.wiring.layout.terms[names.index("velocity_commands")]
+    names = [term.name for term in native.scenario.contract.terms]
+    layout = native.scenario.wiring.layout.terms[names.index("velocity_commands")]
 
     def commanded(observation: Any) -> FloatArray:
         return np.asarray(observation[:, layout.start : layout.stop], dtype=np.float64)

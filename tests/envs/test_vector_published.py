@@ -30,7 +30,7 @@ def test_a_published_policy_walks_the_same_steps(policy: str, timestep: float) -
     }
     native: Any = gymnasium.make_vec(NAME, num_envs=COUNT, threads=2, **options)
     singles: list[Any] = [gymnasium.make(NAME, **options) for _ in range(COUNT)]
-    act = singles[0].unwrapped.setting.policy
+    act = singles[0].unwrapped.scenario.policy
     native.reset(seed=0)
     seen = [single.reset(seed=i) for i, single in enumerate(singles)]
     for _ in range(50):

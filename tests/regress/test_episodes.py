@@ -82,7 +82,7 @@ def test_body_errors_are_those_of_the_tracking_report(short: PreparedCase) -> No
     (episode,) = run_episodes(short, [0], QUIET, watch=steps)
     assert short.motion is not None
     errors = TrackingErrors(
-        short.setting.description, short.motion.frames, short.motion.body_names, short.setting.contract.policy_dt
+        short.scenario.description, short.motion.frames, short.motion.body_names, short.scenario.contract.policy_dt
     )
     for frame, step in enumerate(steps[1:], start=1):
         errors.update(frame, step.state.joint_position[0])

@@ -17,11 +17,10 @@ from humanoid_sim.simulation.batch.counter_random import seed_keys
 from humanoid_sim.simulation.batch.models import ModelPool
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.simulation.batch.physics import BatchPhysics, usable_processors
-from humanoid_sim.simulation.batch.placement import Placement
 from humanoid_sim.simulation.batch.randomisation import Randomisation, vary_models
 from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.delay import delay_steps
-from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.floating_base import BaseState, StartPose, base_addresses
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 from humanoid_sim.simulation.stability import DampingStability
 
@@ -91,7 +90,8 @@ class BatchSimulation:
         self._timestep = timestep
         self._joints = joint_addresses(model, description.joint_names)
         push = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
-        self._placement = Placement(model, description, self._joints)
+        self._start = StartPose(model, description, self._joints)
+        self._base = base_addresses(model, description) if description.is_floating else None
         self._pool = ModelPool(model, count)
         self.threads = min(usable_processors() if threads is None else threads, count)
         """Threads that step physics."""
@@ -159,9 +159,9 @@ class BatchSimulation:
     @property
     def base(self) -> BaseState | None:
         """True pose and motion of floating bases, shape (N, …); None for fixed ones."""
-        if self._placement.base is None:
+        if self._base is None:
             return None
-        position, orientation, linear, angular = self._placement.base
+        position, orientation, linear, angular = self._base
         quaternion = self._physics.qpos[:, orientation]
         quaternion = quaternion / np.sqrt((quaternion * quaternion).sum(axis=1, keepdims=True))
         linear_velocity, angular_velocity = (self._physics.qvel[:, i].copy() for i in (linear, angular))
@@ -213,8 +213,11 @@ class BatchSimulation:
             qvel: shape (k, nv), MuJoCo's generalised velocity, instead of `joint_velocity`.
         """
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-        position = self._placement.position(len(where), joint_position, base_yaw) if qpos is None else np.asarray(qpos)
-        velocity = self._placement.velocity(len(where), joint_velocity) if qvel is None else np.asarray(qvel)
+        position, velocity = self._start.arrays(
+            where.shape, joint_position=joint_position, joint_velocity=joint_velocity, base_yaw=base_yaw
+        )
+        position = position if qpos is None else np.asarray(qpos)
+        velocity = velocity if qvel is None else np.asarray(qvel)
         self._physics.set(where, position, velocity)
         self._motors.hold(where, position[:, self._joints.qpos])
         self._effort[where] = 0.0

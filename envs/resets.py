@@ -1,4 +1,4 @@
-"""What a vector environment and its reset take, checked."""
+"""What environments and their resets take, checked; and the random numbers that their episodes start from."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["autoreset", "count_option", "reset_command", "reset_mask", "reset_seeds"]
+__all__ = ["StartNumbers", "autoreset", "count_option", "reset_command", "reset_mask", "reset_seeds", "velocity_option"]
+
+IndexArray = npt.NDArray[np.intp]
+
+_EPISODES = 16
+"""Whose start numbers are drawn at a time."""
 
 
 def reset_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
@@ -95,3 +101,77 @@ def reset_command(options: dict[str, Any], count: int) -> FloatArray | None:
             f"for each of {count} environments"
         )
     return np.broadcast_to(command, (count, 3))
+
+
+def velocity_option(value: Any) -> FloatArray:
+    """Shape (3,): vx, vy in m/s and yaw rate in rad/s.
+
+    Raises:
+        InputError: the option is not three finite numbers.
+    """
+    try:
+        command = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        command = np.empty(0)
+    if command.shape != (3,) or not np.isfinite(command).all():
+        raise InputError(f"reset: command is {value!r}, expected vx, vy and yaw rate: three finite numbers")
+    return command
+
+
+class StartNumbers:
+    """Uniform numbers in [0, 1) for N environments, each from a stream of its own, drawn ahead for many episodes.
+
+    An environment's are those that a single one draws from Gymnasium's `np_random` with the same seed: a generator
+    gives the same numbers whether it is asked for one episode's or for a block of several.
+    """
+
+    def __init__(self, count: int, width: int) -> None:
+        """Set up.
+
+        Args:
+            count: N.
+            width: k, numbers that one start takes.
+        """
+        self._generators: list[np.random.Generator | None] = [None] * count
+        self.seeds = np.zeros(count, dtype=np.uint64)
+        """Shape (N,), what the environments were last seeded with (of a longer seed the lowest 64 bits)."""
+        self._blocks = np.zeros((count, _EPISODES, width))
+        self._next = np.full(count, _EPISODES)
+
+    @property
+    def generators(self) -> tuple[np.random.Generator, ...]:
+        """The streams; some of what they have drawn lies in the blocks. Any that has no seed yet gets one."""
+        return tuple(self._generator(i) for i in range(len(self._generators)))
+
+    def seed(self, indices: IndexArray, seeds: Sequence[int | None]) -> None:
+        """Start streams anew.
+
+        Args:
+            indices: shape (k,), environments.
+            seeds: k of them; None leaves a stream as it is, and draws a seed where there is none.
+        """
+        for i, seed in zip(indices.tolist(), seeds, strict=True):
+            if seed is not None:
+                self._start(i, seed)
+            else:
+                self._generator(i)
+
+    def take(self, indices: IndexArray) -> FloatArray:
+        """The numbers of the next start of each of these environments, shape (k, width)."""
+        for i in indices[self._next[indices] == _EPISODES].tolist():
+            self._blocks[i] = self._generator(i).random(self._blocks.shape[1:])
+            self._next[i] = 0
+        numbers: FloatArray = self._blocks[indices, self._next[indices]]
+        self._next[indices] += 1
+        return numbers
+
+    def _generator(self, i: int) -> np.random.Generator:
+        generator = self._generators[i]
+        return self._start(i, None) if generator is None else generator
+
+    def _start(self, i: int, seed: int | None) -> np.random.Generator:
+        generator, used = seeding.np_random(seed)
+        self._generators[i] = generator
+        self.seeds[i] = used % 2**64
+        self._next[i] = _EPISODES
+        return generator

@@ -1,0 +1,172 @@
+"""What an environment is about, whatever steps it: a robot, a policy, the motion that it follows, and a task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from humanoid_sim.assets import asset_path, motion_path
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, PolicyWiring
+from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
+from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.readers.contract_yaml import read_contract_file
+from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
+from humanoid_sim.simulation.floating_base import StartPose
+from humanoid_sim.simulation.model import build_model, joint_addresses
+
+__all__ = ["Named", "Scenario", "make_scenario", "read_policy"]
+
+Named = str | Path
+"""The name of a file that ships with the package, or a path."""
+
+_CONTRACTS = (".yaml", ".yml")
+
+_MOST = float(np.finfo(np.float32).max)
+"""Of an action limit: an action of float32 that is infinite must be beyond it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scenario:
+    """Everything about an environment that does not depend on how many robots there are."""
+
+    description: RobotDescription
+    """The robot, with the contract's gains, in the contract's default pose."""
+    wiring: PolicyWiring
+    """What the policy observes and commands, by the functions of the deployed controller."""
+    task: Task
+    policy: Policy
+    """The checkpoint's; one that answers zeros where there is only a contract."""
+    physics_timestep: float
+    """s"""
+
+    @property
+    def contract(self) -> PolicyContract:
+        """Of the policy."""
+        return self.wiring.contract
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Bodies whose poses in the base frame the task compares; other motions are joints and an anchor body."""
+        return self.contract.body_names if "motion_body_pos_b" in self.wiring.reference.terms else ()
+
+
+def make_scenario(
+    contract: Named | PolicyContract,
+    robot: Named | RobotDescription,
+    motion: Named | Motion | None = None,
+    *,
+    task: str = "auto",
+    physics_timestep: float | None = None,
+    action_limit: float = ACTION_LIMIT,
+    **task_options: Any,
+) -> Scenario:
+    """Read what is named, and check that it fits together.
+
+    Args:
+        contract: of the policy, as `read_policy` takes it.
+        robot: a description, or what `load_robot` takes.
+        motion: what the policy follows, as `read_policy` takes it.
+        task: as `make_task` takes it.
+        physics_timestep: s; None for the robot's.
+        action_limit: largest magnitude of a raw action; beyond it the policy has failed.
+        task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
+
+    Raises:
+        InputError: one line that says what cannot be read, or what does not fit.
+    """
+    if not 0.0 < action_limit <= _MOST:
+        raise InputError(f"action_limit: is {action_limit}, expected a number > 0 and at most {_MOST:g}")
+    for name in task_options:
+        if name not in TASK_OPTIONS:
+            raise InputError(known_names("task option", name, TASK_OPTIONS))
+    described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
+    loaded = read_policy(contract, motion, described.joint_names)
+    read = loaded.contract
+    description = with_contract(described, read)
+    estimated = {BASE_LINEAR_VELOCITY: description.is_floating, ANCHOR_POSE: bool(read.anchor_body)}
+    extern = {name: width for name, width in EXTERN_WIDTHS.items() if name == VELOCITY_COMMAND or estimated[name]}
+    try:
+        wiring = PolicyWiring(description.joint_names, read, loaded.reference, extern, action_limit)
+    except FieldError as error:
+        raise InputError(f"policy on robot '{description.name}': {error}") from None
+
+    timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
+    model = build_model(description, physics_timestep=timestep, scene="floor")
+    start = StartPose(model, description, joint_addresses(model, description.joint_names))
+    return Scenario(
+        description=description,
+        wiring=wiring,
+        task=make_task(task, description, read, loaded.reference, standing_height=start.height, **task_options),
+        policy=loaded.policy,
+        physics_timestep=timestep,
+    )
+
+
+def read_policy(source: Named | PolicyContract, motion: Named | Motion | None, joints: tuple[str, ...]) -> LoadedPolicy:
+    """A policy with the motion that it follows, checked against each other.
+
+    Args:
+        source: a contract, or the name or path of a checkpoint or a contract file. Where there is no checkpoint the
+            policy answers zeros.
+        motion: a sample motion by name, a file by path, or the motion itself; None for the one that a checkpoint
+            carries in its graph, and for policies that follow none.
+        joints: of the robot, in its order.
+
+    Raises:
+        InputError: one line that says what cannot be read, or what does not fit.
+    """
+    checkpoint = _checkpoint(source, joints)
+    contract, followed = checkpoint.contract, checkpoint.motion
+    what = "motion" if isinstance(motion, Motion | None) else str(motion)
+    if motion is not None:
+        followed = motion if isinstance(motion, Motion) else _read_motion(what)
+    if contract.task_type == "locomotion":
+        if motion is not None:
+            raise InputError(f"motion: is '{what}', but {checkpoint.source} follows no motion")
+    elif followed is None:
+        raise InputError(f"motion: is missing; {checkpoint.source} is a {contract.task_type} policy and follows one")
+    return load_policy(
+        contract,
+        checkpoint.policy,
+        followed,
+        checkpoint.observation_width,
+        source=checkpoint.source,
+        motion_source=what,
+    )
+
+
+def _checkpoint(source: Named | PolicyContract, joints: tuple[str, ...]) -> Checkpoint:
+    if isinstance(source, PolicyContract):
+        return Checkpoint(source, zero_policy(source.action_count), "contract")
+    path = _policy_file(source)
+    if path.suffix == ".onnx":
+        return load_checkpoint(path, None, joints)
+    contract = merge(read_contract_file(path), str(path), joints)
+    return Checkpoint(contract, zero_policy(contract.action_count), str(path))
+
+
+def _read_motion(name: str) -> Motion:
+    try:
+        path = motion_path(name)
+    except InputError as error:  # which names the option of `play`
+        raise InputError(str(error).removeprefix("--")) from None
+    return read_motion(path)
+
+
+def _policy_file(name: Named) -> Path:
+    """The file of a checkpoint (.onnx) or a contract (.yaml)."""
+    shipped = {path.name.split(".")[0]: path for path in sorted(asset_path("policies").iterdir())}
+    path = shipped.get(str(name), Path(name))
+    if path.suffix not in (".onnx", *_CONTRACTS):
+        known = ", ".join(shipped)
+        raise InputError(f"policy: is '{name}', expected a checkpoint (.onnx), a contract (.yaml) or one of: {known}")
+    return path
