@@ -15,6 +15,6 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `hardware` with command-line arguments; returns the exit status."""
-    from humanoid_sim.hardware.cli import main as program  # noqa: PLC0415 - importing the package must stay quick
+    from humanoid_sim.hardware.tools import main as program  # noqa: PLC0415 - importing the package must stay quick
 
     return program(arguments)

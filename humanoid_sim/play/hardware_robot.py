@@ -11,13 +11,13 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.adapter.robot import RobstrideRobot
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
-from humanoid_sim.hardware.robot.robot import RobstrideRobot
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, support_listener

@@ -8,10 +8,10 @@ from bus_rig import LITE
 from msgspec.structs import replace
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.cli.emulate import HandSweep
 from humanoid_sim.hardware.emulation.drives import RATED_RISE, TIME_CONSTANT, heat
 from humanoid_sim.hardware.emulation.plant import MotorPlant
 from humanoid_sim.hardware.emulation.settings import NEW_FIRMWARE, EmulationSettings, motor_identities
+from humanoid_sim.hardware.tools.emulate import HandSweep
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 

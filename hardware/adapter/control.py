@@ -1,0 +1,271 @@
+"""Motors under control: their joints' state and safety, commands to them, and how they are left."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.hardware.adapter.activation import Prepared
+from humanoid_sim.hardware.adapter.joint_tracking import JointReadings, JointTracker
+from humanoid_sim.hardware.adapter.watch import SafetyWatch
+from humanoid_sim.hardware.adapter.wiring import AdapterSettings, Wiring
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.imu.interface import ImuReading
+from humanoid_sim.hardware.robstride.commands import OperationControlEncoder
+from humanoid_sim.hardware.robstride.enabling import set_reports, stop_motors
+from humanoid_sim.hardware.robstride.motor_table import mode_text
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, bounded_position
+from humanoid_sim.session.rest import RestDetector
+
+__all__ = [
+    "CommandEncoder",
+    "MotorControl",
+    "damp_until_rest",
+    "disable",
+    "is_damped",
+    "is_limp",
+    "robot_state",
+    "unconfirmed",
+]
+
+
+_BAD_COMMAND = SafetyStatus(
+    SafetyLevel.CRITICAL, SafetyFlag.NONE, "host", "a command was not finite and was replaced by damping"
+)
+"""The status about this program's own commands."""
+
+
+class MotorControl:
+    """What lasts from one activation to the next. Nothing here waits or raises for what happens on a bus."""
+
+    def __init__(self, settings: AdapterSettings, channels: OpenChannels, prepared: Prepared) -> None:
+        """Begin with motors that were prepared; commands are sent once they are enabled.
+
+        Args:
+            settings: the robot's.
+            channels: open.
+            prepared: what was found about the motors.
+        """
+        wiring = settings.wiring
+        self._settings = settings
+        self._channels = channels
+        self._tracker = JointTracker(wiring, prepared.turns)
+        self._joints = self._tracker.update(channels.table.readings())
+        self._watch: SafetyWatch | None = None
+        self._bad_command = -math.inf
+        self.encoder = CommandEncoder(wiring, len(channels.channels), 2.0 * settings.control_period)
+        self.reporting = prepared.reporting
+        """Joints whose motors send active reports."""
+        self.last_command: MITCommand | None = None
+        """The last that was sent."""
+        self.refused = 0
+        """Commands that were not sent as they were: not enabled, or not finite."""
+        zeros = np.zeros(wiring.count)
+        self._damped = MITCommand(zeros, zeros, zeros, zeros, settings.damping)
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the motors were enabled, and not disabled since by this program."""
+        return self._watch is not None
+
+    @property
+    def jumped(self) -> frozenset[str]:
+        """Joints whose position jumped."""
+        names = self._settings.wiring.names
+        return frozenset(names[i] for i in np.flatnonzero(self._tracker.jumped))
+
+    def enable(self, now: float) -> None:
+        """The motors are enabled as of `now`, s, robot's clock."""
+        self._channels.begin()
+        self._watch = SafetyWatch(self._settings, self._channels.table, self._channels.channels, since=now)
+
+    def disable(self) -> None:
+        """The motors are disabled: nothing more is sent."""
+        self._watch = None
+
+    def read(self) -> JointReadings:
+        """The joints' latest state."""
+        self._joints = self._tracker.update(self._channels.table.readings())
+        return self._joints
+
+    def statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
+        """One status per channel, and one about this program's commands if one was bad; none before enabling.
+
+        Args:
+            now: s, robot's clock.
+            age: shape (n,), s since each joint was heard.
+        """
+        if self._watch is None:
+            return ()
+        statuses = self._watch.statuses(now, age, self._tracker)
+        return statuses if now - self._bad_command > self._settings.rx_timeout else (*statuses, _BAD_COMMAND)
+
+    def write(self, command: MITCommand, now: float) -> None:
+        """Hand a command, shape (n,), to every motor. One that is not finite is replaced by damping."""
+        if self._watch is None:
+            self.refused += 1
+            return
+        if not command.is_finite():
+            self.refused += 1
+            self._bad_command = now
+            command = self._damped
+        self.last_command = command
+        batches = self.encoder.encode(command, self._joints, self._tracker)
+        for channel, batch in zip(self._channels.channels, batches, strict=True):
+            self._channels.table.count_commands(batch)
+            channel.send(batch)
+
+    def damp(self, now: float) -> None:
+        """DAMPING's command, which needs no state."""
+        self.write(self._damped, now)
+
+
+def robot_state(now: float, joints: JointReadings, age: FloatArray, imu: ImuReading) -> MITState:
+    """What the control stack reads.
+
+    Args:
+        now: s, robot's clock.
+        joints: in the joint frame.
+        age: shape (n,), s since each joint was heard.
+        imu: what it last felt.
+    """
+    return MITState(
+        time=now,
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        joint_effort=joints.effort,
+        joint_age=age,
+        imu_quaternion=imu.quaternion,
+        imu_angular_velocity=imu.angular_velocity,
+        imu_linear_acceleration=imu.linear_acceleration,
+    )
+
+
+class CommandEncoder:
+    """Joint commands to frames, counting what was cut off."""
+
+    def __init__(self, wiring: Wiring, channel_count: int, lead: float) -> None:
+        """Prepare.
+
+        Args:
+            wiring: joints and motors.
+            channel_count: channels to encode for.
+            lead: s, see `bounded_position`.
+        """
+        self._wiring = wiring
+        self._lead = lead
+        self._joints = tuple(np.array(wiring.on_channel(channel), dtype=int) for channel in range(channel_count))
+        self._encoders = tuple(
+            OperationControlEncoder([wiring.motor_id[i] for i in joints], [wiring.model[i] for i in joints])
+            for joints in self._joints
+        )
+        self._saturated: npt.NDArray[np.int64] = np.zeros((len(COMMAND_FIELDS), wiring.count), dtype=np.int64)
+        self._bounded: npt.NDArray[np.int64] = np.zeros(wiring.count, dtype=np.int64)
+
+    def encode(
+        self, command: MITCommand, state: JointReadings, tracker: JointTracker
+    ) -> tuple[tuple[tuple[int, Frame], ...], ...]:
+        """For each channel the joints and their frames. The command must be finite, its shape (n,)."""
+        wiring = self._wiring
+        limit = wiring.effort_limit
+        effort = np.clip(command.effort, -limit, limit)
+        limited = MITCommand(command.position, command.velocity, effort, command.stiffness, command.damping)
+        position = bounded_position(limited, state.position, state.velocity, limit, self._lead)
+        self._saturated[2] += effort != command.effort
+        self._bounded += position != command.position
+        values = np.array(
+            [
+                tracker.to_motor(position),
+                wiring.direction * command.velocity,
+                wiring.direction * effort,
+                command.stiffness,
+                command.damping,
+            ]
+        )
+        batches = []
+        for joints, encoder in zip(self._joints, self._encoders, strict=True):
+            encoded = encoder.encode(values[:, joints])
+            self._saturated[:, joints] += encoded.saturated
+            batches.append(tuple(zip(joints.tolist(), encoded.frames, strict=True)))
+        return tuple(batches)
+
+    @property
+    def saturations(self) -> Mapping[str, Mapping[str, int]]:
+        """By joint and field of the command: how often a value was cut off. Joints without any are left out."""
+        return {
+            name: {field: int(n) for field, n in zip(COMMAND_FIELDS, self._saturated[:, i], strict=True) if n}
+            for i, name in enumerate(self._wiring.names)
+            if self._saturated[:, i].any()
+        }
+
+    @property
+    def bounded(self) -> Mapping[str, int]:
+        """By joint: how often the position was moved so that the MIT law stays within the effort limit."""
+        return {name: int(n) for name, n in zip(self._wiring.names, self._bounded, strict=True) if n}
+
+
+_LONGEST = 3.0
+"""s that damping may take, as at the end of a session."""
+_PERIOD = 0.01
+"""s between its commands."""
+_LAST_ANSWERS = 0.1
+"""s at most in which the last commands are answered."""
+_SLOW = 0.05
+"""rad/s below which a joint that is damped already needs no more of it."""
+
+
+def is_limp(command: MITCommand) -> bool:
+    """Whether a command exerts no torque, whatever the joints do."""
+    return not (command.stiffness.any() or command.damping.any() or command.effort.any())
+
+
+def is_damped(command: MITCommand, state: MITState, stale: float) -> bool:
+    """Whether the joints are known to rest under a command that only damps them.
+
+    A joint that has been silent for more than `stale` s may have been at rest then, and fall now.
+    """
+    passive = not (command.stiffness.any() or command.effort.any())
+    slow = bool((np.abs(state.joint_velocity) < _SLOW).all())
+    return passive and slow and bool((state.joint_age <= stale).all())
+
+
+def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None], stale: float) -> None:
+    """Damp until the joints are known to rest, for 3 s at most, and for all of that where one is silent."""
+    rest = RestDetector(_PERIOD)
+    deadline = time.monotonic() + _LONGEST
+    while time.monotonic() < deadline:
+        damp()
+        state = read()
+        if (state.joint_age > stale).any():
+            rest = RestDetector(_PERIOD)
+        elif rest.update(state):
+            return
+        time.sleep(_PERIOD)
+
+
+def disable(settings: AdapterSettings, channels: OpenChannels, reporting: Iterable[int]) -> tuple[int, ...]:
+    """Stop all motors and their active reports; the joints whose motors did not confirm it, asked twice over."""
+    channels.wait(lambda: channels.unanswered <= 0, _LAST_ANSWERS)
+    channels.table.counts_answers = False
+    channels.forget_queues()
+    set_reports(channels.requests, reporting, is_on=False)
+    joints: Sequence[int] = range(settings.wiring.count)
+    for _ in range(2):
+        joints = stop_motors(channels.requests, joints)
+    return tuple(joints)
+
+
+def unconfirmed(settings: AdapterSettings, channels: OpenChannels | None, joints: Iterable[int]) -> str:
+    """What to tell whoever stands next to motors that may still be enabled."""
+    samples = {} if channels is None else {i: channels.table.slots[i].sample for i in joints}
+    names = ", ".join(f"{settings.wiring.names[i]} ({mode_text(samples.get(i))})" for i in joints)
+    return (
+        f"not confirmed to be disabled: {names}. Without commands their CAN timeout stops them after "
+        f"{1000.0 * settings.can_timeout:g} ms; switch the power off before touching the robot"
+    )

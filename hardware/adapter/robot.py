@@ -1,0 +1,317 @@
+"""A robot of Robstride motors on CAN channels, as the `Robot` protocol has it."""
+
+from __future__ import annotations
+
+import contextlib
+import time as system_time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.adapter.activation import gain_warnings, prepare_motors
+from humanoid_sim.hardware.adapter.control import (
+    MotorControl,
+    damp_until_rest,
+    disable,
+    is_damped,
+    is_limp,
+    robot_state,
+    unconfirmed,
+)
+from humanoid_sim.hardware.adapter.joint_tracking import unheard
+from humanoid_sim.hardware.adapter.statistics import RobotStatistics, gather_statistics
+from humanoid_sim.hardware.adapter.wiring import make_settings
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.channel import OpenBus
+from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
+from humanoid_sim.hardware.checks import Check, CheckList
+from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
+from humanoid_sim.hardware.robstride.enabling import enable_motors, stop_motors
+from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
+from humanoid_sim.hardware.robstride.open_channels import Locks, OpenChannels
+from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.robots.schema import RobotDescription
+
+__all__ = ["RobstrideRobot"]
+
+_JUMPED = "its position jumped before: compare it with this list, and calibrate if it differs"
+
+
+class RobstrideRobot:
+    """Real motors, or emulated ones that speak their protocol.
+
+    Nothing is sent before `prepare` or `activate`. Both begin afresh each time: channels are opened again, every motor
+    is identified, stopped, configured and verified; `activate` then enables them, without torque. In between, `read`
+    and `write` never raise for anything that happens on a bus: it becomes a safety status, and a joint that is not
+    heard keeps its last values and ages.
+    """
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        channels: Sequence[BusAddress | str],
+        *,
+        calibration: Mapping[str, float],
+        control_period: float | None = None,
+        clock: Callable[[], float] = system_time.monotonic,
+        host_id: int = DEFAULT_HOST_ID,
+        can_timeout: float = 0.1,
+        imu: Imu | None = None,
+        dry_run: bool = False,
+        open_bus: OpenBus = open_python_can,
+    ) -> None:
+        """Describe the robot; nothing is opened yet.
+
+        Args:
+            description: joints, motors and limits.
+            channels: one that carries all motors, or one per bus of the robot in their order.
+            calibration: homing offset of every joint, rad, motor frame.
+            control_period: s between commands; None for the description's.
+            clock: s, monotonic; the robot's own clock counts from now.
+            host_id: this host's id on the bus.
+            can_timeout: s without a command after which the motors stop by themselves.
+            imu: where orientation comes from; without one the state is that of a base upright and at rest.
+            dry_run: never enable: `activate` verifies everything and then refuses.
+            open_bus: opens a channel.
+
+        Raises:
+            InputError: a channel, the calibration or a number does not fit.
+        """
+        self._description = description
+        self._settings = make_settings(
+            description,
+            channels,
+            calibration,
+            control_period=control_period,
+            host_id=host_id,
+            can_timeout=can_timeout,
+        )
+        self._imu = imu
+        self._dry_run = dry_run
+        self._open_bus = open_bus
+        self._clock, self._origin = clock, clock()
+        self._locks = Locks()
+        self._channels: OpenChannels | None = None
+        self._control: MotorControl | None = None
+        self._why_not = "not activated"
+        self._may_run: frozenset[int] = frozenset()
+        self._uids: Mapping[int, bytes] = {}
+        self._slipped: frozenset[str] = frozenset()
+        self._checks = CheckList(self._settings.name)
+        self._is_closing = self._is_closed = False
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """See `Robot.joints`."""
+        return self._settings.wiring.names
+
+    @property
+    def description(self) -> RobotDescription:
+        """What this robot was built from."""
+        return self._description
+
+    @property
+    def control_period(self) -> float:
+        """Time between two commands, s."""
+        return self._settings.control_period
+
+    @property
+    def time(self) -> float:
+        """The robot's clock, s, from construction."""
+        return self._clock() - self._origin
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` has done all it does: before that, there may be motors to protect."""
+        return self._is_closed
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the motors were enabled, and not disabled since by this program."""
+        return self._control is not None and self._control.is_enabled
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """What the latest `prepare` or `activate` found, for an operator to read."""
+        return self._checks.all
+
+    @property
+    def statistics(self) -> RobotStatistics:
+        """What happened on the buses since they were opened."""
+        return gather_statistics(self._settings, self._channels, self._control, self.time)
+
+    # --- activation
+
+    def prepare(self) -> None:
+        """Verify and configure everything, and leave the motors stopped.
+
+        Raises:
+            RobotError: with the whole list of what is wrong. The robot can still be read, and reports that it is not
+                enabled.
+        """
+        self._prepare()
+
+    def activate(self) -> None:
+        """Verify and configure everything afresh, then enable every motor, without torque.
+
+        Raises:
+            RobotError: with the whole list of what is wrong; no motor is enabled then.
+        """
+        channels, control = self._prepare()
+        if self._dry_run:
+            raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
+        self._may_run = frozenset(range(self._settings.wiring.count))
+        try:
+            joints = range(self._settings.wiring.count)
+            enable_motors(channels.requests, joints, self._settings.can_timeout, self._checks)
+            self._checks.refuse()
+        except BaseException as error:
+            self._give_up(error)
+            raise
+        control.enable(self.time)
+
+    def _prepare(self) -> tuple[OpenChannels, MotorControl]:
+        if self._is_closing:
+            raise RobotError(f"{self._settings.name}: the robot is closed")
+        if self._control is not None:
+            self._slipped |= self._control.jumped
+            if self._control.is_enabled:
+                self._damp(self._control)  # or arms that still sink would fall while their motors are verified
+        self._control, self._why_not = None, "not enabled"
+        self._checks = CheckList(self._settings.name)
+        for joint, text in gain_warnings(self._description, self._settings.wiring):
+            self._checks.warn(joint, text)
+        for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
+            self._checks.warn(joint, _JUMPED)
+        try:
+            channels = self._open()
+            prepared = prepare_motors(self._settings, channels, self._uids, self._checks)
+        except BaseException as error:
+            self._give_up(error)
+            raise
+        self._may_run, self._uids = frozenset(), prepared.uids
+        self._control = control = MotorControl(self._settings, channels, prepared)
+        return channels, control
+
+    def _open(self) -> OpenChannels:
+        """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
+        if self._channels is not None:
+            self._channels.close()
+            self._channels = None
+        settings, checks = self._settings, self._checks
+        self._locks.take(settings.addresses, checks)
+        if self._imu is not None:
+            self._imu.close()
+            try:
+                self._imu.open()
+            except RobotError as error:
+                checks.problem("imu", str(error))
+        self._channels = OpenChannels(
+            settings.addresses,
+            settings.wiring,
+            settings.host_id,
+            checks,
+            clock=lambda: self.time,
+            open_bus=self._open_bus,
+        )
+        return self._channels
+
+    def _give_up(self, error: BaseException) -> None:
+        """After a refusal: stop the motors, unless another master drives them, whose arms would fall.
+
+        Raises:
+            RobotError: in place of one of these, where motors of an earlier activation do not confirm it.
+        """
+        channels, checks = self._channels, self._checks
+        if channels is not None and (self._may_run or not channels.intruders):
+            channels.forget_queues()
+            self._may_run &= frozenset(stop_motors(channels.requests, range(self._settings.wiring.count)))
+        for joint in sorted(self._may_run):
+            checks.problem(self._settings.wiring.names[joint], "does not confirm that it is disabled")
+        refusal = RobotError(checks.refusal()) if self._may_run else error
+        first = str(refusal).partition("\n")[0] or type(error).__name__
+        self._why_not = first.removeprefix(f"{self._settings.name}: ")
+        if isinstance(error, RobotError) and refusal is not error:
+            raise refusal from error
+
+    # --- the control loop
+
+    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        """The latest state and one status per channel, of the IMU, and of this program's own commands if they were bad.
+
+        Never raises, and waits for nothing.
+        """
+        now, control = self.time, self._control
+        joints = unheard(self._settings.wiring.count) if control is None else control.read()
+        age = np.maximum(now - joints.time, 0.0)
+        imu = upright_at_rest(OK) if self._imu is None else self._imu.read(now)
+        statuses = control.statuses(now, age) if control is not None and control.is_enabled else self._not_enabled()
+        if self._imu is not None:
+            statuses = (*statuses, imu.status)
+        return robot_state(now, joints, age, imu), statuses
+
+    def _not_enabled(self) -> tuple[SafetyStatus, ...]:
+        flags = SafetyFlag.BUS_OFF if self._channels is None else SafetyFlag.MOTOR_FAULT
+        return tuple(
+            SafetyStatus(SafetyLevel.FAULT, flags, str(address), self._why_not) for address in self._settings.addresses
+        )
+
+    def write(self, command: MITCommand) -> None:
+        """Hand a command, shape (n,), to every motor; returns at once. While the motors are not enabled, none is sent.
+
+        A command that is not finite is replaced by damping, and reported.
+
+        Raises:
+            RobotError: the command is for another number of joints, or the robot is closed.
+        """
+        name, n, shape = self._settings.name, self._settings.wiring.count, command.position.shape
+        if shape != (n,) or self._is_closing:
+            what = f"command has shape {shape}, expected ({n},)" if shape != (n,) else "the robot is closed"
+            raise RobotError(f"{name}: {what}")
+        if self._control is not None:
+            self._control.write(command, self.time)
+
+    # --- the end
+
+    def close(self) -> None:
+        """Damp the joints until they rest, disable every motor, verify that, and release everything. Twice is once.
+
+        Raises:
+            RobotError: a motor did not confirm that it is disabled; everything else is done all the same.
+        """
+        if self._is_closing:
+            return
+        self._is_closing = True
+        channels, control = self._channels, self._control
+        with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
+            stack.callback(self._ended)
+            stack.callback(self._locks.release)
+            if self._imu is not None:
+                stack.callback(self._imu.close)
+            if channels is not None:
+                stack.callback(channels.close)
+            if channels is not None and (control is not None or self._may_run):
+                try:
+                    if control is not None:
+                        self._damp(control)
+                finally:
+                    left = disable(self._settings, channels, () if control is None else control.reporting)
+                    self._may_run &= frozenset(left)
+                    if control is not None:
+                        control.disable()
+        if self._may_run:
+            text = unconfirmed(self._settings, channels, sorted(self._may_run))
+            raise RobotError(f"{self._settings.name}: {text}")
+
+    def _ended(self) -> None:
+        self._is_closed = True
+        self._why_not = "closed"
+
+    def _damp(self, control: MotorControl) -> None:
+        """Damp the joints, unless there was no torque, or they rest in DAMPING already."""
+        last, stale = control.last_command, self._settings.rx_timeout
+        if last is None or is_limp(last) or is_damped(last, self.read()[0], stale):
+            return
+        damp_until_rest(lambda: self.read()[0], lambda: control.damp(self.time), stale)

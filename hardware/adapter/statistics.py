@@ -1,0 +1,128 @@
+"""What a run over the bus came to, for an operator and for a summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from humanoid_sim.hardware.adapter.control import MotorControl
+from humanoid_sim.hardware.adapter.wiring import AdapterSettings
+from humanoid_sim.hardware.bus.events import ChannelCounters
+from humanoid_sim.hardware.bus.frame import bus_load
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+
+__all__ = ["ChannelStatistics", "RobotStatistics", "gather_statistics"]
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelStatistics:
+    """One channel since it was opened."""
+
+    source: str
+    counters: ChannelCounters
+    strangers: Mapping[str, int]
+    """Frames that concern no motor of this robot, by what they are."""
+    intrusions: int
+    """Frames by which another host commands our motors."""
+    elapsed: float
+    """s"""
+
+    @property
+    def load(self) -> float:
+        """Estimate of the share of a 1 Mbit/s bus that was in use, 0 to 1, from the frames' number."""
+        frames = self.counters.sent + self.counters.received
+        return bus_load(frames / self.elapsed) if self.elapsed > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class RobotStatistics:
+    """The robot since it was enabled."""
+
+    channels: tuple[ChannelStatistics, ...]
+    commanded: int
+    """Commands to motors, each one frame."""
+    acknowledged: int
+    """Commands that a status answered. Old firmware sends its reports as answers, which then count as such."""
+    reports: int
+    """Active reports."""
+    invalid_frames: int
+    """Frames of our motors that could not be read."""
+    saturations: Mapping[str, Mapping[str, int]]
+    """By joint and field of the command: how often a value was cut off at the end of its range."""
+    bounded: Mapping[str, int]
+    """By joint: how often the position was moved so that the MIT law stays within the effort limit."""
+    temperature: Mapping[str, float]
+    """By joint, °C, as last heard."""
+    refused: int
+    """Commands that were not sent: the motors were not enabled, or a value was not finite."""
+
+    def lines(self) -> tuple[str, ...]:
+        """In words, one line each."""
+        lines = [
+            f"{self.commanded} motor commands, {self.acknowledged} acknowledged, {self.reports} active reports"
+            + (f", {self.refused} command sets refused" if self.refused else "")
+        ]
+        for channel in self.channels:
+            counters = channel.counters
+            parts = [
+                f"{counters.sent} frames sent, {counters.received} received, about {100.0 * channel.load:.0f} % load"
+            ]
+            parts += [
+                f"{count} {what}"
+                for what, count in (
+                    ("times the outgoing queue was full", counters.retries),
+                    ("commands superseded", counters.superseded),
+                    ("overruns", counters.overruns),
+                    ("send errors", counters.send_errors),
+                    ("receive errors", counters.receive_errors),
+                    ("error frames", counters.error_frames),
+                    ("frames of another master", channel.intrusions),
+                    *channel.strangers.items(),
+                )
+                if count
+            ]
+            lines.append(f"{channel.source}: {', '.join(parts)}")
+        if self.invalid_frames:
+            lines.append(f"{self.invalid_frames} frames of the robot's motors could not be read")
+        for joint, fields in self.saturations.items():
+            cut = ", ".join(f"{field} {count} times" for field, count in fields.items())
+            lines.append(f"{joint}: cut off at the motor's range: {cut}")
+        if self.bounded:
+            most = ", ".join(f"{joint} {count} times" for joint, count in self.bounded.items())
+            lines.append(f"position moved to keep within the effort limit: {most}")
+        if self.temperature:
+            joint = max(self.temperature, key=lambda name: self.temperature[name])
+            lines.append(f"warmest motor: {joint}, {self.temperature[joint]:.1f} °C")
+        return tuple(lines)
+
+
+def gather_statistics(
+    settings: AdapterSettings, channels: OpenChannels | None, control: MotorControl | None, now: float
+) -> RobotStatistics:
+    """The statistics since the channels were opened, or of none.
+
+    Args:
+        settings: the robot's.
+        channels: the robot's, open.
+        control: of the motors; none before they are prepared.
+        now: s, robot's clock.
+    """
+    slots = () if channels is None else channels.table.slots
+    found: list[ChannelStatistics] = []
+    if channels is not None:
+        for source, channel, notes in zip(channels.sources, channels.channels, channels.table.channels, strict=True):
+            strangers = dict(notes.strangers)
+            elapsed = now - channels.opened
+            found.append(ChannelStatistics(source, channel.counters, strangers, notes.intrusions, elapsed))
+    names = settings.wiring.names
+    return RobotStatistics(
+        channels=tuple(found),
+        commanded=sum(slot.commanded for slot in slots),
+        acknowledged=sum(slot.acknowledged for slot in slots),
+        reports=sum(slot.reports for slot in slots),
+        invalid_frames=sum(slot.invalid_frames for slot in slots),
+        saturations={} if control is None else control.encoder.saturations,
+        bounded={} if control is None else control.encoder.bounded,
+        temperature={names[slot.joint]: slot.sample.temperature for slot in slots if slot.sample},
+        refused=0 if control is None else control.refused,
+    )

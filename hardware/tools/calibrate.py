@@ -1,0 +1,282 @@
+"""`hardware calibrate`: homing offsets from joints swept by hand."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import select
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+
+from humanoid_sim.cli import complain
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.bus.address import parse_addresses
+from humanoid_sim.hardware.calibration import (
+    CalibrationEntry,
+    Sweep,
+    SweepResult,
+    Verdict,
+    evaluate,
+    load_calibration,
+    save_calibration,
+)
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.tools.bench import NOT_AS_EXPECTED, make_console, make_table, open_bench, silence
+from humanoid_sim.hardware.tools.options import Calibrate
+from humanoid_sim.robots.description import RobotDescription, load_robot
+
+__all__ = ["JointTrack", "JointTracks", "calibrate"]
+
+
+_ANSWER_TIME = 0.1
+"""s that a poll waits for the slowest motor; as a rule all have answered within a few ms."""
+_SILENT = 1.0
+"""s without a position after which a motor counts as silent."""
+
+
+@dataclass(slots=True)
+class JointTrack:
+    """What was seen of one joint."""
+
+    angle: float = math.nan
+    """rad, `direction · motor`, without an offset."""
+    heard: float = -math.inf
+    """s, when."""
+    sweep: Sweep = field(default_factory=Sweep)
+    restarts: int = 0
+    """Times that the sweep began anew, because the motor was silent meanwhile."""
+
+    def take(self, angle: float, time: float) -> None:
+        """Take a position, rad, heard at `time`, s.
+
+        A motor that was silent may have been without power, and then counts its turns anew: what was swept before says
+        nothing any more.
+        """
+        if self.is_silent(time) and math.isfinite(self.heard):
+            self.sweep = Sweep()
+            self.restarts += 1
+        self.angle, self.heard = angle, time
+        self.sweep = self.sweep.with_angle(angle)
+
+    def is_silent(self, time: float) -> bool:
+        """Whether nothing was heard lately."""
+        return time - self.heard > _SILENT
+
+
+class JointTracks:
+    """The tracks of some joints of a robot, by index, fed by `poll`."""
+
+    def __init__(self, wiring: Wiring, channels: OpenChannels, joints: Sequence[int], begin: float) -> None:
+        """Nothing is heard yet; `begin`, s, is now."""
+        self._wiring = wiring
+        self._channels = channels
+        self._begin = begin
+        self.by_joint = {i: JointTrack() for i in joints}
+
+    def poll(self, now: float) -> None:
+        """Read every motor's `mechPos`, which counts turns and does not wrap. Reading is all that they are asked for.
+
+        Raises:
+            SilentMotorError: a motor has never been heard.
+            RobotError: a channel is down.
+        """
+        found = self._channels.requests.poll_values(PARAMETERS["mechPos"], self.by_joint, _ANSWER_TIME)
+        for i, position in found.items():
+            self.by_joint[i].take(float(self._wiring.direction[i]) * position, now)
+        if now - self._begin > _SILENT:
+            for i, track in self.by_joint.items():
+                if track.heard == -math.inf:
+                    who = f"{self._wiring.names[i]} (motor {self._wiring.motor_id[i]})"
+                    raise silence(self._channels, i, who)
+
+
+_POLL_PERIOD = 0.02
+"""s between two readings of all positions."""
+_TABLE_PERIOD = 0.2
+"""s between two pictures of the table."""
+
+
+def calibrate(config: Calibrate) -> int:
+    """Sweep, write the file, and return the exit status.
+
+    Raises:
+        InputError: an option or the existing file is not accepted, or the file cannot be written.
+        SilentMotorError: a motor does not answer.
+        RobotError: a channel cannot be used.
+    """
+    description = load_robot(config.robot)
+    chosen = _chosen_joints(config, description)
+    entries = dict(load_calibration(config.output, description).entries) if os.path.exists(config.output) else {}
+    _check_options(config)
+    addresses = parse_addresses(config.channels)
+    wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
+    with open_bench(addresses, config.host_id, wiring) as channels:
+        tracks = _sweep(config, description, wiring, channels, chosen)
+    results = {i: _result(config, description, wiring, i, tracks[i].sweep) for i in chosen}
+    _report(description, wiring, results, entries)
+    silent = [wiring.names[i] for i in chosen if tracks[i].restarts or tracks[i].is_silent(time.monotonic())]
+    if silent:
+        complain(f"warning: fell silent during the sweep, which began anew: {', '.join(silent)}")
+    swept = {i: result.homing_offset for i, result in results.items() if result.homing_offset is not None}
+    if swept:
+        for i, offset in swept.items():
+            entries[wiring.names[i]] = CalibrationEntry(wiring.motor_id[i], int(wiring.direction[i]), offset)
+        order = [*description.joint_names, *entries]
+        save_calibration(config.output, {name: entries[name] for name in dict.fromkeys(order) if name in entries})
+        print(f"wrote {config.output}: {len(swept)} joints calibrated, {len(entries) - len(swept)} kept")
+    else:
+        print(f"{config.output}: not written, no joint was calibrated")
+    missing = [name for name in description.joint_names if name not in entries]
+    if missing:
+        print(f"not calibrated yet: {', '.join(missing)}")
+    unusable = any(result.verdict not in {Verdict.GOOD, Verdict.UNSWEPT} for result in results.values())
+    return NOT_AS_EXPECTED if unusable or silent else 0
+
+
+def _chosen_joints(config: Calibrate, description: RobotDescription) -> list[int]:
+    for name in config.joints:
+        if name not in description.joint_names:
+            raise InputError(f"--joints: {known_names('joint', name, description.joint_names)}")
+    chosen = [i for i, name in enumerate(description.joint_names) if not config.joints or name in config.joints]
+    for i in chosen:
+        joint = description.joints[i]
+        if not (np.isfinite(joint.lower) and np.isfinite(joint.upper)):
+            raise InputError(f"{description.name}: {joint.name} has no limits, so that a sweep cannot calibrate it")
+    return chosen
+
+
+def _check_options(config: Calibrate) -> None:
+    for name, value in (("--threshold", config.threshold), ("--tolerance", config.tolerance)):
+        if not value >= 0.0:
+            raise InputError(f"{name}: is {value}, expected a number >= 0, in rad")
+    if config.duration is not None and not config.duration > 0.0:
+        raise InputError(f"--duration: is {config.duration}, expected more than 0 s")
+    if config.duration is None and not sys.stdin.isatty():
+        raise InputError("--duration: is needed where standard input is no terminal; else Enter ends the sweep")
+    if not config.output.parent.is_dir():
+        raise InputError(f"--output: there is no folder '{config.output.parent}'")
+
+
+def _result(config: Calibrate, description: RobotDescription, wiring: Wiring, joint: int, sweep: Sweep) -> SweepResult:
+    return evaluate(
+        description.joints[joint],
+        int(wiring.direction[joint]),
+        sweep,
+        threshold=config.threshold,
+        tolerance=config.tolerance,
+        any_offset=config.any_offset,
+    )
+
+
+def _sweep(
+    config: Calibrate,
+    description: RobotDescription,
+    wiring: Wiring,
+    channels: OpenChannels,
+    chosen: Sequence[int],
+) -> Mapping[int, JointTrack]:
+    """Read positions until it is enough; show them meanwhile."""
+    begin = time.monotonic()
+    tracks = JointTracks(wiring, channels, chosen, begin)
+    next_table = begin
+    console = make_console()
+    print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
+    with contextlib.ExitStack() as shown:
+        live = shown.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
+        while True:
+            now = time.monotonic()
+            tracks.poll(now)
+            if live is not None and now >= next_table:
+                next_table = max(next_table + _TABLE_PERIOD, now)
+                live.update(_table(config, description, wiring, tracks.by_joint), refresh=True)
+            if _is_over(config, now - begin):
+                break
+            time.sleep(max(now + _POLL_PERIOD - time.monotonic(), 0.0))
+        last = _table(config, description, wiring, tracks.by_joint)
+        if live is not None:
+            live.update(last, refresh=True)
+        else:
+            console.print(last)
+    return tracks.by_joint
+
+
+def _how_to_end(config: Calibrate) -> str:
+    ends = [f"the sweep ends after {config.duration:g} s"] if config.duration is not None else []
+    if sys.stdin.isatty():
+        ends.append("Enter writes the file, Ctrl-C leaves it alone")
+    return "; ".join(ends)
+
+
+def _is_over(config: Calibrate, elapsed: float) -> bool:
+    if config.duration is not None and elapsed >= config.duration:
+        return True
+    if sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
+        sys.stdin.readline()
+        return True
+    return False
+
+
+_COLOURS = {
+    Verdict.GOOD: "green",
+    Verdict.UNSWEPT: "dim",
+    Verdict.INCOMPLETE: "yellow",
+    Verdict.BEYOND: "yellow",
+    Verdict.FLIPPED: "red",
+}
+
+
+def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tracks: Mapping[int, JointTrack]) -> Table:
+    headings = ("id", "now", "low", "high", "swept", "range", "offset")
+    table = make_table("joint", *headings, "", right=headings)
+    for i, track in tracks.items():
+        result = _result(config, description, wiring, i, track.sweep)
+        joint = description.joints[i]
+        numbers = (track.angle, track.sweep.lowest, track.sweep.highest, track.sweep.width, joint.upper - joint.lower)
+        offset = "" if result.homing_offset is None else f"{result.homing_offset:.3f}"
+        verdict = f"[{_COLOURS[result.verdict]}]{result.verdict.value}[/]"
+        if track.is_silent(time.monotonic()):
+            verdict = "[red]silent[/]"
+        shown = (f"{number:.2f}" for number in numbers)
+        table.add_row(escape(joint.name), str(wiring.motor_id[i]), *shown, offset, verdict)
+    return table
+
+
+def _report(
+    description: RobotDescription,
+    wiring: Wiring,
+    results: Mapping[int, SweepResult],
+    entries: Mapping[str, CalibrationEntry],
+) -> None:
+    """Say what changes, and why what was swept is not used."""
+    for i, result in results.items():
+        joint = description.joints[i]
+        before = entries.get(joint.name)
+        if result.homing_offset is not None and before is not None:
+            print(f"{joint.name}: {before.homing_offset:.4f} -> {result.homing_offset:.4f} rad")
+        if result.verdict is Verdict.INCOMPLETE:
+            complain(
+                f"warning: {joint.name}: swept {result.width:.2f} rad of a range of {joint.upper - joint.lower:.2f}: "
+                "not used. Reach both stops, or raise --tolerance"
+            )
+        if result.verdict is Verdict.BEYOND:
+            complain(
+                f"warning: {joint.name}: swept {result.width:.2f} rad, more than its range of "
+                f"{joint.upper - joint.lower:.2f}: not used. Its stops are not its limits (raise --tolerance), or "
+                f"another motor has the id {wiring.motor_id[i]} (discover)"
+            )
+        if result.verdict is Verdict.FLIPPED:
+            complain(
+                f"warning: {joint.name}: swept outside its limits of {joint.lower:g} to {joint.upper:g} rad: not used. "
+                f"Its direction, {wiring.direction[i]:+g} in the robot description, is flipped, or its motor's zero "
+                "was never set (--any-offset)"
+            )

@@ -1,0 +1,116 @@
+"""`hardware discover`: who is on the buses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rich.markup import escape
+
+from humanoid_sim.cli import complain
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
+from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.firmware import model_name, version_text
+from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.tools.bench import (
+    NOT_AS_EXPECTED,
+    NOTHING_ANSWERS,
+    channel_trouble,
+    make_console,
+    make_table,
+    open_bench,
+    some_motors,
+)
+from humanoid_sim.hardware.tools.options import Discover
+from humanoid_sim.robots.description import load_robot
+
+__all__ = ["discover"]
+
+_LATE = 0.1
+"""s to wait for late answers at the end."""
+
+_Found = Mapping[tuple[int, int], set[bytes]]
+"""Unique ids by channel and motor id."""
+
+
+def discover(config: Discover) -> int:
+    """Scan, print, and return the exit status.
+
+    Raises:
+        InputError: an option is not accepted.
+        RobotError: a channel cannot be used.
+    """
+    if not 1 <= config.first <= config.last <= LARGEST_MOTOR_ID:
+        raise InputError(f"--first, --last: are {config.first} and {config.last}, expected 1 <= first <= last <= 127")
+    if not 0.0 < config.wait <= 10.0:
+        raise InputError(f"--wait: is {config.wait}, expected more than 0 and at most 10 s")
+    addresses = parse_addresses(config.channels)
+    wiring = None
+    if config.robot is not None:
+        description = load_robot(config.robot)
+        wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
+    with open_bench(addresses, config.host_id, some_motors([], [])) as channels:
+        found: dict[tuple[int, int], set[bytes]] = {}
+        for channel, reply in channels.requests.scan(range(config.first, config.last + 1), _LATE, config.wait):
+            found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
+        found = dict(sorted(found.items()))
+        firmware = _firmware(channels, found) if config.firmware else None
+        troubles = {i: channel_trouble(channels, i) for i in range(len(addresses))}
+    joints = {} if wiring is None else _joints(wiring)
+    if found:
+        _print(addresses, found, firmware, joints if wiring is not None else None)
+    for i, address in enumerate(addresses):
+        if not any(channel == i for channel, _ in found):
+            trouble = f" ({troubles[i]})" if troubles[i] else ""
+            complain(f"no motor answers on {address}{trouble}: ids {config.first} to {config.last} were asked")
+    if not found:
+        return NOTHING_ANSWERS
+    missing = [
+        f"{name} (motor {motor_id} on {addresses[channel]})"
+        for (channel, motor_id), name in joints.items()
+        if (channel, motor_id) not in found
+    ]
+    if missing:
+        complain(f"missing: {', '.join(missing)}")
+    return NOT_AS_EXPECTED if missing else 0
+
+
+def _firmware(channels: OpenChannels, found: _Found) -> dict[tuple[int, int], str]:
+    channels.expect(some_motors(list(found), channels.sources))
+    versions = read_versions(channels.requests, range(len(found)))
+    texts = {}
+    for i, place in enumerate(found):
+        version = versions.get(i)
+        model = None if version is None else model_name(version)
+        texts[place] = "unknown" if version is None else f"{version_text(version)} ({model or 'unknown'})"
+    return texts
+
+
+def _joints(wiring: Wiring) -> dict[tuple[int, int], str]:
+    return {(wiring.channel[i], wiring.motor_id[i]): name for i, name in enumerate(wiring.names)}
+
+
+def _print(
+    addresses: tuple[BusAddress, ...],
+    found: _Found,
+    firmware: Mapping[tuple[int, int], str] | None,
+    joints: Mapping[tuple[int, int], str] | None,
+) -> None:
+    optional = [name for name, column in (("firmware", firmware), ("joint", joints)) if column is not None]
+    table = make_table("channel", "id", "unique id", *optional, right=("id",))
+    for (channel, motor_id), uids in found.items():
+        row = [escape(str(addresses[channel])), str(motor_id), " and ".join(sorted(uid.hex() for uid in uids))]
+        if firmware is not None:
+            row.append(firmware[channel, motor_id])
+        if joints is not None:
+            row.append(escape(joints.get((channel, motor_id), "none of this robot's")))
+        table.add_row(*row)
+    make_console().print(table)
+    for (channel, motor_id), uids in found.items():
+        if len(uids) > 1:
+            complain(
+                f"{len(uids)} motors on {addresses[channel]} have the id {motor_id}: connect one alone and give it "
+                "another id with the vendor's tool"
+            )

@@ -1,0 +1,139 @@
+"""`hardware identify`: move one joint a little."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Mapping
+
+from humanoid_sim.cli import complain
+from humanoid_sim.errors import InputError, RobotError, known_names
+from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.bus.address import parse_addresses
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.tools.bench import NOT_AS_EXPECTED, EnabledMotor, open_bench, read_device_id
+from humanoid_sim.hardware.tools.options import Identify
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import POSITION_RANGE
+
+__all__ = ["identify"]
+
+_PERIOD = 0.01
+"""s between commands."""
+_RAMP = 1.0
+"""s to get there, and as long to get back."""
+_HOLD = 0.5
+"""s to stay there, so that it is seen."""
+_DAMPING_TIME = 0.05
+"""s, damping over stiffness: about critical for a forearm, and within every model's range."""
+_MOVED = 0.3
+"""Share of the angle from which on a joint counts as moved."""
+_FARTHEST = 3.0
+"""Share of the angle beyond which something else moves the joint, and it is let go."""
+_ANSWER_TIME = 0.05
+"""s"""
+
+
+def identify(config: Identify) -> int:
+    """Ask for leave, move, print, and return the exit status.
+
+    Raises:
+        InputError: an option is not accepted, or leave was not given.
+        SilentMotorError: the motor does not answer.
+        RobotError: a channel cannot be used, the motor cannot be enabled, or it moves too far.
+    """
+    description = load_robot(config.robot)
+    if config.joint not in description.joint_names:
+        raise InputError(known_names("joint", config.joint, description.joint_names))
+    if not 0.02 <= config.angle <= 0.5:
+        raise InputError(f"--angle: is {config.angle}, expected 0.02 to 0.5 rad")
+    addresses = parse_addresses(config.channels)
+    wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
+    joint = description.joint_names.index(config.joint)
+    if not 0.0 < config.torque <= wiring.effort_limit[joint]:
+        raise InputError(
+            f"--torque: is {config.torque}, expected more than 0 and at most {wiring.effort_limit[joint]:g} N·m"
+        )
+    with open_bench(addresses, config.host_id, wiring) as channels:
+        read_device_id(channels, joint)
+        _ask_for_leave(config, wiring, joint, channels)
+        before = _positions(channels)
+        after = _move(config, wiring, joint, channels)
+    return _report(config, wiring, joint, before, after)
+
+
+def _ask_for_leave(config: Identify, wiring: Wiring, joint: int, channels: OpenChannels) -> None:
+    source = channels.sources[wiring.channel[joint]]
+    print(
+        f"{config.joint}: motor {wiring.motor_id[joint]} on {source} will move the joint by "
+        f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most about {config.torque:g} N·m"
+    )
+    if config.yes:
+        return
+    if not sys.stdin.isatty():
+        raise InputError("--yes: is needed where standard input is no terminal")
+    try:
+        answer = input("Is the arm supported and clear? Type yes: ")
+    except EOFError:
+        answer = ""
+    if answer.strip().lower() != "yes":
+        raise InputError("not moved: leave was not given")
+
+
+def _positions(channels: OpenChannels) -> dict[int, float]:
+    """`mechPos` of every motor that tells it, rad, motor frame, by joint."""
+    motors = range(channels.requests.motors.count)
+    found = channels.requests.read(dict.fromkeys(motors, PARAMETERS["mechPos"]), (_ANSWER_TIME,))
+    return {i: position for i, position in found.items() if not isinstance(position, Unreadable)}
+
+
+def _move(config: Identify, wiring: Wiring, joint: int, channels: OpenChannels) -> dict[int, float]:
+    """Move there and back; every motor's position where the joint was there."""
+    step = float(wiring.direction[joint]) * config.angle
+    stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)
+    damping = min(_DAMPING_TIME * stiffness, wiring.model[joint].damping)
+    with EnabledMotor(channels, joint) as motor:
+        for warning in motor.warnings:
+            complain(f"warning: {warning}")
+        start = motor.command(0.0, 0.0, 0.0, 0.0).position
+        if abs(start + step) > POSITION_RANGE:
+            raise RobotError(f"{config.joint}: is at {start:.2f} rad, too near the end of what commands can say: ±4π")
+
+        def follow(begin_share: float, end_share: float, duration: float) -> None:
+            begin = time.monotonic()
+            while (elapsed := time.monotonic() - begin) < duration:
+                share = begin_share + (end_share - begin_share) * 0.5 * (1.0 - math.cos(math.pi * elapsed / duration))
+                status = motor.command(start + share * step, 0.0, stiffness, damping)
+                if abs(status.position - start) > _FARTHEST * config.angle:
+                    raise RobotError(f"{config.joint}: has moved by {status.position - start:+.2f} rad: let go")
+                time.sleep(max(begin + elapsed + _PERIOD - time.monotonic(), 0.0))
+
+        follow(0.0, 1.0, _RAMP)
+        follow(1.0, 1.0, _HOLD)
+        there = _positions(channels)
+        follow(1.0, 0.0, _RAMP)
+    return there
+
+
+def _report(
+    config: Identify, wiring: Wiring, joint: int, before: Mapping[int, float], after: Mapping[int, float]
+) -> int:
+    moved = {i: after[i] - before[i] for i in after if i in before}
+    own = moved.pop(joint, math.nan)
+    others = {i: angle for i, angle in moved.items() if abs(angle) >= _MOVED * config.angle}
+    direction = float(wiring.direction[joint])
+    print(
+        f"motor {wiring.motor_id[joint]} moved by {own:+.3f} rad; with direction {direction:+g} "
+        f"that is {direction * own:+.3f} rad of {config.joint}"
+    )
+    for i, angle in others.items():
+        complain(f"warning: {wiring.names[i]} (motor {wiring.motor_id[i]}) moved as well, by {angle:+.3f} rad")
+    has_moved = direction * own >= _MOVED * config.angle
+    if has_moved:
+        print(f"If {config.joint} did not go the way of a rising angle in the robot's model, its direction is wrong.")
+    else:
+        complain(f"warning: {config.joint} did not follow: raise --torque, or hold the arm's weight")
+    return 0 if has_moved and not others else NOT_AS_EXPECTED

@@ -1,0 +1,108 @@
+"""`hardware param`: one motor's parameters."""
+
+from __future__ import annotations
+
+from typing import assert_never
+
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.hardware.robstride.fields import MotorMode
+from humanoid_sim.hardware.robstride.messages import SaveParameters
+from humanoid_sim.hardware.robstride.parameters import (
+    PARAMETERS,
+    Parameter,
+    ParameterType,
+    find_parameter,
+    pack_value,
+)
+from humanoid_sim.hardware.tools.bench import (
+    NOT_AS_EXPECTED,
+    command_motor,
+    make_console,
+    make_table,
+    motor_bench,
+    read_value,
+    shown,
+    write_value,
+)
+from humanoid_sim.hardware.tools.options import Get, Param, Save, Set
+
+__all__ = ["param"]
+
+_LARGEST_INDEX = 0xFFFF
+
+
+def param(config: Param) -> int:
+    """Do it, print, and return the exit status.
+
+    Raises:
+        InputError: an option is not accepted.
+        SilentMotorError: the motor does not answer.
+        RobotError: the channel cannot be used, or a value reads back differently.
+    """
+    match config.action:
+        case Get():
+            return _get(config.action)
+        case Set():
+            return _set(config.action)
+        case Save():
+            return _save(config.action)
+        case _:
+            assert_never(config.action)
+
+
+def _parameter(text: str, kind: str | None) -> Parameter:
+    """A parameter by name or index; an index without a name needs a type."""
+    try:
+        known = find_parameter(text)
+    except InputError as error:
+        try:
+            index = int(text, 0)
+        except ValueError:
+            raise error from None
+        if not 0 <= index <= _LARGEST_INDEX:
+            raise InputError(f"parameter: is {text}, expected an index of 0 to 0xFFFF or a name") from None
+        if kind is None:
+            raise InputError(f"--type: is needed for {text}, which has no name here; expected such as f32") from None
+        return Parameter(index, f"0x{index:04X}", ParameterType[kind.upper()])
+    if kind is not None and ParameterType[kind.upper()] is not known.type:
+        raise InputError(f"--type: is {kind}, {known.name} is a {known.type.name.lower()}")
+    return known
+
+
+def _get(config: Get) -> int:
+    parameters = [_parameter(name, config.type) for name in config.names] or list(PARAMETERS.values())
+    with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
+        values = [read_value(channels, parameter) for parameter in parameters]
+    table = make_table("index", "name", "value", "", title=channels.requests.motors.names[0])
+    for parameter, value in zip(parameters, values, strict=True):
+        note = parameter.meaning if parameter.is_writable else f"{parameter.meaning} (read only)".strip()
+        table.add_row(f"0x{parameter.index:04X}", parameter.name, shown(parameter, value), note)
+    make_console().print(table)
+    return NOT_AS_EXPECTED if config.names and None in values else 0
+
+
+def _set(config: Set) -> int:
+    parameter = _parameter(config.name, config.type)
+    if not parameter.is_writable:
+        raise InputError(f"{parameter.name}: is read only")
+    try:
+        pack_value(parameter.type, config.value)
+    except FieldError as error:
+        raise InputError(f"{parameter.name}: {str(error).partition(': ')[2]}") from None
+    with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
+        before = read_value(channels, parameter)
+        write_value(channels, parameter, config.value)
+        after = read_value(channels, parameter)
+        status = channels.table.slots[0].sample  # what the write was answered with
+    change = f"{shown(parameter, before)} -> {shown(parameter, after)}"
+    print(f"{channels.requests.motors.names[0]}: {parameter.name} {change}, until power-off unless saved")
+    if status is not None and status.mode is MotorMode.RUN:
+        print(f"motor {config.motor_id} is enabled")
+    return 0
+
+
+def _save(config: Save) -> int:
+    with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
+        command_motor(channels, SaveParameters(config.motor_id, host_id=config.host_id))
+    print(f"{channels.requests.motors.names[0]}: saved")
+    return 0

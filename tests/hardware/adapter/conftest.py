@@ -1,0 +1,147 @@
+"""A robot of two joints, its scripted motors, and short waits."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+from humanoid_sim.hardware.adapter import activation, control
+from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.bus import channel
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.robstride import enabling, identification, requests
+from humanoid_sim.robots.schema import (
+    DampingSettings,
+    JointDescription,
+    MotorDescription,
+    RemoteSettings,
+    RobotDescription,
+    StandbySettings,
+)
+
+# importlib mode leaves sys.path alone.
+sys.path += [str(Path(__file__).parent), *(str(Path(__file__).parents[1] / name) for name in ("bus", "robstride"))]
+
+from scripted_motors import ScriptedMotor, ScriptedMotors
+
+_numbers = itertools.count()
+_PATIENT = (0.05, 0.1, 0.2, 0.4, 0.4)
+
+
+@pytest.fixture(autouse=True)
+def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What takes a real bus milliseconds takes a virtual one less."""
+    monkeypatch.setattr(enabling, "_LISTENING", 0.005)
+    monkeypatch.setattr(channel, "_POLL", 0.005)
+    monkeypatch.setattr(identification, "_QUIET", 0.01)
+    monkeypatch.setattr(requests, "_ANSWER_TIMES", _PATIENT)
+    monkeypatch.setattr(control, "_LONGEST", 0.05)
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests in which a motor will not do what it is asked."""
+    monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03, 0.03, 0.03))
+    monkeypatch.setattr(enabling, "_LONGEST", 0.15)
+    monkeypatch.setattr(activation, "_REPORT_WAIT", 0.05)
+
+
+@pytest.fixture
+def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests in which somebody answers whom nobody asks again."""
+    monkeypatch.setattr(identification, "_QUIET", 0.1)
+
+
+@pytest.fixture
+def description() -> RobotDescription:
+    """`left` is an rs-02 on bus 0 that turns against its joint, `right` an rs-00 on bus 1."""
+    left = MotorDescription(bus=0, can_id=11, model="rs-02", direction=-1, torque_limit=17.0, current_limit=23.0)
+    right = MotorDescription(bus=1, can_id=21, model="rs-00", direction=1, torque_limit=10.0, current_limit=0.0)
+    pose = StandbySettings(
+        target_stiffness=(50.0, 50.0),
+        target_damping=(2.0, 2.0),
+        segment_durations=(1.0,),
+        pose_segments=((0.0, 0.0),),
+    )
+    gains = {"stiffness": 50.0, "damping": 2.0}
+    return RobotDescription(
+        name="pair",
+        mjcf="none.xml",
+        imu="imu",
+        joints=(
+            JointDescription(name="left", lower=-1.5, upper=1.0, effort_limit=17.0, motor=left, **gains),
+            JointDescription(name="right", lower=-0.5, upper=2.0, effort_limit=10.0, motor=right, **gains),
+        ),
+        initial_position=(0.0, 0.0),
+        damping_controller=DampingSettings(damping_scalar=3.0),
+        standby_controller_a=pose,
+        standby_controller_b=pose,
+        remote_policy_controller=RemoteSettings(damping_scalar=5.0),
+    )
+
+
+@pytest.fixture
+def channels() -> tuple[BusAddress, BusAddress]:
+    """Two virtual channels of this test's own."""
+    number = next(_numbers)
+    return BusAddress("virtual", f"left-{number}"), BusAddress("virtual", f"right-{number}")
+
+
+@pytest.fixture
+def left() -> ScriptedMotor:
+    """Motor 11, 0.25 rad at the motor, so -0.25 rad at the joint without an offset."""
+    return ScriptedMotor(11, position=0.25)
+
+
+@pytest.fixture
+def right() -> ScriptedMotor:
+    """Motor 21, at 0.5 rad."""
+    return ScriptedMotor(21, "rs-00", uid=b"right uid"[:8], version=(0, 0, 3, 9), position=0.5)
+
+
+@pytest.fixture
+def motors(
+    channels: tuple[BusAddress, BusAddress], left: ScriptedMotor, right: ScriptedMotor
+) -> Iterator[ScriptedMotors]:
+    """Both motors, powered."""
+    with ScriptedMotors([(channels[0], [left]), (channels[1], [right])]) as motors:
+        yield motors
+
+
+MakeRobot = Callable[..., RobstrideRobot]
+
+
+@pytest.fixture
+def make_robot(
+    description: RobotDescription,
+    channels: tuple[BusAddress, BusAddress],
+    motors: ScriptedMotors,
+    left: ScriptedMotor,
+    right: ScriptedMotor,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Iterator[MakeRobot]:
+    """Makes robots on the two channels; at the end the motors obey again, and the robots are closed."""
+    made: list[RobstrideRobot] = []
+
+    def make(calibration: Mapping[str, float] | None = None, **options: object) -> RobstrideRobot:
+        offsets = {"left": 0.0, "right": 0.0} if calibration is None else calibration
+        robot = RobstrideRobot(description, channels, calibration=offsets, **options)  # type: ignore[arg-type]
+        made.append(robot)
+        return robot
+
+    yield make
+    monkeypatch.setattr(requests, "_ANSWER_TIMES", _PATIENT)
+    for motor in (left, right):
+        motor.is_silent, motor.answers, motor.stops, motor.hears = False, True, True, lambda _: True
+    for robot in made:
+        robot.close()
+
+
+@pytest.fixture
+def robot(make_robot: MakeRobot) -> RobstrideRobot:
+    """The pair, not activated."""
+    return make_robot()

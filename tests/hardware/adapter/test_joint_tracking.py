@@ -1,0 +1,217 @@
+"""The joints' state from what motors report, and which turn a motor is on."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from humanoid_sim.hardware.adapter.joint_tracking import (
+    WRAP,
+    JointTracker,
+    find_turns,
+    has_jumped,
+    turn_problems,
+    unwrapped,
+)
+from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.robstride.motor_table import Readings, nothing_heard
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.schema import RobotDescription
+
+
+@pytest.fixture
+def wiring(description: RobotDescription) -> Wiring:
+    return make_wiring(description, 2, {"left": 0.5, "right": -1.0})
+
+
+def _readings(time: float, position: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> Readings:
+    pair = np.array
+    return Readings(np.full(2, time), pair(position), pair(velocity), pair([1.0, 2.0]), np.full(2, 25.0))
+
+
+def test_direction_offset_and_turns_make_the_joint_frame(wiring: Wiring) -> None:
+    tracker = JointTracker(wiring, np.array([0.0, -1.0]))
+    joints = tracker.update(_readings(1.0, (0.75, 2.0 * math.pi), (3.0, 4.0)))
+    assert joints.position.tolist() == pytest.approx([-0.25, 1.0])
+    assert joints.velocity.tolist() == [-3.0, 4.0]
+    assert joints.effort.tolist() == [-1.0, 2.0]
+    assert joints.time.tolist() == [1.0, 1.0]
+
+
+def test_commands_go_back_the_way_that_positions_came(wiring: Wiring) -> None:
+    tracker = JointTracker(wiring, np.array([1.0, -1.0]))
+    reported = np.array([0.75, 5.0])
+    joints = tracker.update(_readings(1.0, (0.75, 5.0)))
+    np.testing.assert_allclose(tracker.to_motor(joints.position), reported, atol=1e-12)
+
+
+def test_what_was_never_heard_is_unknown(wiring: Wiring) -> None:
+    joints = JointTracker(wiring, np.zeros(2)).update(nothing_heard(2))
+    assert np.isnan(joints.position).all()
+    assert joints.velocity.tolist() == joints.effort.tolist() == [0.0, 0.0]
+    assert joints.time.tolist() == [-math.inf, -math.inf]
+
+
+def test_on_an_unknown_turn_a_position_is_unknown(wiring: Wiring) -> None:
+    joints = JointTracker(wiring, np.array([np.nan, 0.0])).update(_readings(1.0, (0.75, 0.0)))
+    assert math.isnan(joints.position[0])
+    assert joints.velocity[0] == 0.0
+    assert math.isfinite(joints.position[1])
+
+
+def test_a_motor_that_turns_beyond_its_report_is_followed_and_noticed(wiring: Wiring) -> None:
+    tracker = JointTracker(wiring, np.zeros(2))
+    edge = 4.0 * math.pi
+    for time, position in ((0.0, edge - 0.3), (0.02, edge - 0.1), (0.04, -edge + 0.1)):
+        joints = tracker.update(_readings(time, (position, 0.0), (10.0, 0.0)))
+    assert not tracker.jumped.any()
+    assert tracker.wrapped.tolist() == [True, False]
+    assert joints.position[0] == pytest.approx(-(edge + 0.1 - 0.5))
+    tracker.update(_readings(0.06, (edge - 0.1, 0.0), (-10.0, 0.0)))
+    assert not tracker.wrapped.any(), "back within reach of commands"
+
+
+def test_a_jump_is_remembered(wiring: Wiring) -> None:
+    tracker = JointTracker(wiring, np.zeros(2))
+    tracker.update(_readings(0.0, (0.0, 0.0)))
+    tracker.update(_readings(0.02, (0.0, 1.0)))
+    tracker.update(_readings(0.04, (0.0, 1.0)))
+    assert tracker.jumped.tolist() == [False, True]
+
+
+TURN = 2.0 * math.pi
+
+
+@pytest.fixture
+def shifted(description: RobotDescription) -> Wiring:
+    return make_wiring(description, 2, {"left": 0.2, "right": -1.0})
+
+
+def _reported(shifted: Wiring, joint: tuple[float, float], turns: tuple[int, int] = (0, 0)) -> np.ndarray:
+    return shifted.direction * np.array(joint) + shifted.offset - TURN * np.array(turns)
+
+
+def test_a_joint_within_its_limits_needs_no_turn(shifted: Wiring) -> None:
+    position = _reported(shifted, (-0.3, 1.5))
+    assert find_turns(shifted, position).tolist() == [0.0, 0.0]
+    assert list(turn_problems(shifted, position, np.zeros(2))) == []
+
+
+def test_a_joint_just_below_zero_that_powered_on_a_turn_up_is_put_back(shifted: Wiring) -> None:
+    position = _reported(shifted, (-0.3, 1.5), (-1, 1))
+    assert find_turns(shifted, position).tolist() == [-1.0, 1.0]
+
+
+_lite = load_robot("lite")
+LITE = make_wiring(_lite, 2, dict.fromkeys(_lite.joint_names, 0.0))
+
+
+@given(st.data())
+def test_whatever_the_power_on_angle_the_joint_is_found_where_it_is(data: st.DataObject) -> None:
+    joint = np.array(
+        [data.draw(st.floats(low - 0.3, high + 0.3)) for low, high in zip(LITE.lower, LITE.upper, strict=True)]
+    )
+    offset = np.array(data.draw(st.lists(st.floats(-1.5, 1.5), min_size=14, max_size=14)))
+    symmetric = data.draw(st.booleans())  # zero_sta: the first position lies in 0..2π or in -π..π
+    raw = LITE.direction * joint + offset
+    reported = (raw + math.pi) % TURN - math.pi if symmetric else raw % TURN
+    shifted = dataclasses.replace(LITE, offset=offset)
+    turns = find_turns(shifted, reported)
+    found = shifted.direction * (reported + TURN * turns - offset)
+    np.testing.assert_allclose(found, joint, atol=1e-9)
+
+
+def test_a_joint_outside_its_range_on_every_turn_is_a_problem(shifted: Wiring) -> None:
+    position = _reported(shifted, (2.5, 1.0))
+    turns = find_turns(shifted, position)
+    assert np.isnan(turns[0])
+    assert turns[1] == 0.0
+    assert dict(turn_problems(shifted, position, turns)) == {
+        "left": "is at 2.50 rad, outside its range of -1.5 to 1 rad on any turn: calibrate it, or check its direction"
+    }
+
+
+def test_a_joint_that_may_be_on_two_turns_is_a_problem(description: RobotDescription) -> None:
+    wide = msgspec.structs.replace(description.joints[0], lower=-3.1, upper=3.1)
+    shifted = make_wiring(
+        msgspec.structs.replace(description, joints=(wide, description.joints[1])), 2, {"left": 0.0, "right": 0.0}
+    )
+    position = np.array([3.0, 0.0])
+    turns = find_turns(shifted, position)
+    assert np.isnan(turns[0])
+    assert dict(turn_problems(shifted, position, turns)) == {
+        "left": "may be on more than one turn: its range, -3.1 to 3.1 rad, is almost a whole one"
+    }
+
+
+def test_a_joint_without_limits_is_where_it_says(description: RobotDescription) -> None:
+    wheel = msgspec.structs.replace(description.joints[0], lower=-math.inf, upper=math.inf)
+    shifted = make_wiring(
+        msgspec.structs.replace(description, joints=(wheel, description.joints[1])), 2, {"left": 0.0, "right": 0.0}
+    )
+    position = np.array([5.0, 0.0])
+    assert find_turns(shifted, position).tolist() == [0.0, 0.0]
+    assert list(turn_problems(shifted, position, np.zeros(2))) == []
+
+
+def test_a_range_that_commands_cannot_reach_is_a_problem(description: RobotDescription) -> None:
+    shifted = make_wiring(description, 2, {"left": 12.0, "right": 0.0})
+    position = np.array([11.5, 0.0])
+    turns = find_turns(shifted, position)
+    assert turns[0] == 0.0
+    ((joint, text),) = turn_problems(shifted, position, turns)
+    assert joint == "left"
+    assert "commands reach ±12.57" in text
+
+
+def test_a_joint_that_was_not_heard_is_a_problem(shifted: Wiring) -> None:
+    position = np.array([np.nan, 0.0])
+    assert dict(turn_problems(shifted, position, find_turns(shifted, position)))["left"] == "has not told its position"
+
+
+@given(st.floats(-60.0, 60.0), st.floats(-3.0, 3.0))
+def test_a_wrapped_position_is_continued(previous: float, step: float) -> None:
+    there = previous + step
+    reported = (there + 0.5 * WRAP) % WRAP - 0.5 * WRAP
+    assert unwrapped(np.array([reported]), np.array([previous]))[0] == pytest.approx(there, abs=1e-9)
+
+
+def test_without_a_previous_position_the_reported_one_counts() -> None:
+    result = unwrapped(np.array([1.0, np.nan]), np.array([np.nan, 2.0]))
+    assert result[0] == 1.0
+    assert np.isnan(result[1])
+
+
+def _jumped(moved: float, elapsed: float, velocity: float, previous: float = 0.0, fastest: float = 33.0) -> bool:
+    arrays = (np.array([value]) for value in (moved, elapsed, velocity, previous, fastest))
+    return bool(has_jumped(*arrays)[0])
+
+
+@pytest.mark.parametrize(
+    ("moved", "elapsed", "velocity", "previous", "jumped"),
+    [
+        (0.0, 0.02, 0.0, 0.0, False),
+        (0.2, 0.02, 10.0, 10.0, False),
+        (-0.2, 0.002, 10.0, 10.0, False),  # two frames changed places
+        (0.14, 0.02, 0.0, 0.0, False),
+        (0.16, 0.02, 0.0, 0.0, True),
+        (0.08, 0.01, 0.0, 0.0, True),
+        (-0.5, 0.02, 0.1, 0.0, True),
+        (1.0, 0.02, 10.0, 10.0, True),
+        (0.0, 0.02, 8.0, -8.0, False),  # thrown back by a stop
+        (0.1, 0.02, 4.0, 0.0, False),  # accelerated within the period
+        (5.0, 0.3, 0.0, 0.0, False),  # a silence in which anything may have happened
+        (12.0, 0.3, 0.0, 0.0, True),  # but nothing that fast
+        (0.0, float("nan"), 0.0, 0.0, False),
+    ],
+)
+def test_what_no_velocity_explains_is_a_jump(
+    moved: float, elapsed: float, velocity: float, previous: float, jumped: bool
+) -> None:
+    assert _jumped(moved, elapsed, velocity, previous) is jumped

@@ -1,0 +1,421 @@
+"""What an enabled robot does with what happens on its buses."""
+
+from __future__ import annotations
+
+import errno
+import random
+import time
+from collections.abc import Callable
+
+import can
+import numpy as np
+import pytest
+from scripted_motors import ScriptedMotor, ScriptedMotors, fault_report
+from test_motor_table import random_frame
+from waiting import wait_until
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.bus.opening import open_bus
+from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, join_identifier
+from humanoid_sim.hardware.robstride.messages import Enable, GetDeviceId, OperationControl, Stop
+from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.motors import MOTORS
+
+MakeRobot = Callable[..., RobstrideRobot]
+FAULT, WARNING = SafetyLevel.FAULT, SafetyLevel.WARNING
+
+
+@pytest.fixture
+def enabled(robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor) -> RobstrideRobot:
+    """The pair, enabled, its motors' memory of that empty."""
+    robot.activate()
+    for motor in (left, right):
+        motor.heard.clear()
+    return robot
+
+
+def _hold(stiffness: float = 50.0, damping: float = 2.0) -> MITCommand:
+    return MITCommand(np.array([-0.2, 0.4]), np.zeros(2), np.zeros(2), np.full(2, stiffness), np.full(2, damping))
+
+
+def _statuses(robot: RobstrideRobot) -> tuple[SafetyStatus, ...]:
+    return robot.read()[1]
+
+
+def _wait_for(robot: RobstrideRobot, flags: SafetyFlag, channel: int = 0) -> SafetyStatus:
+    """The first status of a channel with these flags; the other channel stays OK."""
+    assert wait_until(lambda: _statuses(robot)[channel].flags == flags), _statuses(robot)
+    statuses = _statuses(robot)
+    assert statuses[1 - channel].is_ok
+    return statuses[channel]
+
+
+# --- commands
+
+
+def test_a_command_reaches_each_motor_in_its_own_frame(
+    enabled: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    enabled.write(_hold())
+    assert wait_until(lambda: bool(left.commands and right.commands))
+    assert left.commands[0].position == pytest.approx(0.2, abs=4e-4)
+    assert right.commands[0].position == pytest.approx(0.4, abs=4e-4)
+    assert left.commands[0].stiffness == pytest.approx(50.0, abs=1e-2)
+    assert wait_until(lambda: enabled.statistics.acknowledged == 2)
+    assert enabled.statistics.commanded == 2
+
+
+def test_a_command_that_is_not_finite_becomes_damping_and_is_told(enabled: RobstrideRobot, left: ScriptedMotor) -> None:
+    command = _hold()
+    enabled.write(
+        MITCommand(
+            np.array([np.nan, 0.0]),
+            *(getattr(command, name) for name in ("velocity", "effort", "stiffness", "damping")),
+        )
+    )
+    assert wait_until(lambda: bool(left.commands))
+    assert (left.commands[0].stiffness, left.commands[0].effort) == (0.0, 0.0)
+    assert left.commands[0].damping == pytest.approx(3.0, abs=1e-3)
+    status = _statuses(enabled)[-1]
+    assert (status.level, status.source) == (SafetyLevel.CRITICAL, "host")
+    assert enabled.statistics.refused == 1
+
+
+def test_a_command_for_another_robot_raises(enabled: RobstrideRobot) -> None:
+    with pytest.raises(RobotError, match=r"command has shape \(3,\), expected \(2,\)"):
+        enabled.write(MITCommand.zeros(3))
+
+
+def test_nothing_is_sent_to_motors_that_are_not_enabled(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+    robot.write(_hold())
+    robot.prepare()
+    left.heard.clear()
+    robot.write(_hold())
+    time.sleep(0.02)
+    assert left.commands == []
+    assert robot.statistics.refused == 1
+
+
+def test_before_anything_was_heard_nothing_is_known(robot: RobstrideRobot) -> None:
+    state, statuses = robot.read()
+    assert np.isnan(state.joint_position).all()
+    assert np.isinf(state.joint_age).all()
+    assert state.joint_velocity.tolist() == state.joint_effort.tolist() == [0.0, 0.0]
+    assert [(status.level, status.flags, status.message) for status in statuses] == [
+        (FAULT, SafetyFlag.BUS_OFF, "not activated")
+    ] * 2
+
+
+def test_what_does_not_fit_is_counted_and_shown(enabled: RobstrideRobot) -> None:
+    enabled.write(_hold(damping=6.0))
+    enabled.write(MITCommand(np.array([1.0, 0.4]), np.zeros(2), np.zeros(2), np.full(2, 50.0), np.zeros(2)))
+    statistics = enabled.statistics
+    assert statistics.saturations == {"left": {"damping": 1}, "right": {"damping": 1}}
+    assert statistics.bounded == {"left": 1}
+    text = "\n".join(statistics.lines())
+    assert "left: cut off at the motor's range: damping 1 times" in text
+    assert "position moved to keep within the effort limit: left 1 times" in text
+
+
+# --- silence
+
+
+def test_a_silent_joint_keeps_its_values_and_ages(enabled: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.is_silent = True
+    begin = time.monotonic()
+    status = _wait_for(enabled, SafetyFlag.RX_TIMEOUT)
+    assert 0.15 < time.monotonic() - begin < 1.0
+    assert (status.level, status.message) == (FAULT, "silent: left")
+    state, _ = enabled.read()
+    assert state.joint_position[0] == pytest.approx(-0.25, abs=4e-4)
+    assert state.joint_age[0] > 0.2 > state.joint_age[1]
+
+
+# --- motors
+
+
+def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
+    enabled: RobstrideRobot, left: ScriptedMotor
+) -> None:
+    left.mode = MotorMode.RESET
+    status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
+    assert (status.level, status.message) == (FAULT, "left run mode (mode reset): left")
+    for _ in range(5):
+        enabled.write(_hold(0.0))
+        time.sleep(0.01)
+    assert not any(isinstance(command, Enable) for command in left.heard)
+    assert _statuses(enabled)[0].flags == SafetyFlag.MOTOR_FAULT
+
+
+@pytest.mark.parametrize(
+    ("faults", "flags", "text"),
+    [
+        (StatusFault.UNDERVOLTAGE, SafetyFlag.MOTOR_FAULT, "undervoltage: left"),
+        (
+            StatusFault.MOTOR_OVERTEMPERATURE,
+            SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
+            "motor_overtemperature: left",
+        ),
+        (
+            StatusFault.STALL_OVERLOAD | StatusFault.ENCODER_FAULT,
+            SafetyFlag.MOTOR_FAULT,
+            "encoder_fault: left; stall_overload: left",
+        ),
+    ],
+)
+def test_a_fault_in_a_status_is_flagged_while_it_lasts(
+    faults: StatusFault, flags: SafetyFlag, text: str, enabled: RobstrideRobot, left: ScriptedMotor
+) -> None:
+    left.faults = faults
+    status = _wait_for(enabled, flags)
+    assert (status.level, status.message) == (FAULT, text)
+    left.faults = StatusFault(0)
+    assert wait_until(lambda: _statuses(enabled)[0].is_ok)
+
+
+@pytest.mark.parametrize(
+    ("faults", "warnings", "flags", "text"),
+    [
+        (FaultBit.OVERVOLTAGE, WarningBit(0), SafetyFlag.MOTOR_FAULT, "overvoltage: left"),
+        (
+            FaultBit.MOTOR_OVERTEMPERATURE,
+            WarningBit(0),
+            SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
+            "motor_overtemperature: left",
+        ),
+        (
+            FaultBit(0),
+            WarningBit.MOTOR_OVERTEMPERATURE_WARNING,
+            SafetyFlag.TEMPERATURE_LIMIT,
+            "motor_overtemperature_warning: left",
+        ),
+        (FaultBit.STALL_OVERLOAD, WarningBit(0), SafetyFlag.MOTOR_FAULT, "stall_overload: left"),
+    ],
+)
+def test_a_fault_report_holds_until_the_motor_reports_none(
+    faults: FaultBit,
+    warnings: WarningBit,
+    flags: SafetyFlag,
+    text: str,
+    enabled: RobstrideRobot,
+    motors: ScriptedMotors,
+) -> None:
+    motors.send(motors.buses[0], fault_report(11, faults, warnings))
+    status = _wait_for(enabled, flags)
+    assert (status.level, status.message) == (FAULT, text)
+    time.sleep(0.05)
+    assert _statuses(enabled)[0] == status, "frames without a fault bit do not clear it"
+    motors.send(motors.buses[0], fault_report(11, FaultBit(0)))
+    assert wait_until(lambda: _statuses(enabled)[0].is_ok)
+
+
+def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
+    enabled: RobstrideRobot, left: ScriptedMotor
+) -> None:
+    assert _statuses(enabled)[0].is_ok
+    left.position += 0.8
+    status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
+    assert status.message == "position jumped: left"
+    left.position -= 0.8
+    time.sleep(0.3)
+    assert not _statuses(enabled)[0].is_ok, "nobody knows which of the two was right"
+    enabled.activate()
+    assert _statuses(enabled)[0].is_ok
+
+
+# --- frames
+
+
+@pytest.mark.parametrize(
+    ("frame", "text"),
+    [
+        (Frame(join_identifier(2, 0x80, 11, 0xFD), bytes(5)), "sent a status with 5 bytes, expected 8: left"),
+        (Frame(join_identifier(10, 0x80, 11, 0xFD), bytes(8)), "sent a frame of communication type 10: left"),
+        (
+            encode_command(OperationControl(11, 0.0, 0.0, 0.0, 9.0, 0.0), MOTORS["rs-02"]),
+            "another host sends 'operation control' to motor 11",
+        ),
+        (encode_command(Stop(11, host_id=0xFE), MOTORS["rs-02"]), "host 0xFE sends 'stop' to motor 11"),
+        (Frame(join_identifier(2, 0x80, 11, 0xAA), bytes(8)), "motor 11 answers host 0xAA, not 0xFD"),
+        (Frame(0x20, bytes(8), is_extended=False, is_error=True), "no acknowledgement on transmission"),
+    ],
+)
+def test_frames_that_should_not_be_are_a_warning_for_a_while(
+    frame: Frame, text: str, enabled: RobstrideRobot, motors: ScriptedMotors
+) -> None:
+    motors.send_frame(motors.buses[0], frame)
+    begin = time.monotonic()
+    status = _wait_for(enabled, SafetyFlag.INVALID_FRAME)
+    assert (status.level, status.message) == (WARNING, text)
+    assert wait_until(lambda: _statuses(enabled)[0].is_ok)
+    assert 0.15 < time.monotonic() - begin < 1.0
+    assert np.isfinite(enabled.read()[0].joint_position).all()
+
+
+def test_strangers_and_scans_stop_nothing(enabled: RobstrideRobot, motors: ScriptedMotors) -> None:
+    before = sum(enabled.statistics.channels[0].strangers.values())
+    motors.send_frame(motors.buses[0], Frame(join_identifier(2, 0xBF, 99, 0xFD), bytes(8)))
+    motors.send_frame(motors.buses[0], encode_command(GetDeviceId(11, host_id=0xFE), MOTORS["rs-02"]))
+    assert wait_until(lambda: sum(enabled.statistics.channels[0].strangers.values()) == before + 2)
+    assert all(status.is_ok for status in _statuses(enabled))
+
+
+# --- channels
+
+
+def test_bus_off_lasts_until_the_next_activation(enabled: RobstrideRobot, motors: ScriptedMotors) -> None:
+    motors.send_frame(motors.buses[0], Frame(0x40, bytes(8), is_extended=False, is_error=True))
+    status = _wait_for(enabled, SafetyFlag.BUS_OFF)
+    assert (status.level, status.message) == (FAULT, "down: bus-off")
+    time.sleep(0.3)
+    assert _statuses(enabled)[0] == status, "frames that come again do not clear it"
+    enabled.activate()
+    assert all(status.is_ok for status in _statuses(enabled))
+
+
+class _FailingBus:
+    """The computer's end of a channel, whose sending fails when it is told to."""
+
+    def __init__(self) -> None:
+        self.error: Exception | None = None
+
+    def __call__(self, address: BusAddress) -> can.BusABC:
+        bus = open_bus(address)
+        send = bus.send
+
+        def failing(message: can.Message, timeout: float | None = None) -> None:
+            if self.error is not None and address.channel.startswith("left"):
+                raise self.error
+            send(message, timeout)
+
+        bus.send = failing  # type: ignore[method-assign]
+        return bus
+
+
+@pytest.mark.parametrize(
+    ("error", "flags", "level"),
+    [
+        (can.CanOperationError("no buffer", error_code=errno.ENOBUFS), SafetyFlag.TX_QUEUE_OVERRUN, WARNING),
+        (can.CanOperationError("Transmit buffer full"), SafetyFlag.TX_QUEUE_OVERRUN, WARNING),
+        (can.CanOperationError("down", error_code=errno.ENETDOWN), SafetyFlag.BUS_OFF, FAULT),
+    ],
+)
+def test_a_channel_that_cannot_send_is_flagged_and_commands_do_not_wait(
+    error: Exception, flags: SafetyFlag, level: SafetyLevel, make_robot: MakeRobot, right: ScriptedMotor
+) -> None:
+    failing = _FailingBus()
+    robot = make_robot(open_bus=failing)
+    robot.activate()
+    failing.error = error
+    robot.write(_hold())
+    status = _wait_for(robot, flags)
+    assert status.level is level
+    right.heard.clear()
+    longest = 0.0
+    for _ in range(5):
+        begin = time.perf_counter()
+        robot.write(_hold(0.0))
+        longest = max(longest, time.perf_counter() - begin)
+        time.sleep(0.005)
+    assert longest < 0.1
+    assert wait_until(lambda: bool(right.commands) and right.commands[-1].stiffness == 0.0), (
+        "the other channel is served"
+    )
+    failing.error = None
+
+
+def test_after_a_jam_the_latest_command_leaves(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+    failing = _FailingBus()
+    robot = make_robot(open_bus=failing)
+    robot.activate()
+    left.heard.clear()
+    failing.error = can.CanOperationError("no buffer", error_code=errno.ENOBUFS)
+    for _ in range(5):
+        robot.write(_hold())
+        time.sleep(0.025)
+    robot.write(_hold(0.0, 3.0))
+    failing.error = None
+    assert wait_until(lambda: bool(left.commands))
+    time.sleep(0.02)
+    assert [command.stiffness for command in left.commands] == [0.0]
+    assert robot.statistics.channels[0].counters.overruns > 0
+
+
+# --- anything at all
+
+
+def test_random_frames_raise_nothing_and_leave_no_joint_unheard_of(
+    enabled: RobstrideRobot, motors: ScriptedMotors, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    """Frames of other motors, other hosts, wrong lengths and types: positions stay those that the motors told."""
+    generator = random.Random(7)
+    positions = enabled.read()[0].joint_position
+    sent = 0
+    while sent < 3000:
+        frame = random_frame(generator)
+        if frame.arbitration_id >> 8 & 0xFF in {11, 21} and frame.arbitration_id >> 24 in {2, 24}:
+            continue  # what a motor itself would say
+        motors.send_frame(motors.buses[sent % 2], frame)
+        sent += 1
+        if sent % 50 == 0:
+            state, statuses = enabled.read()
+            enabled.write(_hold())
+            np.testing.assert_allclose(state.joint_position, positions, atol=1e-9)
+            assert len(statuses) == 2
+    assert sum(channel.counters.receiver_failures for channel in enabled.statistics.channels) == 0
+
+
+def _random_message(generator: random.Random) -> can.Message:
+    """Anything that a driver may hand over: data, error, remote and CAN FD frames."""
+    frame = random_frame(generator)
+    kind = generator.random()
+    return can.Message(
+        arbitration_id=frame.arbitration_id,
+        data=generator.randbytes(generator.choice((12, 64))) if kind > 0.98 else frame.data,
+        is_extended_id=frame.is_extended,
+        is_remote_frame=frame.is_remote,
+        is_error_frame=kind < 0.05,
+        is_fd=kind > 0.98,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_random_messages_for_minutes_neither_raise_nor_stop_the_threads(
+    enabled: RobstrideRobot, motors: ScriptedMotors
+) -> None:
+    seed = random.SystemRandom().getrandbits(32)
+    print(f"seed {seed}")
+    generator = random.Random(seed)
+    sent, deadline = 0, time.monotonic() + 120.0
+    while time.monotonic() < deadline:
+        for _ in range(50):
+            motors.buses[sent % 2].send(_random_message(generator))
+            sent += 1
+        state, statuses = enabled.read()
+        enabled.write(_hold())
+        assert state.joint_count == 2
+        assert len(statuses) == 2
+        assert np.isfinite(state.joint_velocity).all()
+        time.sleep(0.002)
+    channels = enabled.statistics.channels
+    assert all(channel.counters.receiver_failures == 0 for channel in channels)
+    assert wait_until(lambda: sum(channel.counters.received for channel in channels) > 0.8 * sent, 30.0)
+    assert not any("has ended" in status.message for status in enabled.read()[1])
+
+
+def test_messages_do_not_change_from_tick_to_tick(enabled: RobstrideRobot, left: ScriptedMotor) -> None:
+    left.is_silent = True
+    left.mode = MotorMode.RESET
+    _wait_for(enabled, SafetyFlag.RX_TIMEOUT)
+    time.sleep(0.25)
+    seen = set()
+    for _ in range(10):
+        seen.add(_statuses(enabled))
+        time.sleep(0.005)
+    assert len(seen) == 1

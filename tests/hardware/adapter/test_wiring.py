@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.adapter.wiring import make_wiring
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.schema import RobotDescription
+
+OFFSETS = {"left": 0.5, "right": -0.25}
+
+
+def test_buses_map_to_channels_in_order(description: RobotDescription) -> None:
+    wiring = make_wiring(description, 2, OFFSETS)
+    assert wiring.channel == (0, 1)
+    assert wiring.on_channel(1) == (1,)
+    assert wiring.motor_id == (11, 21)
+    assert wiring.direction.tolist() == [-1.0, 1.0]
+    assert wiring.offset.tolist() == [0.5, -0.25]
+    assert [model.name for model in wiring.model] == ["rs-02", "rs-00"]
+
+
+def test_one_channel_carries_all_motors(description: RobotDescription) -> None:
+    wiring = make_wiring(description, 1, OFFSETS)
+    assert wiring.on_channel(0) == (0, 1)
+
+
+def test_the_effort_limit_is_what_frames_can_say(description: RobotDescription) -> None:
+    strong = msgspec.structs.replace(description.joints[0], effort_limit=float("inf"))
+    wiring = make_wiring(msgspec.structs.replace(description, joints=(strong, description.joints[1])), 2, OFFSETS)
+    assert wiring.effort_limit.tolist() == [17.0, 10.0]
+
+
+def test_the_shipped_lite_fits() -> None:
+    lite = load_robot("lite")
+    wiring = make_wiring(lite, 2, dict.fromkeys(lite.joint_names, 0.0))
+    assert wiring.on_channel(0) == tuple(range(7))
+    assert wiring.on_channel(1) == tuple(range(7, 14))
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_channels_that_do_not_fit_the_buses_are_refused(count: int, description: RobotDescription) -> None:
+    with pytest.raises(InputError, match=rf"{count} channels given, expected 1, which carries all motors, or 2"):
+        make_wiring(description, count, OFFSETS)
+
+
+def test_a_joint_without_a_motor_is_refused(description: RobotDescription) -> None:
+    ghost = msgspec.structs.replace(description.joints[1], motor=None)
+    with pytest.raises(InputError, match="these joints have no motor in the robot description: right"):
+        make_wiring(msgspec.structs.replace(description, joints=(description.joints[0], ghost)), 1, OFFSETS)
+
+
+def test_an_unknown_model_is_refused(description: RobotDescription) -> None:
+    joint = description.joints[1]
+    assert joint.motor is not None
+    strange = msgspec.structs.replace(joint, motor=msgspec.structs.replace(joint.motor, model="rs-09"))
+    with pytest.raises(InputError, match="joint 'right': unknown motor model 'rs-09'; known: rs-00, rs-01"):
+        make_wiring(msgspec.structs.replace(description, joints=(description.joints[0], strange)), 1, OFFSETS)
+
+
+@pytest.mark.parametrize(
+    ("calibration", "says"),
+    [
+        ({"left": 0.0}, "the calibration lacks right"),
+        ({"left": 0.0, "right": 0.0, "middle": 0.0}, "has joints that the robot has not: middle"),
+        ({"left": float("nan"), "right": 0.0}, "homing offset of left is nan"),
+    ],
+)
+def test_a_calibration_of_another_robot_is_refused(
+    calibration: dict[str, float], says: str, description: RobotDescription
+) -> None:
+    with pytest.raises(InputError, match=says):
+        make_wiring(description, 2, calibration)

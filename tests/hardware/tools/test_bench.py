@@ -1,0 +1,195 @@
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import pytest
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import parse_address
+from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.motor_state import MotorState
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.fields import MotorMode
+from humanoid_sim.hardware.robstride.messages import Command
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.tools.bench import (
+    EnabledMotor,
+    SilentMotorError,
+    open_bench,
+    read_device_id,
+    read_value,
+    some_motors,
+)
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
+
+Inject = Callable[[VirtualMotors, Fault], None]
+
+_ADDRESS = parse_address("virtual:bench-client")
+
+
+@pytest.fixture
+def motors() -> Iterator[VirtualMotors]:
+    with VirtualMotors(load_robot("lite"), [_ADDRESS]) as motors:
+        yield motors
+
+
+@pytest.fixture
+def bench(motors: VirtualMotors) -> Iterator[OpenChannels]:
+    group = some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"])
+    with open_bench([_ADDRESS], 0xFD, group, open_channel=motors.open_bus) as channels:
+        yield channels
+
+
+def test_a_lost_question_is_asked_again(bench: OpenChannels, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[Mapping[int, Sequence[Command]]] = []
+    send = bench.requests.send
+
+    def send_all_but_the_first(commands: Mapping[int, Sequence[Command]]) -> None:
+        sent.append(commands)
+        if len(sent) > 1:
+            send(commands)
+
+    monkeypatch.setattr(bench.requests, "send", send_all_but_the_first)
+    assert len(read_device_id(bench).uid) == 8
+    assert sent[1] == sent[0]
+
+
+def test_a_late_answer_is_not_the_next_questions(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+    inject(motors, Fault("delayed", ("left_wrist_yaw",), value=0.06))
+    assert isinstance(bench.requests.read({0: PARAMETERS["VBUS"]}, (0.02,))[0], Unreadable)
+    assert read_value(bench, PARAMETERS["canTimeout"]) == 0
+
+
+def test_polling_takes_late_answers_the_next_time(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+    inject(motors, Fault("delayed", ("left_wrist_yaw",), value=0.06))
+    begin = time.monotonic()
+    polled: dict[int, float] = {}
+    while not polled and time.monotonic() < begin + 5.0:
+        polled = bench.requests.poll_values(PARAMETERS["VBUS"], [0], 0.01)
+    assert polled == {0: 48.0}
+
+
+def test_motors_that_are_silent_are_left_out(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+    inject(motors, Fault("silent", ("left_wrist_yaw",)))
+    bench.expect(some_motors([(0, 14), (0, 15), (0, 16)], bench.sources))
+    assert bench.requests.poll_values(PARAMETERS["VBUS"], range(3), 0.1) == {0: 48.0, 2: 48.0}
+    found = bench.requests.read(dict.fromkeys(range(3), PARAMETERS["VBUS"]), (0.1,))
+    assert found == {0: 48.0, 1: Unreadable("no answer", is_silent=True), 2: 48.0}
+
+
+def test_a_bus_that_is_down_is_an_error_and_says_why(
+    bench: OpenChannels, motors: VirtualMotors, inject: Inject
+) -> None:
+    inject(motors, Fault("bus_off"))
+    for _ in range(2):
+        with pytest.raises((RobotError, SilentMotorError), match=r"bus-off|Network is down"):
+            read_device_id(bench)
+
+
+def test_silence_says_what_the_channel_knows_of_it(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+    inject(motors, Fault("enobufs"))
+    with pytest.raises(
+        SilentMotorError, match=r"motor 15 does not answer on virtual:bench-client \(outgoing queue is full"
+    ):
+        read_device_id(bench)
+
+
+def test_a_motor_is_enabled_within_the_context_only(bench: OpenChannels) -> None:
+    with EnabledMotor(bench) as motor:
+        assert motor.status is not None
+        assert motor.status.mode is MotorMode.RUN
+        position = motor.command(0.0, 0.0, 0.0, 0.0).position
+        assert motor.command(position, 0.0, 5.0, 0.5).mode is MotorMode.RUN
+        assert read_value(bench, PARAMETERS["canTimeout"]) == 2000
+    assert read_value(bench, PARAMETERS["canTimeout"]) == 0
+    with pytest.raises(RobotError, match="motor 15 on virtual:bench-client: is in mode reset, expected run"):
+        motor.command(position, 0.0, 5.0, 0.5)
+
+
+def test_a_motor_that_does_not_confirm_its_stop_is_said(
+    bench: OpenChannels, motors: VirtualMotors, inject: Inject
+) -> None:
+    motor = EnabledMotor(bench)
+    with pytest.raises(RobotError, match="does not confirm that it stopped; without commands it stops by itself"):  # noqa: SIM117
+        with motor:
+            inject(motors, Fault("silent", ("left_wrist_yaw",)))
+
+
+def test_a_motor_that_loses_its_mode_is_noticed(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+    with EnabledMotor(bench) as motor:
+        inject(motors, Fault("reset", ("left_wrist_yaw",)))
+        with pytest.raises(RobotError, match="is in mode reset, expected run"):
+            motor.command(0.0, 0.0, 0.0, 0.0)
+
+
+def test_a_bench_that_cannot_open_its_channel_gives_it_back() -> None:
+    def refuse(_: object) -> None:
+        raise RobotError("cannot be opened")
+
+    group = some_motors([(0, 15)], [str(_ADDRESS)])
+    with (
+        pytest.raises(RobotError, match="cannot be opened"),
+        open_bench([_ADDRESS], 0xFD, group, open_channel=refuse),  # type: ignore[arg-type]
+    ):
+        pass
+    ChannelLock(_ADDRESS).release()
+
+
+def _nothing_was_written(motors: VirtualMotors) -> bool:
+    states: list[MotorState] = []
+    motors.call(lambda emulator: states.extend(emulator.motors.states))
+    timeout = PARAMETERS["canTimeout"].index
+    return all(state.parameters[timeout] == 0 and not state.is_running for state in states)
+
+
+@pytest.mark.parametrize(
+    ("motor_id", "model", "version", "refusal"),
+    [
+        (15, "rs-02", "0.5.3.9", "its firmware 0.5.3.9 is an rs-05's, the robot description has an rs-02 here"),
+        (11, "rs-02", "0.2.3.5", "its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it"),
+    ],
+)
+def test_a_motor_that_would_scale_commands_wrongly_is_not_enabled(
+    motor_id: int, model: str, version: str, refusal: str
+) -> None:
+    lite = load_robot("lite")
+    names = {joint.motor.can_id: joint.name for joint in lite.joints if joint.motor is not None}
+    settings = EmulationSettings(firmware={names[motor_id]: version})
+    group = some_motors([(0, motor_id)], [str(_ADDRESS)], MOTORS[model])
+    with VirtualMotors(lite, [_ADDRESS], settings=settings) as motors:
+        with (
+            open_bench([_ADDRESS], 0xFD, group, open_channel=motors.open_bus) as channels,
+            pytest.raises(RobotError) as refused,
+            EnabledMotor(channels),
+        ):
+            pass
+        assert str(refused.value) == f"motor {motor_id} on virtual:bench-client: {refusal}"
+        assert _nothing_was_written(motors)
+
+
+def test_a_motor_that_another_master_drives_is_not_touched(
+    bench: OpenChannels, motors: VirtualMotors, inject: Inject
+) -> None:
+    inject(motors, Fault("other_master"))
+    with pytest.raises(RobotError, match="another master drives these motors: another host sends"), EnabledMotor(bench):
+        pass
+    assert _nothing_was_written(motors)
+
+
+def test_overvoltage_which_no_status_shows_keeps_a_motor_from_being_enabled(
+    bench: OpenChannels, motors: VirtualMotors, inject: Inject
+) -> None:
+    inject(motors, Fault("over_voltage", ("left_wrist_yaw",)))
+    time.sleep(0.02)
+    with (
+        pytest.raises(RobotError, match=r"^motor 15 on virtual:bench-client: reports overvoltage$"),
+        EnabledMotor(bench),
+    ):
+        pass
+    assert _nothing_was_written(motors)

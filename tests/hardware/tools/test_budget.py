@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
+from humanoid_sim.hardware import main
+from humanoid_sim.hardware.tools.budget import channel_budgets
+from humanoid_sim.robots.description import load_robot
+
+_LITE = load_robot("lite")
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def run_tool(*words: str) -> tuple[int, str, str]:
+        status = run_program(main, ["budget", *words])
+        return status, *capsys.readouterr()
+
+    return run_tool
+
+
+def test_the_protocols_figures_for_one_bus_at_200_hz() -> None:
+    (channel,) = channel_budgets(_LITE, 1, 200.0, 1e6, 0.0)
+    assert channel.burst == 14
+    assert channel.period_time == pytest.approx((3.668e-3, 4.48e-3))
+    assert channel.load == pytest.approx((0.7336, 0.896))
+    assert channel.highest_rate == pytest.approx((272.6, 223.2), abs=0.1)
+
+
+def test_two_buses_share_the_motors() -> None:
+    left, right = channel_budgets(_LITE, 2, 200.0, 1e6, 0.0)
+    assert left.joints == _LITE.joint_names[:7]
+    assert right.joints == _LITE.joint_names[7:]
+    assert left.load == pytest.approx((0.3668, 0.448))
+
+
+def test_reports_take_their_share() -> None:
+    (channel,) = channel_budgets(_LITE, 1, 50.0, 1e6, 100.0)
+    assert channel.load[1] == pytest.approx(14 * (2 * 50 + 100) * 160e-6)
+    assert channel.highest_rate[1] == pytest.approx((1.0 / (14 * 160e-6) - 100.0) / 2.0)
+    (full,) = channel_budgets(_LITE, 1, 50.0, 125e3, 100.0)
+    assert full.highest_rate[1] == 0.0
+    assert full.load[1] > 1.0
+
+
+def test_channels_that_do_not_fit_the_robot() -> None:
+    with pytest.raises(InputError, match="lite: 3 channels given, expected 1 or one per bus, 2"):
+        channel_budgets(_LITE, 3, 50.0, 1e6, 0.0)
+
+
+def test_both_layouts_are_shown_with_the_diagnosis(run: Run) -> None:
+    status, printed, complained = run("--rate", "200", "--no-reports")
+    assert (status, complained) == (0, "")
+    assert printed.startswith("lite on 1 channel at 200 Hz ")
+    assert "73–90 %" in printed
+    assert "tight: a repeated frame delays the next period" in printed
+    assert "37–45 %" in printed
+    assert "ENOBUFS" in printed
+    assert "a period sends 14 at once: sudo ip link set CHANNEL txqueuelen 100" in printed
+
+
+def test_status_1_where_it_does_not_fit(run: Run) -> None:
+    status, printed, _ = run("--channels", "virtual:a", "--rate", "300")
+    assert status == 1
+    assert "virtual:a" in printed
+    assert "does not fit" in printed
+
+
+def test_a_channels_name_is_printed_as_it_is(run: Run) -> None:
+    assert "virtual::bus:[b]" in run("--channels", "virtual::bus:[b]")[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--rate", "0"), "--rate: is 0.0, expected a number above 0"),
+        (("--bitrate", "inf"), "--bitrate: is inf, expected a number above 0"),
+        (("--channels", "virtual:a,virtual:a"), "is named twice"),
+        (("--robot", "none"), "unknown robot 'none'"),
+    ],
+)
+def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message: str) -> None:
+    status, _, complained = run(*words)
+    assert status == 2
+    assert message in complained

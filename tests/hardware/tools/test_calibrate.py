@@ -1,0 +1,278 @@
+from __future__ import annotations
+
+import io
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_calibration, save_calibration
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.messages import Command
+from humanoid_sim.hardware.robstride.requests import Requests
+from humanoid_sim.hardware.tools import calibrate as tool
+from humanoid_sim.hardware.tools.calibrate import JointTrack
+from humanoid_sim.robots.description import load_robot
+
+Run = Callable[..., tuple[int, str, str]]
+Rows = Callable[[str], list[list[str]]]
+
+_CHANNEL = "virtual:bench-calibrate"
+_LITE = load_robot("lite")
+_OFFSETS = {"left_elbow_pitch": 0.3, "left_wrist_yaw": -0.2}
+_JOINTS = ("--joints", "left_elbow_pitch", "left_wrist_yaw", "left_wrist_roll")
+
+
+@pytest.fixture(scope="module")
+def motors() -> Iterator[VirtualMotors]:
+    with VirtualMotors(_LITE, [_CHANNEL], settings=EmulationSettings(homing_offset=_OFFSETS)) as motors:
+        yield motors
+
+
+@contextmanager
+def _hand(motors: VirtualMotors) -> Iterator[threading.Event]:
+    """Leads elbow and wrist to their lower stops, then to their upper ones; the event says that it has been there."""
+    done, given_up = threading.Event(), threading.Event()
+
+    def lead() -> None:
+        position = dict(zip(_LITE.joint_names, motors.truth.joint_position.tolist(), strict=True))
+        target = {name: position[name] for name in _OFFSETS}
+        lower, upper = _LITE.lower, _LITE.upper
+        for stops in (lower, upper):
+            stop = {name: float(stops[_LITE.joint_names.index(name)]) for name in _OFFSETS}
+            beyond = 0.05 if stops is upper else -0.05
+            while not given_up.wait(0.005):
+                for name, at in target.items():
+                    target[name] = at + max(-0.025, min(stop[name] + beyond - at, 0.025))  # 5 rad/s
+                motors.move_by_hand(target)
+                truth = motors.truth.joint_position
+                if all(abs(truth[_LITE.joint_names.index(name)] - stop[name]) < 0.04 for name in stop):
+                    break
+            given_up.wait(0.05)  # long enough to be read there
+        done.set()
+        motors.move_by_hand(None)
+
+    thread = threading.Thread(target=lead)
+    thread.start()
+    try:
+        yield done
+    finally:
+        given_up.set()
+        thread.join()
+
+
+@pytest.fixture
+def swept(motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Joints are swept by hand while the tool runs, which ends with the sweep, or after 20 s."""
+    with _hand(motors) as done:
+        monkeypatch.setattr(tool, "_is_over", lambda _, elapsed: done.is_set() or elapsed > 20.0)
+        yield
+
+
+def test_swept_joints_are_calibrated_and_the_others_kept(
+    run: Run, table_rows: Rows, swept: None, tmp_path: Path
+) -> None:
+    path = tmp_path / "calibration.yaml"
+    old = {
+        "left_elbow_pitch": CalibrationEntry(14, -1, 1.0),
+        "left_wrist_roll": CalibrationEntry(16, -1, 0.5),
+        "neck_yaw": CalibrationEntry(31, 1, 0.25),
+    }
+    save_calibration(path, old)
+    status, printed, complained = run("calibrate", _CHANNEL, "--output", str(path), *_JOINTS, "--duration", "20")
+    assert (status, complained) == (0, "")
+    entries = load_calibration(path, _LITE).entries
+    assert list(entries) == ["left_elbow_pitch", "left_wrist_yaw", "left_wrist_roll", "neck_yaw"]
+    for name, offset in _OFFSETS.items():
+        assert entries[name].homing_offset == pytest.approx(offset, abs=0.04)
+    assert entries["left_wrist_roll"] == old["left_wrist_roll"]
+    assert entries["neck_yaw"] == old["neck_yaw"]
+    verdicts = {row[0]: row[-1] for row in table_rows(printed) if row[0].startswith("left")}
+    assert verdicts["left_elbow_pitch"] == verdicts["left_wrist_yaw"] == "good"
+    assert verdicts["left_wrist_roll"] == "unswept"
+    assert "left_elbow_pitch: 1.0000 -> 0." in printed
+    assert f"wrote {path}: 2 joints calibrated, 2 kept\n" in printed
+    assert "not calibrated yet: left_shoulder_pitch, " in printed
+
+
+def test_no_motor_is_enabled_or_written_to(
+    run: Run, motors: VirtualMotors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent = []
+    send = Requests.send
+
+    def watched(requests: Requests, commands: Mapping[int, Sequence[Command]]) -> None:
+        sent.extend(type(command).__name__ for group in commands.values() for command in group)
+        send(requests, commands)
+
+    monkeypatch.setattr(Requests, "send", watched)
+    run("calibrate", _CHANNEL, "--output", str(tmp_path / "c.yaml"), *_JOINTS, "--duration", "0.2")
+    assert set(sent) == {"ReadParameter"}
+    assert len(sent) >= 3  # one reading of each joint, however busy the machine is
+
+
+def _seen(monkeypatch: pytest.MonkeyPatch, sweep: Sweep) -> None:
+    """The elbow was swept so; nothing else."""
+    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: JointTrack(heard=time.monotonic(), sweep=sweep)})
+
+
+def test_a_flipped_direction_is_warned_of_and_not_written(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    _seen(monkeypatch, Sweep(-0.01, 2.37))
+    path = tmp_path / "calibration.yaml"
+    words = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1")
+    status, printed, complained = run("calibrate", _CHANNEL, *words)
+    assert status == 1
+    assert complained == (
+        "warning: left_elbow_pitch: swept outside its limits of -2.35619 to 0 rad: not used. Its direction, -1 in the "
+        "robot description, is flipped, or its motor's zero was never set (--any-offset)\n"
+    )
+    assert f"{path}: not written, no joint was calibrated" in printed
+    assert not path.exists()
+    assert run("calibrate", _CHANNEL, *words, "--any-offset")[0] == 0
+    assert load_calibration(path, _LITE).entries["left_elbow_pitch"].homing_offset == pytest.approx(-2.358, abs=1e-3)
+
+
+def test_a_sweep_that_misses_a_stop_is_not_used(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    _seen(monkeypatch, Sweep(-1.9, 0.0))
+    path = tmp_path / "calibration.yaml"
+    words = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1")
+    status, _, complained = run("calibrate", _CHANNEL, *words)
+    assert status == 1
+    assert complained == (
+        "warning: left_elbow_pitch: swept 1.90 rad of a range of 2.36: not used. Reach both stops, or raise "
+        "--tolerance\n"
+    )
+    assert not path.exists()
+
+
+def test_a_sweep_wider_than_the_joint_is_not_used(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    _seen(monkeypatch, Sweep(-2.4, 6.2))
+    path = tmp_path / "calibration.yaml"
+    words = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1", "--any-offset")
+    status, _, complained = run("calibrate", _CHANNEL, *words)
+    assert status == 1
+    assert complained == (
+        "warning: left_elbow_pitch: swept 8.60 rad, more than its range of 2.36: not used. Its stops are not its "
+        "limits (raise --tolerance), or another motor has the id 14 (discover)\n"
+    )
+    assert not path.exists()
+
+
+@contextmanager
+def _terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Standard input is a terminal; what is written to this descriptor is typed there."""
+    typed, shown = os.openpty()
+    with os.fdopen(shown, encoding="utf-8") as terminal:
+        monkeypatch.setattr("sys.stdin", terminal)
+        try:
+            yield typed
+        finally:
+            os.close(typed)
+
+
+def test_enter_ends_the_sweep_and_the_table_is_drawn_at_5_hz(
+    run: Run, motors: VirtualMotors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+    draw = tool._table
+
+    def counted(*arguments: Any) -> Any:
+        drawn.append(time.monotonic())
+        return draw(*arguments)
+
+    screen = io.StringIO()
+    monkeypatch.setattr(tool, "_table", counted)
+    monkeypatch.setattr(tool, "make_console", lambda: Console(file=screen, force_terminal=True, width=100))
+    with _terminal(monkeypatch) as typed:
+        enter = threading.Timer(0.5, os.write, (typed, b"\n"))
+        enter.start()
+        status, printed, _ = run("calibrate", _CHANNEL, "--output", str(tmp_path / "c.yaml"), *_JOINTS)
+        enter.join()
+    assert status == 0
+    assert "Enter writes the file, Ctrl-C leaves it alone" in printed
+    assert 3 <= len(drawn) <= 4  # at 0, 0.2 and 0.4 s and at the end; one may be late on a busy machine
+    assert "left_elbow_pitch" in screen.getvalue()
+
+
+def test_ctrl_c_writes_nothing(
+    run: Run, motors: VirtualMotors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: Any) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tool, "_is_over", interrupt)
+    path = tmp_path / "calibration.yaml"
+    status, _, complained = run("calibrate", _CHANNEL, "--output", str(path), "--duration", "5")
+    assert (status, complained) == (130, "interrupted\n")
+    assert not path.exists()
+
+
+def test_status_3_where_a_motor_is_silent(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tool, "_SILENT", 0.5)
+    path = tmp_path / "calibration.yaml"
+    channel = "virtual:bench-silent"
+    with VirtualMotors(_LITE, [channel], faults=[Fault("silent", ("left_wrist_yaw",))]):
+        status, _, complained = run("calibrate", channel, "--output", str(path), "--duration", "5")
+    assert status == 3
+    assert complained == f"error: left_wrist_yaw (motor 15) does not answer on {channel}\n"
+    assert not path.exists()
+
+
+def test_a_motor_that_falls_silent_begins_its_sweep_anew() -> None:
+    track = JointTrack()
+    for time_heard, angle in ((0.0, -1.0), (0.1, 1.0), (0.9, 1.0)):
+        track.take(angle, time_heard)
+    assert (track.sweep, track.restarts) == (Sweep(-1.0, 1.0), 0)
+    assert track.is_silent(2.0)
+    track.take(5.0, 2.0)  # another turn: it was without power
+    assert (track.sweep, track.restarts, track.is_silent(2.5)) == (Sweep(5.0, 5.0), 1, False)
+
+
+def test_a_silence_during_the_sweep_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    track = JointTrack(heard=time.monotonic(), sweep=Sweep(0.0, 0.1), restarts=1)
+    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: track})
+    words = ("--output", str(tmp_path / "c.yaml"), "--joints", "left_elbow_pitch", "--duration", "1")
+    status, _, complained = run("calibrate", _CHANNEL, *words)
+    assert status == 1
+    assert complained == "warning: fell silent during the sweep, which began anew: left_elbow_pitch\n"
+
+
+def test_an_existing_file_that_is_none_is_left_alone(run: Run, motors: VirtualMotors, tmp_path: Path) -> None:
+    path = tmp_path / "calibration.yaml"
+    path.write_text("left_elbow_pitch: 3\n", encoding="utf-8")
+    status, _, complained = run("calibrate", _CHANNEL, "--output", str(path), "--duration", "5")
+    assert status == 2
+    assert "left_elbow_pitch: is 3, expected a mapping with id, direction, homing_offset" in complained
+    assert path.read_text(encoding="utf-8") == "left_elbow_pitch: 3\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "--duration: is needed where standard input is no terminal"),
+        (("--duration", "0"), "--duration: is 0.0, expected more than 0 s"),
+        (("--duration", "1", "--joints", "elbow"), "--joints: unknown joint 'elbow'; known: left_shoulder_pitch"),
+        (("--duration", "1", "--threshold", "nan"), "--threshold: is nan, expected a number >= 0, in rad"),
+        (("--duration", "1", "--tolerance", "-1"), "--tolerance: is -1.0, expected a number >= 0, in rad"),
+        (("--duration", "1", "--output", "/nowhere/c.yaml"), "--output: there is no folder '/nowhere'"),
+    ],
+)
+def test_options_that_are_not_accepted(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: tuple[str, ...], message: str
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    monkeypatch.chdir(tmp_path)
+    status, _, complained = run("calibrate", _CHANNEL, *words)
+    assert status == 2
+    assert message in complained
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import yaml
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.tools import bench
+from humanoid_sim.hardware.tools import identify as tool
+from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
+from humanoid_sim.robots.description import load_robot
+
+Run = Callable[..., tuple[int, str, str]]
+
+_CHANNEL = "virtual:bench-tools"
+_WRIST = ("identify", _CHANNEL, "left_wrist_yaw", "--yes")
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tool, "_RAMP", 0.12)
+    monkeypatch.setattr(tool, "_HOLD", 0.05)
+    monkeypatch.setattr(bench, "_CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
+
+
+def _is_stopped_as_before(motor_id: int) -> bool:
+    with motor_bench(_CHANNEL, motor_id, 0xFD) as channels:
+        write_value(channels, PARAMETERS["zero_sta"], 0)
+        sample = channels.table.slots[0].sample
+        assert sample is not None
+        return read_value(channels, PARAMETERS["canTimeout"]) == 0 and sample.mode.name == "RESET"
+
+
+def test_the_joint_moves_in_its_positive_direction_and_back(run: Run, lite_motors: VirtualMotors) -> None:
+    status, printed, complained = run(*_WRIST)
+    assert (status, complained) == (0, "")
+    assert "motor 15 on virtual:bench-tools will move the joint by +0.15 rad" in printed
+    assert "with direction +1 that is +0.1" in printed
+    assert _is_stopped_as_before(15)
+
+
+def test_a_motor_that_turns_the_other_way_than_its_joint(run: Run, lite_motors: VirtualMotors) -> None:
+    before = lite_motors.truth.joint_position[5]
+    status, printed, _ = run("identify", _CHANNEL, "left_wrist_roll", "--yes", "--angle", "0.2")
+    assert status == 0
+    assert "motor 16 moved by -0." in printed
+    assert "with direction -1 that is +0." in printed
+    assert abs(lite_motors.truth.joint_position[5] - before) < 0.1
+
+
+def test_a_joint_that_is_wired_to_another_motor_is_told(run: Run, lite_motors: VirtualMotors, tmp_path: Path) -> None:
+    """With the wrists' ids exchanged in the description, the roll's motor obeys the yaw's name."""
+    document = yaml.safe_load(asset_path("robots", "lite.yaml").read_text(encoding="utf-8"))
+    document["mjcf"] = str(asset_path("mjcf", "lite.xml"))
+    document["joints"][4]["motor"]["can_id"], document["joints"][5]["motor"]["can_id"] = 16, 15
+    path = tmp_path / "crossed.yaml"
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    before = lite_motors.truth.joint_position.copy()
+    positions = []
+    told = tool._positions
+
+    def look(*arguments: Any) -> Mapping[int, float]:
+        positions.append(lite_motors.truth.joint_position.copy())
+        return told(*arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tool, "_positions", look)
+        run("identify", _CHANNEL, "left_wrist_yaw", "--yes", "--robot", str(path))
+    there = positions[1] - before
+    assert abs(there[5]) > 0.1  # the roll moved
+    assert abs(there[4]) < 0.05
+
+
+def test_a_joint_that_does_not_follow(run: Run, lite_motors: VirtualMotors) -> None:
+    status, _, complained = run(*_WRIST, "--torque", "0.02")  # less than the joint's friction
+    assert status == 1
+    assert complained == "warning: left_wrist_yaw did not follow: raise --torque, or hold the arm's weight\n"
+
+
+def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(
+    run: Run, lite_motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def interrupted(seconds: float) -> None:
+        calls.append(seconds)
+        if len(calls) == 5:
+            raise KeyboardInterrupt
+        time.sleep(seconds)
+
+    monkeypatch.setattr(tool, "time", SimpleNamespace(monotonic=time.monotonic, sleep=interrupted))
+    status, _, complained = run(*_WRIST)
+    assert (status, complained) == (130, "interrupted\n")
+    assert _is_stopped_as_before(15)
+
+
+def test_nothing_moves_without_leave(run: Run, lite_motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    status, _, complained = run(*_WRIST[:-1])
+    assert status == 2
+    assert complained == "error: --yes: is needed where standard input is no terminal\n"
+
+
+@pytest.mark.parametrize(("answer", "expected"), [("yes\n", 0), ("y\n", 2), ("\n", 2)])
+def test_leave_is_asked_for_on_a_terminal(
+    run: Run, lite_motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch, answer: str, expected: int
+) -> None:
+    terminal = io.StringIO(answer)
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr("sys.stdin", terminal)
+    assert run(*_WRIST[:-1])[0] == expected
+
+
+def test_firmware_that_scales_gains_is_refused(run: Run) -> None:
+    channel = "virtual:bench-identify"
+    with VirtualMotors(load_robot("lite"), [channel], settings=EmulationSettings(firmware={"rs-02": "0.2.3.5"})):
+        status, _, complained = run("identify", channel, "left_shoulder_pitch", "--yes")
+    assert status == 2
+    assert complained == (
+        "error: left_shoulder_pitch: its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it\n"
+    )
+
+
+def test_status_3_where_the_motor_is_silent(run: Run) -> None:
+    status, _, complained = run("identify", "virtual:nobody", "left_wrist_yaw", "--yes")
+    assert status == 3
+    assert complained == "error: motor 15 does not answer on virtual:nobody\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("elbow",), "unknown joint 'elbow'; known: left_shoulder_pitch, "),
+        (("left_wrist_yaw", "--angle", "1"), "--angle: is 1.0, expected 0.02 to 0.5 rad"),
+        (("left_wrist_yaw", "--torque", "4.1"), "--torque: is 4.1, expected more than 0 and at most 4 N·m"),
+        (("left_wrist_yaw", "--torque", "nan"), "--torque: is nan, expected"),
+    ],
+)
+def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message: str) -> None:
+    status, _, complained = run("identify", _CHANNEL, *words)
+    assert status == 2
+    assert message in complained

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
+from humanoid_sim.robots.description import load_robot
+
+Inject = Callable[[VirtualMotors, Fault], None]
+Run = Callable[..., tuple[int, str, str]]
+
+_CHANNEL = "virtual:bench-tools"
+
+
+def _values(printed: str) -> dict[str, str]:
+    lines = (line.split(maxsplit=1) for line in printed.splitlines() if line.startswith("  "))
+    return {words[0]: words[1] for words in lines}
+
+
+def test_a_motor_says_who_it_is_and_how_it_is(run: Run, lite_motors: VirtualMotors) -> None:
+    status, printed, complained = run("ping", _CHANNEL, "13", "--count", "3")
+    values = _values(printed)
+    assert (status, complained) == (0, "")
+    assert printed.startswith(f"motor 13 on {_CHANNEL}, unique id ")
+    assert values["answered"].startswith("3 of 3, median ")
+    assert (values["run_mode"], values["VBUS"], values["canTimeout"]) == ("0", "48 V", "0 (off)")
+    assert "position" not in values
+
+
+def test_the_status_is_read_enabled_and_the_motor_left_stopped(run: Run, lite_motors: VirtualMotors) -> None:
+    status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status")
+    values = _values(printed)
+    assert status == 0
+    assert (values["model"], values["firmware"], values["faults"]) == ("rs-00", "0.0.3.9", "none")
+    assert float(values["position"].split()[0]) == pytest.approx(float(values["mechPos"].split()[0]), abs=2e-3)
+    assert abs(float(values["effort"].split()[0])) < 1e-3
+    assert values["temperature"] == "25.0 °C"
+    with motor_bench(_CHANNEL, 13, 0xFD) as channels:
+        assert read_value(channels, PARAMETERS["canTimeout"]) == 0  # as before
+        write_value(channels, PARAMETERS["zero_sta"], 0)
+        sample = channels.table.slots[0].sample
+        assert sample is not None
+        assert sample.mode.name == "RESET"
+
+
+def test_a_model_that_is_given_is_used(run: Run, lite_motors: VirtualMotors) -> None:
+    status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status", "--model", "rs-03")
+    assert (status, _values(printed)["model"]) == (0, "rs-03")
+
+
+def test_firmware_that_scales_gains_is_mentioned_where_none_are_asked_for(run: Run) -> None:
+    settings = EmulationSettings(firmware={"rs-02": "0.2.3.5"})
+    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"], settings=settings):
+        status, printed, complained = run("ping", "virtual:bench-ping", "11", "--count", "1", "--read-status")
+    assert (status, _values(printed)["model"]) == (0, "rs-02")
+    assert complained == (
+        "warning: motor 11 on virtual:bench-ping: its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it\n"
+    )
+
+
+def test_a_motor_in_another_run_mode_is_not_enabled(run: Run) -> None:
+    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]):
+        with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
+            write_value(channels, PARAMETERS["run_mode"], 2)
+        status, printed, complained = run("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
+        assert status == 2
+        assert "motor 13 on virtual:bench-ping: run_mode is 2, in which enabling may move it" in complained
+        assert "temperature" not in printed
+
+
+def test_a_faulty_motor_is_reported_and_stopped(run: Run, inject: Inject) -> None:
+    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]) as motors:
+        inject(motors, Fault("encoder_fault", ("left_shoulder_yaw",)))
+        status, _, complained = run("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
+        assert status == 2
+        assert complained == "error: motor 13 on virtual:bench-ping: reports encoder_fault\n"
+
+
+def test_status_3_where_the_motor_is_silent(run: Run, lite_motors: VirtualMotors) -> None:
+    status, _, complained = run("ping", _CHANNEL, "40")
+    assert status == 3
+    assert complained == f"error: motor 40 does not answer on {_CHANNEL}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("0",), "motor id: is 0, expected 1 to 127"),
+        (("128",), "motor id: is 128, expected 1 to 127"),
+        (("13", "--count", "0"), "--count: is 0, expected 1 to 10000"),
+        (("13", "--model", "rs-9"), "unknown motor model 'rs-9'; known: rs-00, "),
+    ],
+)
+def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message: str) -> None:
+    status, _, complained = run("ping", _CHANNEL, *words)
+    assert status == 2
+    assert message in complained
