@@ -19,7 +19,7 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
 from humanoid_sim.mit import MITCommand
 
-__all__ = ["RLPolicyController", "RLPolicyMemory"]
+__all__ = ["RLPolicyController", "RLPolicyMemory", "infer"]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -98,30 +98,32 @@ class RLPolicyController:
             observation, observed = self.wiring.observe(memory.policy, tick_input.state)
         except FieldError as error:
             return Fault(str(error))
-        step = self._infer(observation, int(observed.frame))
+        step = infer(self.wiring, self.policy, observation, int(observed.frame))
         if isinstance(step, Fault):
             return step
         advanced, command = self.wiring.act(observed, step.action)
         return RLPolicyMemory(policy_step=step, policy=advanced, held_ticks=1, command=command), command
-
-    def _infer(self, observation: Float32Array, frame: int) -> PolicyStep | Fault:
-        observation.setflags(write=False)
-        problem = self.wiring.observation_problem(observation)
-        if problem:
-            return Fault(problem)
-        try:
-            answer = self.policy(observation, frame)
-            with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
-                action = np.array(answer, dtype=np.float32)
-        except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
-            return Fault(f"policy failed: {error}", policy_error=str(error))
-        action.setflags(write=False)
-        step = PolicyStep(frame, observation, action)
-        problem = self.wiring.action_problem(action)
-        return Fault(problem, step) if problem else step
 
     def _state_problem(self, tick_input: TickInput) -> str:
         shape = tick_input.state.joint_position.shape
         if shape == (len(self.joints),):
             return ""
         return f"state has {shape} joint positions, expected ({len(self.joints)},)"
+
+
+def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame: int) -> PolicyStep | Fault:
+    """The raw action of one robot's observation, shape (N,); whatever is wrong with either is a fault."""
+    observation.setflags(write=False)
+    problem = wiring.observation_problem(observation)
+    if problem:
+        return Fault(problem)
+    try:
+        answer = policy(observation, frame)
+        with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
+            action = np.array(answer, dtype=np.float32)
+    except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
+        return Fault(f"policy failed: {error}", policy_error=str(error))
+    action.setflags(write=False)
+    step = PolicyStep(frame, observation, action)
+    problem = wiring.action_problem(action)
+    return Fault(problem, step) if problem else step

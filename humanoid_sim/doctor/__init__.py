@@ -1,23 +1,55 @@
 """Find out what is wired wrongly in a policy that does not behave: try what usually is, one change at a time, and see.
 
-`hypotheses` is the space of changes, `rollout` tries one in simulation, `search` goes through them, `report` tells.
+`hypotheses` is the space of changes, `trials` tries one in simulation, `search` goes through them, `report` shows the
+ranking. Nothing heavy is imported here: `--help` must be quick.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
-__all__ = ["main"]
+import tyro
+
+__all__ = ["DoctorConfig", "main"]
+
+
+@dataclass(frozen=True)
+class DoctorConfig:
+    """Find out what is wired wrongly in a policy that does not behave.
+
+    Changes the contract in every way in which contracts usually are wrong, one change at a time and then two, tries
+    each in short simulated runs in which nothing holds the robot, and ranks them by how long and how well it stays up.
+    Ctrl-C ends the search and shows the ranking so far. Exit status 0 if the contract as it is does best, else 1.
+    """
+
+    checkpoint: tyro.conf.Positional[Path]
+    """ONNX file."""
+    robot: str
+    """Shipped robot (lite, lite_biped), YAML file or MJCF."""
+    contract: Path | None = None
+    """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
+    motion: str | None = None
+    """Motion to follow, if the checkpoint does not carry one: an .mcap file, or the name of a sample motion."""
+    command: str | None = None
+    """Velocity command vx,vy,wz in m/s, m/s and rad/s. Default: forward, turning and backward."""
+    seconds: float = 4.0
+    """Length of the first, brief trials; the best are then tried for longer."""
+    pairs: int = 1200
+    """At most so many pairs of changes are tried where one change is not enough; 0: single changes only."""
+    top: int = 10
+    """Rows of the ranking."""
+    base_height: float | None = None
+    """Height in m at which the base starts. Default: the robot stands on the floor."""
+    json: bool = False
+    """Print the whole ranking as JSON."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `policy doctor` with command-line arguments; returns the exit status: 0 if nothing wrong was found."""
-    import tyro  # noqa: PLC0415 - heavy imports stay out of `--help` and of importing this package
-
-    from humanoid_sim.doctor.config import DoctorConfig  # noqa: PLC0415
-
     config = tyro.cli(DoctorConfig, prog="humanoid_sim.policy doctor", args=arguments)
 
-    from humanoid_sim.doctor.program import doctor  # noqa: PLC0415
+    from humanoid_sim.doctor.run import doctor  # noqa: PLC0415 - heavy imports stay out of `--help`
 
     return doctor(config)

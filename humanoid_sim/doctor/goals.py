@@ -1,8 +1,13 @@
-"""What a policy is to do in a trial: walk at a velocity, follow a motion, or at least not fall."""
+"""What a policy is to do in a trial: walk at a velocity, follow a motion, or at least not fall; and how well it does.
+
+Nothing that is measured depends on the contract that is being tried: it is the robot in the world.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -13,10 +18,10 @@ from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.evaluation.errors import pose_error
 from humanoid_sim.evaluation.failure import describe_fall, describe_stray, has_fallen, has_strayed
 from humanoid_sim.evaluation.tracking import TrackingErrors
-from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand, MITState
 from humanoid_sim.simulation.floating_base import BaseState
 
-__all__ = ["BodiesGoal", "Goal", "MotionGoal", "UprightGoal", "VelocityGoal"]
+__all__ = ["BodiesGoal", "Goal", "MotionGoal", "Quality", "Strain", "UprightGoal", "VelocityGoal"]
 
 
 class Goal(Protocol):
@@ -184,3 +189,47 @@ class BodiesGoal:
         """See `Goal.parts`."""
         hands = self._errors.summary().hands
         return {"position": hands.position_rms / self._POSITION, "angle": hands.orientation_rms / self._ANGLE}
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """What a run's quality is made of; each part is about 1 where an onlooker would begin to notice."""
+
+    parts: Mapping[str, float]
+
+    @property
+    def cost(self) -> float:
+        """The parts' sum: smaller is better."""
+        return sum(self.parts.values())
+
+
+class Strain:
+    """How hard the joints are driven: a wrong wiring that stays up shakes and strains."""
+
+    _SHAKING = 5.0
+    """rad/s, root mean square of the commanded positions' change."""
+    _TORQUE = 15.0
+    """N·m, root mean square."""
+
+    def __init__(self, policy_dt: float) -> None:
+        self._period = policy_dt
+        self._last: FloatArray | None = None
+        self._change = 0.0
+        self._torque = 0.0
+        self._count = 0
+
+    def update(self, state: MITState, command: MITCommand) -> None:
+        """Take in one policy step."""
+        if self._last is not None:
+            self._change += float(((command.position - self._last) ** 2).mean())
+        self._torque += float((state.joint_effort**2).mean())
+        self._last = command.position
+        self._count += 1
+
+    def parts(self) -> dict[str, float]:
+        """As parts of the quality."""
+        count = max(self._count, 1)
+        return {
+            "shaking": math.sqrt(self._change / count) / self._period / self._SHAKING,
+            "torque": math.sqrt(self._torque / count) / self._TORQUE,
+        }

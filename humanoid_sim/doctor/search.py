@@ -9,9 +9,9 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.edits import RobotFacts
+from humanoid_sim.doctor.examined_policy import ExaminedPolicy
 from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, singles
-from humanoid_sim.doctor.rollout import Outcome, Rollouts, Trial
-from humanoid_sim.doctor.subject import Subject
+from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
 
 __all__ = ["Plan", "Progress", "Ranking", "Verdict", "make_plan", "search"]
 
@@ -156,10 +156,10 @@ def _within(command: tuple[float, float, float], contract: PolicyContract) -> tu
     return float(vx), float(vy), float(wz)
 
 
-def search(subject: Subject, robot: RobotFacts, plan: Plan, ranking: Ranking, progress: Progress) -> None:
+def search(examined: ExaminedPolicy, robot: RobotFacts, plan: Plan, ranking: Ranking, progress: Progress) -> None:
     """Try the whole space; `ranking` holds what is known whenever this is interrupted."""
-    contract = subject.contract
-    stage = _Stage(Rollouts(subject), progress)
+    contract = examined.contract
+    stage = _Stage(TrialRunner(examined), progress)
     unchanged, changed = present(contract), singles(contract, robot)
     stage.run("single changes", [unchanged, *changed], plan.brief, False, ranking)
     promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
@@ -176,7 +176,7 @@ def search(subject: Subject, robot: RobotFacts, plan: Plan, ranking: Ranking, pr
 class _Stage:
     """Tries hypotheses one after the other. Most of a trial is Python's, so threads would only wait for each other."""
 
-    rollouts: Rollouts
+    trials: TrialRunner
     progress: Progress
 
     def run(
@@ -188,7 +188,7 @@ class _Stage:
         ranking: Ranking,
     ) -> None:
         for done, hypothesis in enumerate(hypotheses, 1):
-            outcomes = tuple(self.rollouts.run(hypothesis.contract, trial) for trial in trials)
+            outcomes = tuple(self.trials.run(hypothesis.contract, trial) for trial in trials)
             ranking.add(Verdict(hypothesis, outcomes, is_thorough))
             self.progress(title, done, len(hypotheses))
 

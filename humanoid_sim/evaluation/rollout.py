@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -11,11 +11,13 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import Alignment, Frame
+from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-__all__ = ["ClosedLoop", "Robots", "StepSample", "sample_step"]
+__all__ = ["ClosedLoop", "OneRobot", "Robots", "StepSample", "sample_step"]
 
 Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
@@ -24,7 +26,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class Robots(Protocol):
-    """Simulated robots of shape (...): `BatchSimulation`, or one robot."""
+    """Simulated robots of shape (...): `BatchSimulation`, or `OneRobot`."""
 
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """Advance by one policy step, as `BatchSimulation.step` does."""
@@ -32,6 +34,24 @@ class Robots(Protocol):
     def state(self) -> MITState:
         """What the robots report now."""
         ...
+
+
+@dataclass(slots=True, eq=False)
+class OneRobot:
+    """A simulated robot whose control period is one policy step, shape ()."""
+
+    robot: MujocoRobot
+    safety: SafetyStatus = field(default_factory=SafetyStatus)
+    """Of the latest state."""
+
+    def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
+        """See `Robots.step`; nothing pushes it, and it does not stand still."""
+        self.robot.write(command)
+
+    def state(self) -> MITState:
+        """See `Robots.state`."""
+        state, (self.safety,) = self.robot.read()
+        return state
 
 
 class ClosedLoop:

@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 from mistakes import MISTAKES, Mistake
 from published import needs_policies
-from subjects import load_subject
+from published_policies import load_examined
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor.examined_policy import ExaminedPolicy, robot_facts
 from humanoid_sim.doctor.hypotheses import same_contract
 from humanoid_sim.doctor.report import is_healthy
 from humanoid_sim.doctor.search import Plan, Ranking, make_plan, search
-from humanoid_sim.doctor.subject import Subject, robot_facts
 
 pytestmark = needs_policies
 
@@ -23,12 +23,12 @@ SHARE = 0.8
 
 
 @pytest.fixture(scope="module")
-def subjects(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Subject]:
-    return {name: load_subject(name, tmp_path_factory.mktemp(name)) for name in POLICIES}
+def subjects(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ExaminedPolicy]:
+    return {name: load_examined(name, tmp_path_factory.mktemp(name)) for name in POLICIES}
 
 
-def diagnosed(subject: Subject, contract: PolicyContract, plan: Plan | None = None) -> Ranking:
-    wrong = replace(subject, contract=contract)
+def diagnosed(examined: ExaminedPolicy, contract: PolicyContract, plan: Plan | None = None) -> Ranking:
+    wrong = replace(examined, contract=contract)
     ranking = Ranking()
     plan = plan or make_plan(contract, motion_seconds=wrong.motion_seconds)
     search(wrong, robot_facts(wrong.description, wrong.motion), plan, ranking, lambda *_: None)
@@ -55,23 +55,23 @@ def mistake(policy: str, name: str) -> Mistake:
     ],
 )
 def test_even_a_hasty_search_finds_what_makes_a_robot_fall(
-    policy: str, name: str, subjects: dict[str, Subject]
+    policy: str, name: str, subjects: dict[str, ExaminedPolicy]
 ) -> None:
-    subject, chosen = subjects[policy], mistake(policy, name)
-    wrong = chosen.edit(subject.contract)
-    ranking = diagnosed(subject, wrong, make_plan(wrong, seconds=1.5, motion_seconds=3.0, pairs=0))
+    examined, chosen = subjects[policy], mistake(policy, name)
+    wrong = chosen.edit(examined.contract)
+    ranking = diagnosed(examined, wrong, make_plan(wrong, seconds=1.5, motion_seconds=3.0, pairs=0))
     assert rank(ranking, chosen.cause) == 1
-    assert same_contract(ranking.best()[0].hypothesis.contract, subject.contract)
+    assert same_contract(ranking.best()[0].hypothesis.contract, examined.contract)
     assert not is_healthy(ranking)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_the_cause_is_among_the_first_three(subjects: dict[str, Subject]) -> None:
+def test_the_cause_is_among_the_first_three(subjects: dict[str, ExaminedPolicy]) -> None:
     ranks = {}
     for chosen in MISTAKES:
-        subject = subjects[chosen.policy]
-        found = rank(diagnosed(subject, chosen.edit(subject.contract)), chosen.cause)
+        examined = subjects[chosen.policy]
+        found = rank(diagnosed(examined, chosen.edit(examined.contract)), chosen.cause)
         ranks[chosen] = found
         print(f"{chosen.policy:10}{chosen.name:50}{found}")
     losing = [found for chosen, found in ranks.items() if chosen.loses]
@@ -85,7 +85,7 @@ def test_the_cause_is_among_the_first_three(subjects: dict[str, Subject]) -> Non
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("policy", POLICIES)
-def test_nothing_is_wrong_with_the_right_contract(policy: str, subjects: dict[str, Subject]) -> None:
+def test_nothing_is_wrong_with_the_right_contract(policy: str, subjects: dict[str, ExaminedPolicy]) -> None:
     assert is_healthy(diagnosed(subjects[policy], subjects[policy].contract))
 
 
@@ -99,7 +99,7 @@ def test_nothing_is_wrong_with_the_right_contract(policy: str, subjects: dict[st
         ("holosoma", "terms in listed order instead of alphabetical", "obs scales all 1"),
     ],
 )
-def test_two_mistakes_at_once(policy: str, first: str, second: str, subjects: dict[str, Subject]) -> None:
-    subject, one, two = subjects[policy], mistake(policy, first), mistake(policy, second)
-    ranking = diagnosed(subject, two.edit(one.edit(subject.contract)))
+def test_two_mistakes_at_once(policy: str, first: str, second: str, subjects: dict[str, ExaminedPolicy]) -> None:
+    examined, one, two = subjects[policy], mistake(policy, first), mistake(policy, second)
+    ranking = diagnosed(examined, two.edit(one.edit(examined.contract)))
     assert rank(ranking, *sorted((one.cause, two.cause))) <= 3

@@ -5,8 +5,7 @@ import pytest
 from examples import JOINTS, tracker
 
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.doctor.goals import MotionGoal, UprightGoal, VelocityGoal
-from humanoid_sim.doctor.quality import Quality, Strain
+from humanoid_sim.doctor.goals import MotionGoal, Quality, Strain, UprightGoal, VelocityGoal
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.simulation.floating_base import BaseState
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from mistakes import MISTAKES, MJCF_JOINTS, Mistake
 from published import needs_policies
-from subjects import load_subject
+from published_policies import load_examined
 
-from humanoid_sim.doctor.rollout import Outcome, Rollouts, Trial
+from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
 
 pytestmark = needs_policies
 
@@ -25,8 +25,8 @@ BANDS = {
 
 
 @pytest.fixture(scope="module")
-def rollouts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Rollouts]:
-    return {name: Rollouts(load_subject(name, tmp_path_factory.mktemp(name))) for name in TRIALS}
+def trials(tmp_path_factory: pytest.TempPathFactory) -> dict[str, TrialRunner]:
+    return {name: TrialRunner(load_examined(name, tmp_path_factory.mktemp(name))) for name in TRIALS}
 
 
 def within_band(policy: str, outcome: Outcome) -> bool:
@@ -37,15 +37,15 @@ def within_band(policy: str, outcome: Outcome) -> bool:
 
 
 @pytest.mark.parametrize("policy", sorted(TRIALS))
-def test_the_right_contract_stays_within_its_figures(policy: str, rollouts: dict[str, Rollouts]) -> None:
-    tried = rollouts[policy]
-    assert within_band(policy, tried.run(tried.subject.contract, TRIALS[policy]))
+def test_the_right_contract_stays_within_its_figures(policy: str, trials: dict[str, TrialRunner]) -> None:
+    tried = trials[policy]
+    assert within_band(policy, tried.run(tried.examined.contract, TRIALS[policy]))
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: f"{mistake.policy}: {mistake.name}")
-def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake: Mistake, rollouts: dict[str, Rollouts]) -> None:
-    tried = rollouts[mistake.policy]
-    outcome = tried.run(mistake.edit(tried.subject.contract), TRIALS[mistake.policy])
+def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake: Mistake, trials: dict[str, TrialRunner]) -> None:
+    tried = trials[mistake.policy]
+    outcome = tried.run(mistake.edit(tried.examined.contract), TRIALS[mistake.policy])
     assert not within_band(mistake.policy, outcome)
 
 
@@ -62,13 +62,13 @@ def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake: Mistake, rollo
     ],
 )
 def test_robots_fall_when_the_readme_says(
-    policy: str, name: str, earliest: float, latest: float, rollouts: dict[str, Rollouts]
+    policy: str, name: str, earliest: float, latest: float, trials: dict[str, TrialRunner]
 ) -> None:
     (mistake,) = (mistake for mistake in MISTAKES if (mistake.policy, mistake.name) == (policy, name))
     assert earliest < mistake.lost_at < latest
-    tried = rollouts[policy]
-    assert earliest < tried.run(mistake.edit(tried.subject.contract), TRIALS[policy]).time_up < latest
+    tried = trials[policy]
+    assert earliest < tried.run(mistake.edit(tried.examined.contract), TRIALS[policy]).time_up < latest
 
 
-def test_the_robot_is_the_one_of_the_joint_order(rollouts: dict[str, Rollouts]) -> None:
-    assert rollouts["waltz"].subject.description.joint_names == MJCF_JOINTS
+def test_the_robot_is_the_one_of_the_joint_order(trials: dict[str, TrialRunner]) -> None:
+    assert trials["waltz"].examined.description.joint_names == MJCF_JOINTS

@@ -10,7 +10,7 @@ from examples import FACTS, JOINTS, tracker, walker
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.hypotheses import pairs, same_contract, singles
-from humanoid_sim.doctor.overrides import override_yaml, overrides, short_lines
+from humanoid_sim.doctor.report import override_yaml, overrides, short_lines
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
 from humanoid_sim.policy.readers.merge import merge

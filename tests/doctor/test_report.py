@@ -9,11 +9,11 @@ import yaml
 from examples import FACTS, tracker
 from rich.console import Console
 
+from humanoid_sim.doctor.goals import Quality
 from humanoid_sim.doctor.hypotheses import Hypothesis, present, singles
-from humanoid_sim.doctor.quality import Quality
 from humanoid_sim.doctor.report import conclusion, is_healthy, print_ranking, ranking_document
-from humanoid_sim.doctor.rollout import Outcome
 from humanoid_sim.doctor.search import Ranking, Verdict
+from humanoid_sim.doctor.trials import Outcome
 
 CONTRACT = replace(tracker(), anchor_body="pelvis")
 FOUND = {hypothesis.name: hypothesis for hypothesis in singles(CONTRACT, FACTS)}

@@ -11,10 +11,10 @@ from examples import FACTS, tracker, walker
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import search as module
 from humanoid_sim.doctor.edits import Edit, set_fields
+from humanoid_sim.doctor.goals import Quality
 from humanoid_sim.doctor.hypotheses import Hypothesis, same_contract, singles
-from humanoid_sim.doctor.quality import Quality
-from humanoid_sim.doctor.rollout import Outcome, Trial
 from humanoid_sim.doctor.search import Ranking, Verdict, make_plan, search
+from humanoid_sim.doctor.trials import Outcome, Trial
 
 Judge = Callable[[PolicyContract], tuple[float, float]]
 """Share of the time up, and cost."""
@@ -100,13 +100,13 @@ def test_a_plan_is_no_longer_than_the_motion() -> None:
 
 
 class Invented:
-    """In the place of `Rollouts`: outcomes by a rule, and a count."""
+    """In the place of `TrialRunner`: outcomes by a rule, and a count."""
 
     def __init__(self, judge: Judge) -> None:
         self._judge = judge
         self.trials = 0
 
-    def __call__(self, subject: object) -> Invented:
+    def __call__(self, examined: object) -> Invented:
         return self
 
     def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
@@ -123,7 +123,7 @@ class Patient:
 @pytest.fixture
 def examine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Ranking]:
     def run(contract: PolicyContract, judge: Judge, pairs: int = 2000) -> Ranking:
-        monkeypatch.setattr(module, "Rollouts", Invented(judge))
+        monkeypatch.setattr(module, "TrialRunner", Invented(judge))
         result = Ranking()
         stages: list[str] = []
 
@@ -170,7 +170,7 @@ def test_whatever_is_known_survives_an_interruption(
     monkeypatch: pytest.MonkeyPatch, examine: Callable[..., Ranking]
 ) -> None:
     contract = tracker()
-    monkeypatch.setattr(module, "Rollouts", Invented(right_only(contract)))
+    monkeypatch.setattr(module, "TrialRunner", Invented(right_only(contract)))
     result = Ranking()
 
     def interrupt(stage: str, done: int, total: int) -> None:

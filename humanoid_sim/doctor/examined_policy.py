@@ -22,11 +22,11 @@ from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
 
-__all__ = ["Subject", "breadth_first", "load_subject", "robot_facts"]
+__all__ = ["ExaminedPolicy", "breadth_first", "load_examined", "robot_facts"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Subject:
+class ExaminedPolicy:
     """Everything that a hypothesis is tried on."""
 
     contract: PolicyContract
@@ -74,14 +74,14 @@ class Subject:
         return self.load(replace(self.contract, anchor_body=base)).reference
 
 
-def load_subject(
+def load_examined(
     path: Path,
     description: RobotDescription,
     contract_file: Path | None = None,
     motion: str | None = None,
     *,
     base_height: float | None = None,
-) -> Subject:
+) -> ExaminedPolicy:
     """A checkpoint on a robot, however wrong its contract: only what cannot run at all is refused.
 
     Args:
@@ -89,7 +89,7 @@ def load_subject(
         description: of the robot.
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         motion: a motion file or the name of a sample motion; None: the one that the model carries.
-        base_height: as `Subject.base_height`.
+        base_height: as `ExaminedPolicy.base_height`.
 
     Raises:
         InputError: the checkpoint cannot be read, its widths do not fit, or it needs a motion.
@@ -105,7 +105,7 @@ def load_subject(
         raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
     chosen = (given or checkpoint.motion) if follows else None
     load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
-    return Subject(contract, checkpoint.policy, description, chosen, given is None, base_height)
+    return ExaminedPolicy(contract, checkpoint.policy, description, chosen, given is None, base_height)
 
 
 def _resampled(motion: Motion, policy_dt: float) -> Motion:

@@ -8,7 +8,7 @@ import pytest
 from examples import tracker
 
 from humanoid_sim.assets import SAMPLE_POLICY
-from humanoid_sim.doctor.subject import Subject, breadth_first, load_subject, robot_facts
+from humanoid_sim.doctor.examined_policy import ExaminedPolicy, breadth_first, load_examined, robot_facts
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
@@ -32,10 +32,10 @@ def motion(frames: int = 4) -> Motion:
     return Motion(table, ("pelvis", "torso"), 0.02, layout="joints_bodies_w", joint_names=JOINTS)
 
 
-def subject(tmp_path: Path, *, in_policy_order: bool) -> Subject:
+def examined(tmp_path: Path, *, in_policy_order: bool) -> ExaminedPolicy:
     path = tmp_path / "robot.xml"
     path.write_text(MJCF)
-    return Subject(tracker(), lambda *_: np.zeros(4), load_robot(path), motion(), in_policy_order)
+    return ExaminedPolicy(tracker(), lambda *_: np.zeros(4), load_robot(path), motion(), in_policy_order)
 
 
 def quaternions(read: Motion | None) -> FloatArray:
@@ -44,7 +44,7 @@ def quaternions(read: Motion | None) -> FloatArray:
 
 
 def test_breadth_first_goes_level_by_level(tmp_path: Path) -> None:
-    found = subject(tmp_path, in_policy_order=True)
+    found = examined(tmp_path, in_policy_order=True)
     model = build_model(found.description, scene=False)
     assert breadth_first(model, found.description.joint_names) == ("left_hip", "right_hip", "left_knee", "right_knee")
     facts = robot_facts(found.description, found.motion)
@@ -56,22 +56,22 @@ def test_a_motion_in_the_graph_goes_by_the_places_of_the_policys_joints(tmp_path
     renamed = ("right_hip", "right_knee", "left_hip", "left_knee")
     contract = tracker()
     wrong_names = replace(contract, joint_names=renamed, action_joint_names=renamed)
-    in_graph = subject(tmp_path, in_policy_order=True).load(wrong_names).reference
-    in_file = subject(tmp_path, in_policy_order=False).load(wrong_names).reference
+    in_graph = examined(tmp_path, in_policy_order=True).load(wrong_names).reference
+    in_file = examined(tmp_path, in_policy_order=False).load(wrong_names).reference
     assert in_graph.term("reference_joint_pos", 0).tolist() == [0.0, 1.0, 2.0, 3.0]
     assert in_file.term("reference_joint_pos", 0).tolist() == [2.0, 3.0, 0.0, 1.0]
     slower = replace(contract, policy_dt=0.04)
-    assert subject(tmp_path, in_policy_order=True).load(slower).reference.frame_count == 4
-    assert subject(tmp_path, in_policy_order=False).load(slower).reference.frame_count == 2
+    assert examined(tmp_path, in_policy_order=True).load(slower).reference.frame_count == 4
+    assert examined(tmp_path, in_policy_order=False).load(slower).reference.frame_count == 2
 
 
 def test_quaternions_of_the_graph_are_read_again_in_the_other_order(tmp_path: Path) -> None:
-    found = subject(tmp_path, in_policy_order=True)
+    found = examined(tmp_path, in_policy_order=True)
     w, x, y, z = quaternions(found.motion_under(found.contract))
     other = quaternions(found.motion_under(replace(found.contract, reference_quaternion="xyzw")))
     # Its source gave (w, x, y, z); taken for (x, y, z, w), the last value is the scalar.
     assert other.tolist() == [z, w, x, y]
-    stated = Subject(
+    stated = ExaminedPolicy(
         replace(found.contract, reference_quaternion="xyzw"), found.policy, found.description, found.motion, True
     )
     other = quaternions(stated.motion_under(found.contract))
@@ -80,7 +80,7 @@ def test_quaternions_of_the_graph_are_read_again_in_the_other_order(tmp_path: Pa
 
 
 def test_the_base_is_found_whatever_the_anchor_is(tmp_path: Path) -> None:
-    found = subject(tmp_path, in_policy_order=True)
+    found = examined(tmp_path, in_policy_order=True)
     reference = found.base_reference()
     assert reference is not None
     assert reference.term("anchor_pos", 0).tolist() == [8.0, 9.0, 10.0]  # pelvis, though the contract says torso
@@ -88,8 +88,8 @@ def test_the_base_is_found_whatever_the_anchor_is(tmp_path: Path) -> None:
 
 def test_a_tracking_policy_without_a_motion_is_refused() -> None:
     with pytest.raises(InputError, match="--motion: is missing"):
-        load_subject(SAMPLE_POLICY, load_robot("lite"))
-    found = load_subject(SAMPLE_POLICY, load_robot("lite"), motion="wave")
+        load_examined(SAMPLE_POLICY, load_robot("lite"))
+    found = load_examined(SAMPLE_POLICY, load_robot("lite"), motion="wave")
     assert not found.in_policy_order
     assert found.motion_seconds > 5.0
     assert found.base_reference() is None

@@ -9,21 +9,22 @@ import numpy as np
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, UprightGoal, VelocityGoal
-from humanoid_sim.doctor.quality import Quality, Strain
-from humanoid_sim.doctor.subject import Subject
+from humanoid_sim.controllers.rl_policy import infer
+from humanoid_sim.doctor.examined_policy import ExaminedPolicy
+from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, Quality, Strain, UprightGoal, VelocityGoal
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
 from humanoid_sim.evaluation.tracking import TrackingErrors
-from humanoid_sim.messages import SafetyLevel, TickInput
-from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND, Extern
+from humanoid_sim.messages import SafetyLevel
+from humanoid_sim.mit import EXTERN_WIDTHS
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.robots.description import with_contract
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-__all__ = ["Outcome", "Rollouts", "Trial"]
+__all__ = ["Outcome", "Trial", "TrialRunner"]
 
 _TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)
 """s, longest first. Where damping is stable the longest gives the figures of the shortest, and costs a tenth."""
@@ -61,31 +62,28 @@ _NOTHING = Quality({})
 
 
 @dataclass
-class Rollouts:
-    """Runs trials on a subject. Simulated robots are kept and used again. Not thread-safe."""
+class TrialRunner:
+    """Tries contracts on an examined policy. Simulated robots are kept and used again. Not thread-safe."""
 
-    subject: Subject
+    examined: ExaminedPolicy
     _robots: dict[tuple[object, ...], MujocoRobot] = field(default_factory=dict)
 
     def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
         """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome."""
         try:
-            loaded = self.subject.load(contract)
+            loaded = self.examined.load(contract)
             robot = self._robot(contract, trial)
-            controller = RLPolicyController(
-                robot.joints,
-                contract,
-                loaded.reference,
-                loaded.policy,
-                contract.policy_dt,
-                extern={**loaded.extern, **EXTERN_WIDTHS},
-            )
+            extern = {**loaded.extern, **EXTERN_WIDTHS}
+            robot.activate()
+            wiring = PolicyWiring(robot.joints, contract, loaded.reference, extern)
+            one = OneRobot(robot)
+            loop = ClosedLoop(one, wiring, np.array(trial.command))
         except (FieldError, InputError) as error:
             return Outcome(0.0, trial.seconds, _NOTHING, str(error))
-        return _run(robot, controller, self._goal(loaded, trial, robot), trial)
+        return _run(one, loop, loaded.policy, self._goal(loaded, trial, robot), trial)
 
     def _goal(self, loaded: LoadedPolicy, trial: Trial, robot: MujocoRobot) -> Goal:
-        contract, motion = loaded.contract, self.subject.motion_under(loaded.contract)
+        contract, motion = loaded.contract, self.examined.motion_under(loaded.contract)
         if contract.task_type == "locomotion" and robot.base_state is not None:
             return VelocityGoal(np.array(trial.command), contract.policy_dt)
         if "reference_joint_pos" in loaded.reference.terms:
@@ -97,7 +95,7 @@ class Rollouts:
 
     @cached_property
     def _base_reference(self) -> MotionReference | None:
-        return self.subject.base_reference()
+        return self.examined.base_reference()
 
     def _robot(self, contract: PolicyContract, trial: Trial) -> MujocoRobot:
         """A simulation of the robot in the contract's default pose, with a physics step that suits its damping."""
@@ -121,44 +119,32 @@ class Rollouts:
         zeros = np.zeros(len(contract.joint_names))
         still = replace(contract, joint_stiffness=zeros, joint_damping=zeros)
         return MujocoRobot(
-            with_contract(self.subject.description, still),
+            with_contract(self.examined.description, still),
             control_period=contract.policy_dt,
             physics_timestep=timestep,
             actuation="affine",
             support=False,
             base_yaw=trial.yaw,
-            base_height=self.subject.base_height,
+            base_height=self.examined.base_height,
             anchor_body=contract.anchor_body,
         )
 
 
-def _run(robot: MujocoRobot, controller: RLPolicyController, goal: Goal, trial: Trial) -> Outcome:
-    """One trial: a policy step per control period."""
-    robot.activate()
-    live = {VELOCITY_COMMAND: Extern(np.array(trial.command), 0.0)}
-    strain = Strain(controller.contract.policy_dt)
-    steps = max(round(trial.seconds / controller.contract.policy_dt), 1)
-    memory = None
-    for step in range(steps):
-        state, statuses = robot.read()
-        time_up = step * controller.contract.policy_dt
-        state = replace(state, extern={**state.extern, **live})
-        tick = TickInput(state=state, safety=statuses)
-        memory = controller.activate(tick) if memory is None else memory
-        if isinstance(memory, Fault):
-            return Outcome(time_up, trial.seconds, _NOTHING, memory.message)
-        frame = int(memory.policy.frame)
-        result = controller.update(memory, tick)
-        lost = goal.update(frame, state, robot.base_state)
-        if statuses[0].level >= SafetyLevel.FAULT:
-            lost = statuses[0].message
+def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Trial) -> Outcome:
+    """One trial from its start: a policy step per control period."""
+    period = loop.wiring.contract.policy_dt
+    strain = Strain(period)
+    for step in range(max(round(trial.seconds / period), 1)):
+        state = loop.state
+        lost = goal.update(int(loop.memory.frame), state, one.robot.base_state)
+        if one.safety.level >= SafetyLevel.FAULT:
+            lost = one.safety.message
         elif np.abs(state.joint_velocity).max() > _RUNAWAY:
             lost = lost or "the joints run away"
-        if isinstance(result, Fault):
-            lost = lost or result.message
-        if lost or isinstance(result, Fault):
-            return Outcome(time_up, trial.seconds, Quality({**goal.parts(), **strain.parts()}), lost)
-        memory, command = result
-        strain.update(state, command)
-        robot.write(command)
+        inferred = infer(loop.wiring, policy, loop.observation, int(loop.memory.frame))
+        if isinstance(inferred, Fault):
+            lost = lost or inferred.message
+        if lost or isinstance(inferred, Fault):
+            return Outcome(step * period, trial.seconds, Quality({**goal.parts(), **strain.parts()}), lost)
+        strain.update(state, loop.act(inferred.action))
     return Outcome(trial.seconds, trial.seconds, Quality({**goal.parts(), **strain.parts()}))

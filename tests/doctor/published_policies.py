@@ -6,8 +6,8 @@ from pathlib import Path
 
 from published import HOLOSOMA_REST, POLICIES
 
-from humanoid_sim.doctor.subject import Subject
-from humanoid_sim.doctor.subject import load_subject as load
+from humanoid_sim.doctor.examined_policy import ExaminedPolicy
+from humanoid_sim.doctor.examined_policy import load_examined as load
 from humanoid_sim.robots.description import load_robot
 
 CHECKPOINTS = {
@@ -18,7 +18,7 @@ CHECKPOINTS = {
 ROBOT = POLICIES / "models" / "unitree_g1" / "scene.xml"
 
 
-def load_subject(policy: str, folder: Path) -> Subject:
+def load_examined(policy: str, folder: Path) -> ExaminedPolicy:
     """One of the policies; `folder` takes the contract.yaml that holosoma's needs."""
     contract_file = None
     if policy == "holosoma":

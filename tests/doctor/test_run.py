@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from humanoid_sim.assets import SAMPLE_POLICY
-from humanoid_sim.doctor import main, program
+from humanoid_sim.doctor import main, run
 from humanoid_sim.errors import InputError
 
 CHECKPOINT = str(SAMPLE_POLICY)
@@ -40,15 +40,15 @@ def test_a_wrong_contract_is_diagnosed_and_what_it_says_to_write_cures_it(
 
 
 def test_ctrl_c_shows_what_is_known(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def impatient(subject, robot, plan, ranking, progress):  # type: ignore[no-untyped-def]
+    def impatient(examined, robot, plan, ranking, progress):  # type: ignore[no-untyped-def]
         def stop(stage: str, done: int, total: int) -> None:
             if done == 3:
                 raise KeyboardInterrupt
 
-        whole(subject, robot, plan, ranking, stop)
+        whole(examined, robot, plan, ranking, stop)
 
-    whole = program.search
-    monkeypatch.setattr(program, "search", impatient)
+    whole = run.search
+    monkeypatch.setattr(run, "search", impatient)
     assert main([CHECKPOINT, *QUICK, "--json"]) == 130
     document = json.loads(capsys.readouterr().out)
     assert document["complete"] is False

@@ -7,8 +7,8 @@ import numpy.typing as npt
 import pytest
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.doctor.rollout import Rollouts, Trial
-from humanoid_sim.doctor.subject import Subject
+from humanoid_sim.doctor.examined_policy import ExaminedPolicy
+from humanoid_sim.doctor.trials import Trial, TrialRunner
 from humanoid_sim.robots.description import load_robot
 
 BIPED = load_robot("lite_biped")
@@ -37,49 +37,49 @@ def standing(**changes: object) -> PolicyContract:
 
 
 @pytest.fixture(scope="module")
-def rollouts() -> Rollouts:
-    return Rollouts(Subject(standing(), still, BIPED))
+def trials() -> TrialRunner:
+    return TrialRunner(ExaminedPolicy(standing(), still, BIPED))
 
 
-def test_what_stands_stays_up_to_the_end(rollouts: Rollouts) -> None:
-    outcome = rollouts.run(standing(), Trial(2.0))
+def test_what_stands_stays_up_to_the_end(trials: TrialRunner) -> None:
+    outcome = trials.run(standing(), Trial(2.0))
     assert outcome.lost == ""
     assert outcome.time_up == 2.0
     assert outcome.quality.parts["velocity"] < 0.1
     assert set(outcome.quality.parts) == {"velocity", "turning", "tilt", "height", "shaking", "torque"}
 
 
-def test_what_is_too_soft_falls_early(rollouts: Rollouts) -> None:
-    outcome = rollouts.run(standing(joint_stiffness=5.0), Trial(3.0))
+def test_what_is_too_soft_falls_early(trials: TrialRunner) -> None:
+    outcome = trials.run(standing(joint_stiffness=5.0), Trial(3.0))
     assert 0.1 < outcome.time_up < 2.0
     assert outcome.lost.startswith("fell: ")
 
 
-def test_a_trial_can_be_repeated_to_the_bit(rollouts: Rollouts) -> None:
+def test_a_trial_can_be_repeated_to_the_bit(trials: TrialRunner) -> None:
     soft = standing(joint_stiffness=20.0)
-    first = rollouts.run(soft, Trial(1.0))
-    rollouts.run(standing(), Trial(0.5))
-    again = rollouts.run(soft, Trial(1.0))
-    fresh = Rollouts(rollouts.subject).run(soft, Trial(1.0))
+    first = trials.run(soft, Trial(1.0))
+    trials.run(standing(), Trial(0.5))
+    again = trials.run(soft, Trial(1.0))
+    fresh = TrialRunner(trials.examined).run(soft, Trial(1.0))
     assert first == again == fresh
 
 
-def test_the_command_counts(rollouts: Rollouts) -> None:
-    outcome = rollouts.run(standing(), Trial(2.0, (0.5, 0.0, 0.0)))
+def test_the_command_counts(trials: TrialRunner) -> None:
+    outcome = trials.run(standing(), Trial(2.0, (0.5, 0.0, 0.0)))
     assert outcome.quality.parts["velocity"] == pytest.approx(0.5 / 0.25, rel=0.1)
 
 
-def test_a_contract_that_cannot_run_is_lost_at_once(rollouts: Rollouts) -> None:
+def test_a_contract_that_cannot_run_is_lost_at_once(trials: TrialRunner) -> None:
     unknown = standing(observation=("base_ang_vel", "whatever"))
-    outcome = rollouts.run(unknown, Trial(1.0))
+    outcome = trials.run(unknown, Trial(1.0))
     assert outcome.time_up == 0.0
     assert "whatever" in outcome.lost
-    odd = rollouts.run(standing(policy_dt=0.0333), Trial(1.0))
+    odd = trials.run(standing(policy_dt=0.0333), Trial(1.0))
     assert odd.time_up == 0.0
 
 
-def test_damping_that_no_physics_step_can_take_is_said_so(rollouts: Rollouts) -> None:
-    outcome = rollouts.run(standing(joint_damping=1e5), Trial(1.0))
+def test_damping_that_no_physics_step_can_take_is_said_so(trials: TrialRunner) -> None:
+    outcome = trials.run(standing(joint_damping=1e5), Trial(1.0))
     assert outcome.lost == "its damping is unstable in simulation"
 
 
@@ -87,7 +87,7 @@ def test_a_policy_that_diverges_is_lost_by_its_fault() -> None:
     def wild(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
         return np.full(BIPED.joint_count, np.nan, dtype=np.float32)
 
-    outcome = Rollouts(Subject(standing(), wild, BIPED)).run(standing(), Trial(1.0))
+    outcome = TrialRunner(ExaminedPolicy(standing(), wild, BIPED)).run(standing(), Trial(1.0))
     assert outcome.time_up == 0.0
     assert "action" in outcome.lost
 
@@ -105,7 +105,7 @@ def test_joints_that_run_away_end_a_trial_quietly(
     before = mujoco.get_mju_user_warning()
     joints = tuple(msgspec.structs.replace(joint, effort_limit=float("inf")) for joint in BIPED.joints)
     strong = msgspec.structs.replace(BIPED, joints=joints)
-    outcome = Rollouts(Subject(contract, kicking, strong)).run(contract, Trial(2.0))
+    outcome = TrialRunner(ExaminedPolicy(contract, kicking, strong)).run(contract, Trial(2.0))
     assert outcome.lost
     assert outcome.time_up < 1.0
     assert mujoco.get_mju_user_warning() is before
@@ -113,8 +113,8 @@ def test_joints_that_run_away_end_a_trial_quietly(
     assert list(folder.iterdir()) == []
 
 
-def test_robots_are_kept_and_used_again(rollouts: Rollouts) -> None:
-    fresh = Rollouts(rollouts.subject)
+def test_robots_are_kept_and_used_again(trials: TrialRunner) -> None:
+    fresh = TrialRunner(trials.examined)
     fresh.run(standing(), Trial(0.1))
     built = len(fresh._robots)
     for stiffness in (90.0, 100.0):

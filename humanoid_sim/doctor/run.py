@@ -8,10 +8,10 @@ import math
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from humanoid_sim.doctor.config import DoctorConfig
+from humanoid_sim.doctor import DoctorConfig
+from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
 from humanoid_sim.doctor.report import is_healthy, print_ranking, ranking_document
 from humanoid_sim.doctor.search import Ranking, make_plan, search
-from humanoid_sim.doctor.subject import Subject, load_subject, robot_facts
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot
@@ -32,14 +32,14 @@ def doctor(config: DoctorConfig) -> int:
         InputError: an option, the checkpoint or the motion is not accepted.
     """
     _check(config)
-    subject = load_subject(
+    examined = load_examined(
         config.checkpoint, load_robot(config.robot), config.contract, config.motion, base_height=config.base_height
     )
     plan = make_plan(
-        subject.contract,
+        examined.contract,
         seconds=config.seconds,
-        command=_command(config, subject),
-        motion_seconds=subject.motion_seconds,
+        command=_command(config, examined),
+        motion_seconds=examined.motion_seconds,
         pairs=config.pairs,
     )
     ranking = Ranking()
@@ -56,8 +56,8 @@ def doctor(config: DoctorConfig) -> int:
         task = progress.add_task("")
         try:
             search(
-                subject,
-                robot_facts(subject.description, subject.motion),
+                examined,
+                robot_facts(examined.description, examined.motion),
                 plan,
                 ranking,
                 lambda stage, done, total: progress.update(task, description=stage, completed=done, total=total),
@@ -65,9 +65,9 @@ def doctor(config: DoctorConfig) -> int:
         except KeyboardInterrupt:
             interrupted = True
     if config.json:
-        print(json.dumps(ranking_document(ranking, subject.contract), indent=2))
+        print(json.dumps(ranking_document(ranking, examined.contract), indent=2))
     else:
-        print_ranking(make_console(), ranking, subject.contract, config.top)
+        print_ranking(make_console(), ranking, examined.contract, config.top)
     if interrupted:
         return _INTERRUPTED
     return 0 if is_healthy(ranking) else 1
@@ -81,10 +81,10 @@ def _check(config: DoctorConfig) -> None:
             raise InputError(f"{option}: is {value}, expected a whole number >= {least}")
 
 
-def _command(config: DoctorConfig, subject: Subject) -> tuple[float, float, float] | None:
+def _command(config: DoctorConfig, examined: ExaminedPolicy) -> tuple[float, float, float] | None:
     if config.command is None:
         return None
-    if subject.contract.task_type != "locomotion":
+    if examined.contract.task_type != "locomotion":
         raise InputError(f"--command: is '{config.command}', but {config.checkpoint} follows a motion")
-    vx, vy, wz = parse_velocity(config.command, subject.contract.command_ranges)
+    vx, vy, wz = parse_velocity(config.command, examined.contract.command_ranges)
     return float(vx), float(vy), float(wz)
