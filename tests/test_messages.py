@@ -12,6 +12,8 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import (
     OK,
     ControlMode,
+    Event,
+    EventKind,
     FaultReport,
     Intent,
     Mode,
@@ -53,6 +55,17 @@ def test_safety_flags():
     assert SafetyFlag.NONE.value == 0
 
 
+def test_event_kinds():
+    assert {kind.name: kind.value for kind in EventKind} == {
+        "NOTE": 0,
+        "FRESH_START": 1,
+        "SUPPORT": 2,
+        "FAILURE": 3,
+        "LOSS": 4,
+        "ENDING": 5,
+    }
+
+
 def test_intents_are_the_service_names():
     assert {intent.name: intent.value for intent in Intent} == {
         "DAMP": "damp",
@@ -73,6 +86,7 @@ def test_intents_are_the_service_names():
         (RemoteCommand, ["command", "arrival_time"]),
         (PolicyStep, ["frame", "observation", "action"]),
         (FaultReport, ["controller", "fallback", "message", "is_bug"]),
+        (Event, ["time", "text", "kind"]),
         (TickInput, ["state", "safety", "intents", "remote"]),
         (
             TickOutput,
@@ -91,6 +105,7 @@ INSTANCES = [
     RemoteCommand(MITCommand.zeros(2), 1.0),
     PolicyStep(0, np.zeros(3), np.zeros(2)),
     FaultReport("a", "b", "c"),
+    Event(0.0, "released", EventKind.SUPPORT),
     TickInput(MITState.unknown(2)),
     TickOutput(MITCommand.zeros(2), ControlMode(Mode.ZERO_TORQUE, "zero_torque_controller")),
 ]

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from recorded_run import COUNT, PERIOD, Wobble, run
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.messages import FaultReport, Mode
+from humanoid_sim.messages import Event, EventKind, FaultReport, Mode
 from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.repeat import repeat_run
@@ -57,6 +58,25 @@ def test_a_policy_that_failed_fails_again(recorded, capsys):
     assert "policy failed: the model: ran out of memory" in reasons
     assert replay([str(recorded(header, ticks))]) == 0
     assert "bit for bit identical" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("event", "begins_again"),
+    [
+        (Event(0.0, "hello", EventKind.FRESH_START), True),
+        (Event(0.0, "reactivated: so it says", EventKind.NOTE), False),
+    ],
+)
+def test_the_kind_of_an_event_says_whether_the_stack_began_again(recorded, event, begins_again):
+    header, ticks = run(Wobble())
+    starts = []
+
+    def build(header, policy):
+        stack = rebuild_supervisor(header, policy)
+        return SimpleNamespace(initial=lambda: starts.append(1) or stack.initial(), step=stack.step)
+
+    repeat_run(open_recording(recorded(header, ticks[:3])), build, entries=iter([event, *ticks[:3]]))
+    assert len(starts) == 1 + begins_again
 
 
 def test_json(sample, recorded, capsys):

@@ -3,7 +3,7 @@
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from humanoid_sim.messages import Intent, Mode, SafetyLevel
+from humanoid_sim.messages import EventKind, Intent, Mode, SafetyLevel
 from humanoid_sim.recording.codec import INTENT_CODES
 from humanoid_sim.ros2 import definitions
 from humanoid_sim.ros2.definitions import schema_text
@@ -60,3 +60,4 @@ def test_constants_are_the_enums_of_this_package():
     intents = {f"INTENT_{intent.name}": code for intent, code in INTENT_CODES.items()}
     assert len(intents) == len(Intent)
     assert constants(definitions.TICK) == modes | intents
+    assert constants(definitions.EVENT) == {kind.name: int(kind) for kind in EventKind}
