@@ -104,7 +104,7 @@ class SafetyProperties:
         unsafe = [status for status in given.safety if status.level.value > 0]
         require(not unsafe or name in SAFE, "{} is in control although safety reports {}", name, unsafe)
         if Intent.DAMP in given.intents:
-            failed = name == ZERO and "takes over" in output.control_mode.status_message
+            failed = name == ZERO and any(fault.controller == DAMPING for fault in output.faults)
             require(name == DAMPING or failed, "DAMP was asked for, and {} is in control", name)
 
     def _check_change(self, name: str, given: TickInput, output: TickOutput) -> None:

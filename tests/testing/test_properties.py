@@ -71,6 +71,7 @@ def zeros(_):
 NAN_3 = np.array([0.0, np.nan, 0.0])
 STANDBY = StandbyState(1, 2, 1.0, True)
 REPORT = FaultReport(RL, DAMPING, "NaN")
+LIMP = FaultReport(DAMPING, ZERO, "NaN")
 
 BROKEN = {
     "not finite": (DAMPING, (), {}, lambda o: with_command(o, velocity=NAN_3), "velocity is"),
@@ -118,7 +119,7 @@ BROKEN = {
         DAMPING,
         (Intent.DAMP,),
         {},
-        lambda o: with_mode(replace(o, command=zeros(o)), Mode.ZERO_TORQUE, ZERO, "zero_torque takes over"),
+        lambda o: with_mode(replace(o, command=zeros(o), faults=(LIMP,)), Mode.ZERO_TORQUE, ZERO),
         "went limp",
     ),
     "quits unasked": (DAMPING, (), {}, lambda o: replace(o, quit=True), "quit without QUIT"),
