@@ -15,7 +15,7 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contract
 from humanoid_sim.policy.readers.merge import build_contract
-from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.partial import Given, PartialContract, is_assumed, is_stated
 
 __all__ = ["STAMP_KEY", "decode", "encode", "read_stamp"]
 
@@ -24,8 +24,6 @@ STAMP_KEY = "humanoid_sim_contract"
 
 _VERSION = 1
 _SOURCE = "stamp"
-_UNSTATED = ("assumed", "default", "follows from")
-"""Beginnings of the sources of what no source stated."""
 
 
 def encode(contract: PolicyContract) -> str:
@@ -78,7 +76,7 @@ def read_stamp(text: str, where: str) -> PartialContract:
     assumed: dict[str, Given] = {}
     for name, value in _fields(contract):
         origin = contract.provenance.get(name, _SOURCE)
-        (assumed if origin.startswith(_UNSTATED) else stated)[name] = Given(value, origin)
+        (stated if is_stated(origin) else assumed)[name] = Given(value, origin)
     terms: dict[str, dict[str, Given]] = {}
     assumed_terms: dict[str, Given] = {}
     for term in contract.terms:
@@ -87,7 +85,7 @@ def read_stamp(text: str, where: str) -> PartialContract:
         for field in fields(Term):
             value, prefix = getattr(term, field.name), f"observation.{term.name}."
             origin = contract.provenance.get(prefix + field.name, "")
-            if origin.startswith("assumed"):
+            if is_assumed(origin):
                 assumed_terms[field.name] = Given(value, origin)
             elif origin or _plain(value) != _plain(getattr(usual, field.name)):
                 terms[term.name][field.name] = Given(value, origin or _SOURCE)

@@ -16,11 +16,9 @@ from humanoid_sim.controllers.term_kinds import TermKind
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.contract_json import encode
+from humanoid_sim.policy.readers.partial import NOT_STATED, is_assumed
 
-__all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "is_assumed", "term_lines"]
-
-NOT_STATED = "default"
-"""Source of a field that nobody states: the usual meaning stands."""
+__all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "term_lines"]
 
 _LISTED = 4
 """Names that are all shown; of more, the first three."""
@@ -131,11 +129,6 @@ def _option_lines(contract: PolicyContract) -> Iterator[FieldLine]:
         for source, names in owners.items():
             who = "every term" if len(names) == len(contract.terms) else ", ".join(names)
             yield FieldLine(f"terms' {option}", f"of {who}", source)
-
-
-def is_assumed(source: str) -> bool:
-    """Whether nobody states the field, but its dialect implies it."""
-    return source.startswith("assumed")
 
 
 def contract_document(contract: PolicyContract, layout: ObservationLayout) -> dict[str, Any]:

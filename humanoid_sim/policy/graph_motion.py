@@ -11,7 +11,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
-from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.partial import PartialContract, assumed
 
 __all__ = ["Progress", "graph_conventions", "has_graph_motion", "sweep_motion"]
 
@@ -34,8 +34,8 @@ _LONGEST = 90_000
 def graph_conventions(outputs: Collection[str]) -> PartialContract:
     """What the names of a model's outputs imply for its contract."""
     source = f"output {_ANCHOR[1]}"
-    assumed = {"reference_quaternion": Given("xyzw", f"assumed ({source})")} if _ANCHOR[1] in outputs else {}
-    return PartialContract(source, assumed=assumed)
+    implied = {"reference_quaternion": "xyzw"} if _ANCHOR[1] in outputs else {}
+    return PartialContract(source, assumed=assumed(source, implied))
 
 
 def has_graph_motion(policy: OnnxPolicy, contract: PolicyContract) -> bool:

@@ -8,7 +8,8 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.describe import field_lines, is_assumed
+from humanoid_sim.policy.describe import field_lines
+from humanoid_sim.policy.readers.partial import is_assumed
 from humanoid_sim.policy.robot_check import Finding
 from humanoid_sim.robots.description import RobotDescription
 

@@ -15,10 +15,11 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.describe import contract_document, field_lines, is_assumed, term_lines
+from humanoid_sim.policy.describe import contract_document, field_lines, term_lines
 from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.readers.partial import is_assumed
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
 

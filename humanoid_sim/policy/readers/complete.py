@@ -9,11 +9,9 @@ from typing import Any
 from humanoid_sim.controllers.contract import FORMS
 from humanoid_sim.controllers.term_kinds import TermKind, term_kind
 from humanoid_sim.errors import FieldError
-from humanoid_sim.policy.readers.partial import Given
+from humanoid_sim.policy.readers.partial import Given, derived, is_assumed
 
 __all__ = ["complete", "missing_fields"]
-
-_DERIVED = "follows from"
 
 
 def complete(
@@ -48,7 +46,7 @@ def complete(
     if "observation" in known:
         _complete_task(known, _kinds(known, terms))
     if "default_joint_pos" in known and "action_offset" not in known:
-        known["action_offset"] = Given(None, f"{_DERIVED} default_joint_pos")
+        known["action_offset"] = derived(None, "default_joint_pos")
 
 
 def missing_fields(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[str]:
@@ -78,18 +76,14 @@ def _kinds(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]])
 def _complete_task(known: dict[str, Given], kinds: list[TermKind]) -> None:
     tasks = {kind.task for kind in kinds}
     task = "tracking" if "tracking" in tasks else "piano" if "piano" in tasks else "locomotion"
-    if task != "tracking":
+    quaternion = known.get("reference_quaternion")
+    if task != "tracking" and quaternion is not None and is_assumed(quaternion.source):
         # Of no meaning without a motion; an assumption about it would only make noise.
-        _drop_assumed(known, "reference_quaternion")
-    known.setdefault("task_type", Given(task, f"{_DERIVED} the observation"))
-    known.setdefault("command_names", Given((), f"{_DERIVED} the observation"))
+        del known["reference_quaternion"]
+    known.setdefault("task_type", derived(task, "the observation"))
+    known.setdefault("command_names", derived((), "the observation"))
     if not any(kind.requires == "body_names" for kind in kinds):
-        known.setdefault("body_names", Given((), f"{_DERIVED} the observation"))
-
-
-def _drop_assumed(known: dict[str, Given], name: str) -> None:
-    if name in known and known[name].source.startswith("assumed"):
-        del known[name]
+        known.setdefault("body_names", derived((), "the observation"))
 
 
 def _has_robot_order(known: Mapping[str, Given], sources: Sequence[str]) -> bool:
@@ -126,7 +120,7 @@ def _action_joints(joints: tuple[str, ...], chosen: Given | None, patterns: Give
         if not matches:
             raise FieldError(f"action_joint_names: {list(patterns.value)} ({patterns.source}) matches no joint")
         return Given(matches, patterns.source)
-    return Given(joints, f"{_DERIVED} joint_names")
+    return derived(joints, "joint_names")
 
 
 def _matches(pattern: str, joint: str, patterns: Given) -> bool:

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.readers.partial import Given, PartialContract, given
+from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed
 from humanoid_sim.policy.readers.values import cut, numbers, pair_of_numbers, plain_numbers
 
 __all__ = ["HOLOSOMA_SOURCE", "is_holosoma", "read_holosoma"]
 
 HOLOSOMA_SOURCE = "holosoma metadata"
-_ASSUMED = "assumed (holosoma)"
 
 _COMMANDS = ("lin_vel_x", "lin_vel_y", "ang_vel_yaw")
 
@@ -47,7 +46,7 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> PartialContract:
         ranges = _parse("command_ranges", metadata, where)
         if ranges is not None:
             fields["command_ranges"] = Given(_ranges(ranges, metadata, where), HOLOSOMA_SOURCE)
-    return PartialContract(HOLOSOMA_SOURCE, fields, assumed=given(_ASSUMED, {"policy_dt": 0.02}))
+    return PartialContract(HOLOSOMA_SOURCE, fields, assumed=assumed("holosoma", {"policy_dt": 0.02}))
 
 
 def _action_scale(metadata: Mapping[str, str], where: str) -> Given:

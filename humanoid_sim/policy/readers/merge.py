@@ -13,7 +13,7 @@ from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.policy.readers.complete import complete, missing_fields
-from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract
 from humanoid_sim.policy.readers.values import one_line, shown
 
 __all__ = ["agreed", "build_contract", "merge"]
@@ -134,7 +134,7 @@ def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
             values[name] = given.value
     for name in FORMS:
         if name != "tensors":
-            provenance.setdefault(name, "default")
+            provenance.setdefault(name, NOT_STATED)
     for name, options in terms.items():
         provenance |= {f"observation.{name}.{option}": given.source for option, given in options.items()}
     try:

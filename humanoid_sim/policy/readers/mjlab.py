@@ -9,12 +9,11 @@ import numpy as np
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers import values
-from humanoid_sim.policy.readers.partial import Given, PartialContract, given
+from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
 
 __all__ = ["MJLAB_SOURCE", "is_mjlab", "read_mjlab"]
 
 MJLAB_SOURCE = "mjlab metadata"
-_ASSUMED = "assumed (mjlab)"
 
 _FIELDS = {
     "joint_names": "joint_names",
@@ -52,8 +51,8 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
         MJLAB_SOURCE,
         fields,
         _terms(metadata, names, where),
-        assumed=given(_ASSUMED, {"policy_dt": 0.02, "reference_quaternion": "wxyz"}),
-        assumed_terms=given(_ASSUMED, {"scale": 1.0, "history": 1}),
+        assumed=assumed("mjlab", {"policy_dt": 0.02, "reference_quaternion": "wxyz"}),
+        assumed_terms=assumed("mjlab", {"scale": 1.0, "history": 1}),
     )
 
 

@@ -7,7 +7,21 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-__all__ = ["Given", "PartialContract", "given"]
+__all__ = [
+    "NOT_STATED",
+    "Given",
+    "PartialContract",
+    "assumed",
+    "derived",
+    "given",
+    "is_assumed",
+    "is_derived",
+    "is_stated",
+]
+
+NOT_STATED = "default"
+"""Source of a field that no source gives: the usual meaning stands."""
+_ASSUMED, _DERIVED = "assumed", "follows from"
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -45,3 +59,28 @@ class PartialContract:
 def given(source: str, values: Mapping[str, Any]) -> dict[str, Given]:
     """Each value with the one source."""
     return {name: Given(value, source) for name, value in values.items()}
+
+
+def assumed(dialect: str, values: Mapping[str, Any]) -> dict[str, Given]:
+    """Values that a dialect implies without stating them."""
+    return given(f"{_ASSUMED} ({dialect})", values)
+
+
+def derived(value: Any, origin: str) -> Given:
+    """A value that follows from something else in the contract."""
+    return Given(value, f"{_DERIVED} {origin}")
+
+
+def is_assumed(source: str) -> bool:
+    """Whether no source states the field, but its dialect implies it."""
+    return source.startswith(_ASSUMED)
+
+
+def is_derived(source: str) -> bool:
+    """Whether the field follows from others."""
+    return source.startswith(_DERIVED)
+
+
+def is_stated(source: str) -> bool:
+    """Whether some source states the field."""
+    return not (is_assumed(source) or is_derived(source) or source == NOT_STATED)

@@ -16,7 +16,7 @@ from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contra
 from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.mjlab import is_mjlab, read_mjlab
-from humanoid_sim.policy.readers.partial import PartialContract
+from humanoid_sim.policy.readers.partial import PartialContract, is_assumed
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 from humanoid_sim.policy.readers.values import shown
 
@@ -86,7 +86,7 @@ def assumptions(contract: PolicyContract) -> tuple[str, ...]:
     lines: dict[str, None] = {}
     terms = {term.name: term for term in contract.terms}
     for name, source in contract.provenance.items():
-        if not source.startswith("assumed"):
+        if not is_assumed(source):
             continue
         if name.startswith("observation."):  # the same for every term, and told once
             term, _, option = name.removeprefix("observation.").rpartition(".")

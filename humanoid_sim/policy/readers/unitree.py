@@ -12,14 +12,13 @@ from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
-from humanoid_sim.policy.readers.partial import Given, PartialContract, given
+from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
 from humanoid_sim.policy.readers.values import cut, is_number, one_line, pair_of_numbers, plain_numbers
 from humanoid_sim.strict_yaml import read_yaml
 
 __all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]
 
 DEPLOY_FILE = "deploy.yaml"
-_ASSUMED = "assumed (Unitree)"
 _SWITCHES = ("use_gym_history", "scale_first")
 
 
@@ -44,7 +43,7 @@ def read_deploy(path: Path) -> PartialContract:
     reader = _Reader(path, read_yaml(path))
     fields = {name: Given(value, path.name) for name, value in reader.fields().items()}
     terms = {name: given(path.name, options) for name, options in reader.terms.items()}
-    return PartialContract(path.name, fields, terms, assumed=given(_ASSUMED, {"reference_quaternion": "wxyz"}))
+    return PartialContract(path.name, fields, terms, assumed=assumed("Unitree", {"reference_quaternion": "wxyz"}))
 
 
 class _Reader:
@@ -56,9 +55,10 @@ class _Reader:
 
     def fields(self) -> dict[str, Any]:
         fields: dict[str, Any] = {}
-        places = self._places(self.document.get("joint_ids_map"))
-        if places is not None:
-            fields["joint_places"] = places
+        places = None
+        if self.document.get("joint_ids_map") is not None:
+            accepted = "places on the robot, each a whole number >= 0, none twice"
+            places = fields["joint_places"] = self._indices(self.document["joint_ids_map"], "joint_ids_map", accepted)
         if "step_dt" in self.document:
             fields["policy_dt"] = self._number(self.document["step_dt"], "step_dt")
         for key in ("stiffness", "damping"):
@@ -71,14 +71,6 @@ class _Reader:
         if "command_names" not in fields and self.commands:
             fields["command_names"] = tuple(dict.fromkeys(self.commands))
         return fields
-
-    def _places(self, value: Any) -> tuple[int, ...] | None:
-        if value is None:
-            return None
-        places = self._list(value, "joint_ids_map")
-        if not all(type(place) is int and 0 <= place < 1000 for place in places) or len(set(places)) < len(places):
-            raise self._wrong("joint_ids_map", value, "places on the robot, each a whole number >= 0, none twice")
-        return tuple(places)
 
     def _policy_order(self, values: Any, places: tuple[int, ...] | None, key: str) -> Any:
         if places is None or np.ndim(values) == 0:
@@ -118,7 +110,7 @@ class _Reader:
             fields["position_clip"] = self._clip(action["clip"], f"{where}.clip")
         ids = action.get("joint_ids")
         if ids is not None and ids != slice(None):
-            fields["action_joint_places"] = self._indices(ids, f"{where}.joint_ids")
+            fields["action_joint_places"] = self._chosen(ids, f"{where}.joint_ids")
         elif action.get("joint_names") is not None:
             patterns = self._list(action["joint_names"], f"{where}.joint_names")
             if not all(isinstance(pattern, str) for pattern in patterns):
@@ -166,7 +158,7 @@ class _Reader:
         asset = self._mapping(params.get("asset_cfg") or {}, f"{where}.params.asset_cfg")
         ids = asset.get("joint_ids")
         if ids is not None and ids != slice(None):
-            options["joint_places"] = self._indices(ids, f"{where}.params.asset_cfg.joint_ids")
+            options["joint_places"] = self._chosen(ids, f"{where}.params.asset_cfg.joint_ids")
         self.terms[name] = options
         if name == "gait_phase" and params.get("period") is not None:
             try:
@@ -183,12 +175,15 @@ class _Reader:
         low, high = options["clip"]
         return low / float(scale[0]), high / float(scale[0])
 
-    def _indices(self, value: Any, where: str) -> Any:
-        if isinstance(value, slice):
-            return value
+    def _chosen(self, ids: Any, where: str) -> Any:
+        return (
+            ids if isinstance(ids, slice) else self._indices(ids, where, "a slice, or whole numbers >= 0, none twice")
+        )
+
+    def _indices(self, value: Any, where: str, accepted: str) -> tuple[int, ...]:
         indices = self._list(value, where)
         if not all(type(index) is int and 0 <= index < 1000 for index in indices) or len(set(indices)) < len(indices):
-            raise self._wrong(where, value, "a slice, or whole numbers >= 0, none twice")
+            raise self._wrong(where, value, accepted)
         return tuple(indices)
 
     def _clip(self, value: Any, where: str) -> Any:
