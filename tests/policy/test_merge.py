@@ -206,7 +206,8 @@ def test_a_rounded_copy_agrees_and_the_precise_one_wins(values: np.ndarray, deci
 @given(st.lists(st.floats(1.0, 200.0), min_size=1, max_size=5).map(np.array), st.sampled_from([0.6, 1.0, 3.0]))
 def test_what_is_off_by_more_than_rounding_contradicts(values: np.ndarray, steps: float) -> None:
     values = np.round(values, 3)
-    assert agreed("joint_stiffness", Given(values, "a", 3), Given(values + 1e-3 * steps, "b")) is None
+    # With fewer decimals the other one could itself be a rounded copy: 64.09 of 64.089.
+    assert agreed("joint_stiffness", Given(values, "a", 3), Given(values + 1e-3 * steps, "b", 4)) is None
 
 
 @pytest.mark.parametrize(
