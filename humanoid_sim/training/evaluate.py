@@ -1,4 +1,4 @@
-"""Closed-loop tracking through the same stack as in deployment: supervisor, policy controller, simulated robot.
+"""Closed-loop tracking through the same loop as in deployment: session, supervisor, policy controller, simulated robot.
 
 The baseline is inverse kinematics: the joint positions of the frame, exact to a fraction of a millimetre, sent as
 position commands through the same controller, gains and robot.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,12 +25,15 @@ from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.evaluation.tracking import TrackingErrors, TrackingSummary
 from humanoid_sim.files import whole_file
-from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
+from humanoid_sim.messages import Intent, Mode, SessionHeader, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.session.pace import LoopSettings
+from humanoid_sim.session.session import Session
+from humanoid_sim.session.sinks import Sink
 from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import build_supervisor
@@ -40,7 +43,7 @@ from humanoid_sim.training.random_motions import held_out_motions
 __all__ = ["Rollout", "TrackingFailedError", "evaluate", "follow", "inverse_kinematics_policy"]
 
 _STANDBY_TIMEOUT = 60.0
-"""s"""
+"""s until LOCOMOTION, at most."""
 
 
 class TrackingFailedError(HumanoidSimError):
@@ -165,27 +168,78 @@ def follow(
 
     Raises:
         InputError: if robot, policy and motion do not fit together.
-        TrackingFailedError: if the robot leaves LOCOMOTION before the end.
+        TrackingFailedError: if the robot does not come to LOCOMOTION, or leaves it before the end.
     """
     loaded = load_policy(contract, policy, motion)
     errors = TrackingErrors(description, motion.frames, contract.body_names, contract.policy_dt)
-    wanted = len(motion.frames) + round(extra_time / contract.policy_dt)
-    positions, commands, fastest = [], [], 0.0
-    for tick_input, output in _ticks(description, loaded, command_delay, as_on_bus):
-        if output.control_mode.mode is not Mode.LOCOMOTION:
-            continue
-        fastest = max(fastest, float(np.abs(tick_input.state.joint_velocity).max()))
-        if output.policy_step is None:
-            continue
-        errors.update(output.policy_step.frame, tick_input.state.joint_position)
-        positions.append(tick_input.state.joint_position)
-        commands.append(output.command.position)
-        if len(commands) == wanted:
-            break
-    rate = np.diff(np.array(commands), axis=0) / contract.policy_dt
-    return Rollout(
-        errors.summary(), float(np.sqrt((rate * rate).mean())) if len(rate) else 0.0, fastest, np.array(positions)
+    course = _Course(errors, len(motion.frames) + round(extra_time / contract.policy_dt))
+    period = 1.0 / (description.hardware if as_on_bus else description.simulation).control_frequency
+    # MuJoCo's own actuators: the same law as on `qfrc_applied` to rounding, several times as fast.
+    robot = MujocoRobot(
+        description,
+        control_period=period,
+        actuation="affine",
+        command_delay=command_delay,
+        state_sampling="on_command" if as_on_bus else "now",
     )
+    longest = _STANDBY_TIMEOUT + course.wanted * contract.policy_dt
+    session = Session(
+        robot,
+        build_supervisor(description, period, loaded),
+        LoopSettings(period, realtime=False, simulated=True, duration=longest, damping_time=0.0),
+        header=SessionHeader(description.name, description.joint_names, period, 0),
+        intents=(course,),
+        sinks=(course,),
+    )
+    failures = session.run().failures
+    if failures or len(course.commands) < course.wanted:
+        ended = "policy stopped" if course.finished else f"the motion did not end within {longest:g} s; the robot is"
+        raise TrackingFailedError("; ".join(failures) or f"{ended} at {course.status}")
+    rate = np.diff(np.array(course.commands), axis=0) / contract.policy_dt
+    return Rollout(
+        errors.summary(),
+        float(np.sqrt((rate * rate).mean())) if len(rate) else 0.0,
+        course.fastest_joint,
+        np.array(course.joint_positions),
+    )
+
+
+class _Course(Sink):
+    """Walks the robot into the policy as soon as each step allows it, and measures what the policy does there."""
+
+    def __init__(self, errors: TrackingErrors, wanted: int) -> None:
+        self.wanted = wanted
+        """Policy steps to measure."""
+        self.joint_positions: list[FloatArray] = []
+        self.commands: list[FloatArray] = []
+        self.fastest_joint = 0.0
+        self.status = ""
+        """Time, and what the stack said of its mode then."""
+        self.finished = False
+        """All is measured, or the policy has stopped."""
+        self._errors = errors
+        self._intents = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """The next intent, once what the one before asked for is done."""
+        ready = output is None or output.standby is None or output.standby.is_finished
+        return (self._intents.pop(0),) if self._intents and ready else ()
+
+    def tick(self, record: TickRecord) -> None:
+        """Take a tick into account until enough policy steps are measured."""
+        state, output = record.input.state, record.output
+        if self.finished:
+            return
+        self.status = f"{state.time:.2f} s: {output.control_mode.status_message}"
+        if output.control_mode.mode is not Mode.LOCOMOTION:
+            self.finished = not self._intents
+            return
+        self.fastest_joint = max(self.fastest_joint, float(np.abs(state.joint_velocity).max()))
+        if output.policy_step is not None:
+            self._errors.update(output.policy_step.frame, state.joint_position)
+            self.joint_positions.append(state.joint_position)
+            self.commands.append(output.command.position)
+            self.finished = len(self.commands) == self.wanted
 
 
 def inverse_kinematics_policy(description: RobotDescription, contract: PolicyContract, motion: Motion) -> Policy:
@@ -210,39 +264,3 @@ def inverse_kinematics_policy(description: RobotDescription, contract: PolicyCon
         return action
 
     return policy
-
-
-def _ticks(
-    description: RobotDescription, loaded: LoadedPolicy, command_delay: float, as_on_bus: bool
-) -> Iterator[tuple[TickInput, TickOutput]]:
-    """The control loop of `play`, in simulated time and without end: DAMP, LOAD_A, START_LOCOMOTION."""
-    period = 1.0 / (description.hardware if as_on_bus else description.simulation).control_frequency
-    supervisor = build_supervisor(description, period, loaded)
-    # MuJoCo's own actuators: the same law as on `qfrc_applied` to rounding, several times as fast.
-    robot = MujocoRobot(
-        description,
-        control_period=period,
-        actuation="affine",
-        command_delay=command_delay,
-        state_sampling="on_command" if as_on_bus else "now",
-    )
-    memory = supervisor.initial()
-    intents = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
-    was_finished = True
-    try:
-        while True:
-            state, safety = robot.read()
-            due = (intents.pop(0),) if intents and was_finished else ()
-            tick_input = TickInput(state, safety, due)
-            memory, output = supervisor.step(memory, tick_input)
-            robot.write(output.command)
-            if not intents and output.control_mode.mode is not Mode.LOCOMOTION:
-                raise TrackingFailedError(f"policy stopped at {state.time:.2f} s: {output.control_mode.status_message}")
-            if intents and state.time > _STANDBY_TIMEOUT:
-                raise TrackingFailedError(
-                    f"no LOCOMOTION within {_STANDBY_TIMEOUT:g} s: {output.control_mode.status_message}"
-                )
-            was_finished = output.standby is None or output.standby.is_finished
-            yield tick_input, output
-    finally:
-        robot.close()
