@@ -19,7 +19,7 @@ class BenchOptions:
     """
 
     repetitions: int = 15
-    """How often each figure is taken."""
+    """How many times to take each figure."""
     only: str | None = None
     """Measure only the rows whose name contains this text."""
     json: bool = False

@@ -20,7 +20,7 @@ class PrepareOptions:
     """
 
     policy: Annotated[str | None, tyro.conf.arg(aliases=["--checkpoint-file"])] = None
-    """ONNX checkpoint; it says in which order the motion's joints and bodies go, and how many frames make a second."""
+    """ONNX checkpoint; it determines the order of the motion's joints and bodies, and its frame rate."""
     contract: str | None = None
     """contract.yaml with what the checkpoint does not say."""
     wandb_run_path: str | None = None
@@ -34,33 +34,33 @@ class PrepareOptions:
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--registry-name"])] = None
     """LeRobot dataset by its id on the hub, user/name. Without --motion and this: the one that the checkpoint names."""
     episode: Annotated[int | None, tyro.conf.arg(aliases=["--episode-index"])] = None
-    """Episode of the dataset, from 0; needed where it has more than one."""
+    """Episode of the dataset, counted from 0; required if it has more than one."""
     features: tuple[str, ...] = ()
-    """Where the dataset calls its features differently: ROLE=FEATURE, such as joint_pos=observation.qpos."""
+    """For features with other names than the usual: ROLE=FEATURE, such as joint_pos=observation.qpos."""
     fps: float | None = None
-    """Frames per second of a .csv that has no column of times."""
+    """Frames per second of a .csv without a column of times."""
     joint_order: str | None = None
-    """Order of a motion's joints that does not name them: contract, robot, mjcf, breadth_first, or names with commas.
+    """Joint order where the motion names no joints: contract, robot, mjcf, breadth_first, or names with commas.
     Default: contract for .npz and datasets, robot for .csv."""
     body_order: str | None = None
-    """Order of a motion's bodies that does not name them: contract, mjcf, breadth_first, or names with commas.
-    Default: contract where their number is that of the contract's bodies, else mjcf."""
+    """Body order where the motion names no bodies: contract, mjcf, breadth_first, or names with commas.
+    Default: contract if it has as many bodies, else mjcf."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
-    """Order of the motion's quaternions. Default: as its format has it, xyzw for .csv and wxyz for the others."""
+    """Order of the motion's quaternions. Default: xyzw for .csv, wxyz for the other formats."""
     resample: bool = False
     """Interpolate a motion whose frame rate is not the policy's."""
     tolerance: float = 0.01
-    """m that a body may be away from where forward kinematics puts it."""
+    """Largest distance, in m, between a body and where forward kinematics puts it."""
     angle_tolerance: float = 2.0
-    """Degrees that it may be turned away."""
+    """Largest angle, in degrees, between the two."""
     output: Annotated[str, tyro.conf.arg(aliases=["--out-dir"])] = "prepared"
-    """Folder for the motion (.mcap), the report (.json) and a copy of the checkpoint; made if it is missing."""
+    """Folder for the motion (.mcap), the report (.json) and a copy of the checkpoint; created if it is missing."""
     name: str | None = None
     """Name of the motion and of the report. Default: the motion's own."""
     overwrite: bool = False
     """Replace files in the folder."""
     timeout: float = 30.0
-    """s to wait for an answer from the network."""
+    """Seconds to wait for an answer from the network."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
