@@ -18,13 +18,12 @@ from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.floating_base import StartPose
+from humanoid_sim.simulation.floating_base import StartPose, support_in_mode
 from humanoid_sim.simulation.model import base_body
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 __all__ = ["BodyPoses", "EpisodeRobot", "PlantState", "recorded_start"]
 
-_FREE = (Mode.LOCOMOTION, Mode.REMOTE)
 """Modes in which no support holds a floating base."""
 
 
@@ -150,8 +149,8 @@ def recorded_start(path: str | Path, description: RobotDescription) -> tuple[Pla
     robot = _recorded_robot(recording, description)
     for tick in recording.ticks():
         mode = tick.output.control_mode.mode
-        if robot.base_state is not None and robot.supported is (mode in _FREE):
-            robot.set_support(mode not in _FREE)
+        if robot.base_state is not None:
+            support_in_mode(robot, mode)
         if mode is Mode.LOCOMOTION:
             _check(recording, robot, tick)
             return PlantState.of(robot), tick.input.state

@@ -24,6 +24,7 @@ from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Ex
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.sources import RemoteInbox
+from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.stack import build_supervisor
 
@@ -31,7 +32,6 @@ __all__ = ["ModesEnv"]
 
 Step = tuple[dict[str, Any], float, bool, bool, dict[str, Any]]
 
-_ACTIVE = (Mode.LOCOMOTION, Mode.REMOTE)
 """Modes in which the robot does what it is for, and no support holds a floating base."""
 
 
@@ -156,13 +156,13 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         tick = TickInput(state, safety, () if intent is None else (intent,), self._inbox.latest())
         self._memory, output = self.supervisor.step(self._memory, tick)
         mode = output.control_mode.mode
-        if self.robot.base_state is not None and self.robot.supported is (mode in _ACTIVE):
-            self.robot.set_support(mode not in _ACTIVE)
+        if self.robot.base_state is not None:
+            support_in_mode(self.robot, mode)
         self._show(tick, output)
         self.robot.write(output.command)
         self._steps += 1
 
-        reward = self.robot.control_period if mode in _ACTIVE else 0.0
+        reward = self.robot.control_period if mode.is_free else 0.0
         info = {
             "controller": output.control_mode.controller_name,
             "status": output.control_mode.status_message,

@@ -46,6 +46,11 @@ class Mode(IntEnum):
     LOCOMOTION = 3
     REMOTE = 4
 
+    @property
+    def is_free(self) -> bool:
+        """Whether what commands the robot balances it too, so that no support holds a floating base."""
+        return self in (Mode.LOCOMOTION, Mode.REMOTE)
+
 
 class SafetyLevel(IntEnum):
     """`SafetyStatus.level`."""

@@ -39,6 +39,10 @@ def test_modes():
     }
 
 
+def test_the_modes_in_which_no_support_holds_the_robot() -> None:
+    assert [mode for mode in Mode if mode.is_free] == [Mode.LOCOMOTION, Mode.REMOTE]
+
+
 def test_safety_levels():
     assert {level.name: level.value for level in SafetyLevel} == {"OK": 0, "WARNING": 1, "FAULT": 2, "CRITICAL": 3}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,11 @@ from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.played_robot import RobotSetup, support_listener
+from humanoid_sim.play.played_robot import RobotSetup
 from humanoid_sim.policy.robot_check import motor_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
+from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.model import build_model
 
 __all__ = [
@@ -72,7 +74,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             model=lambda: build_model(description),
             simulated=False,
             check_policy=lambda contract: _check_policy(contract, description, has_imu=imu is not None),
-            mode_listener=support_listener(motors) if motors is not None and description.is_floating else None,
+            mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
             notices=notices,
             bring_up=_BringUp(robot, description, addresses, emulated=motors is not None),
             figures=lambda: _figures(robot),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 import mujoco
@@ -16,6 +17,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.delay import delay_steps
+from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -23,9 +25,7 @@ __all__ = [
     "BringUp",
     "PlayedRobot",
     "RobotSetup",
-    "Supported",
     "simulated_robot",
-    "support_listener",
 ]
 
 
@@ -81,30 +81,6 @@ class RobotSetup:
     """Lets go of what the robot needs beside itself, after it was closed. May be called twice."""
 
 
-class Supported(Protocol):
-    """A robot whose base hangs on a support."""
-
-    @property
-    def supported(self) -> bool:
-        """Whether the support holds the base."""
-
-    def set_support(self, held: bool) -> None:
-        """Let the support take the base where it now is, or let the base go."""
-
-
-def support_listener(robot: Supported) -> Callable[[Mode], str]:
-    """Lets the robot go when a policy takes over, and holds it again when it no longer balances."""
-
-    def listen(mode: Mode) -> str:
-        held = mode not in (Mode.LOCOMOTION, Mode.REMOTE)
-        if held == robot.supported:
-            return ""
-        robot.set_support(held)
-        return "support holds the base where it is" if held else "support released"
-
-    return listen
-
-
 def simulated_robot(
     config: PlayConfig, description: RobotDescription, control_period: float, anchor_body: str
 ) -> RobotSetup:
@@ -147,6 +123,6 @@ def simulated_robot(
         model=lambda: build_model(description),
         simulated=True,
         check_policy=stability,
-        mode_listener=support_listener(robot) if description.is_floating else None,
+        mode_listener=partial(support_in_mode, robot) if description.is_floating else None,
         notices=robot.warnings,
     )

@@ -105,7 +105,7 @@ class RunMonitor(WorkerSink):
                 self._tracker.update(output.policy_step.frame, state.joint_position)
             if self._anchor is not None:
                 self._anchor.update(output.policy_step.frame, state)
-        if self.base is not None and record.qpos is not None and control.mode in (Mode.LOCOMOTION, Mode.REMOTE):
+        if self.base is not None and record.qpos is not None and control.mode.is_free:
             velocity = state.extern[BASE_LINEAR_VELOCITY].value
             base = BaseState(record.qpos[:3], state.imu_quaternion, velocity, state.imu_angular_velocity)
             self.base.update(time, base)

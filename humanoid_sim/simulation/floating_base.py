@@ -5,20 +5,21 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.rotation import gravity_direction, multiply, rotate
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 
 if TYPE_CHECKING:
     from humanoid_sim.simulation.model import JointAddresses
 
-__all__ = ["BaseState", "FloatingBase", "StartPose", "add_support", "base_addresses"]
+__all__ = ["BaseState", "FloatingBase", "StartPose", "Supported", "add_support", "base_addresses", "support_in_mode"]
 
 _SUPPORT = "humanoid_sim_support"
 """Name of the mocap body and of the weld: unlikely enough to be free in any user's MJCF."""
@@ -183,6 +184,26 @@ class FloatingBase:
             data.qvel[self._linear].copy(),
             data.qvel[self._angular].copy(),
         )
+
+
+class Supported(Protocol):
+    """A robot whose floating base may hang on a support."""
+
+    @property
+    def supported(self) -> bool:
+        """Whether the support holds the base."""
+
+    def set_support(self, held: bool) -> None:
+        """Let the support take the base where it now is, or let the base go."""
+
+
+def support_in_mode(robot: Supported, mode: Mode) -> str:
+    """Let the robot go when a policy takes over, hold it again when none balances it; says what it did, if anything."""
+    held = not mode.is_free
+    if held == robot.supported:
+        return ""
+    robot.set_support(held)
+    return "support holds the base where it is" if held else "support released"
 
 
 class StartPose:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.messages import Mode
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, MITCommand
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.floating_base import BaseState, support_in_mode
 from humanoid_sim.simulation.imu import Imu
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
@@ -251,3 +252,12 @@ def test_a_batch_of_base_states_is_its_members_bit_for_bit() -> None:
         one = BaseState(position[i], quaternion[i], linear[i], angular[i])
         for name in ("height", "tilt", "yaw", "gravity", "planar_velocity"):
             np.testing.assert_array_equal(getattr(batch, name)[i], getattr(one, name))
+
+
+def test_the_support_lets_go_for_a_policy_and_takes_over_after_it() -> None:
+    robot = MujocoRobot(load_robot("lite_biped"))
+    said = []
+    for mode in (Mode.STANDBY, Mode.LOCOMOTION, Mode.LOCOMOTION, Mode.REMOTE, Mode.DAMPING, Mode.ZERO_TORQUE):
+        said.append(support_in_mode(robot, mode))
+        assert robot.supported is not mode.is_free
+    assert said == ["", "support released", "", "", "support holds the base where it is", ""]
