@@ -8,10 +8,11 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Sequence
+from enum import IntEnum
 
 from humanoid_sim.errors import InputError, RobotError
 
-__all__ = ["VERBS", "complain", "load_program", "main", "mute_output", "run_program"]
+__all__ = ["VERBS", "ExitStatus", "complain", "load_program", "main", "mute_output", "run_program"]
 
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
@@ -30,13 +31,26 @@ VERBS = {
 _MODULES = {"policy": "policy_tools"}
 """Verbs whose program lies beside the library that they are named after."""
 
-_FAULT = 1
 _UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EBADF)
 """What keeps an output from being written that was there when the program began."""
-BAD_INPUT = 2
-"""Exit status for what a user can mend."""
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it: 128 + SIGINT."""
+
+
+class ExitStatus(IntEnum):
+    """What the exit status of any program says; a run that a signal ends adds its number to 128."""
+
+    OK = 0
+    """It ran, and all is as it should be."""
+    FAILED = 1
+    """It ran, and something failed, or is worse than it may be."""
+    BAD_INPUT = 2
+    """It did not run: what was given cannot be used, and a user can fix that."""
+    INTERRUPTED = 130
+    """Ctrl-C, as shells have it: 128 + SIGINT."""
+
+    @classmethod
+    def of(cls, passed: bool) -> ExitStatus:
+        """Of a verdict."""
+        return cls.OK if passed else cls.FAILED
 
 
 def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
@@ -46,28 +60,28 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
     """
     if sys.stdout is None:  # as Python has it where the descriptor was closed (`>&-`)
         complain("error: standard output is closed, expected somewhere to write to, such as /dev/null")
-        return BAD_INPUT
+        return ExitStatus.BAD_INPUT
     problem: OSError | None = None
     try:
         status = program(arguments)
     except (InputError, RobotError) as error:
         complain(f"error: {error}")
-        status = BAD_INPUT
+        status = ExitStatus.BAD_INPUT
     except KeyboardInterrupt:
         complain("interrupted")
-        status = INTERRUPTED
+        status = ExitStatus.INTERRUPTED
     except OSError as error:
         # Whoever opens a file reports its failure with its name; what has none failed while printing.
         if error.errno not in _UNWRITABLE or error.filename is not None:
             raise
-        status, problem = _FAULT, error
+        status, problem = ExitStatus.FAILED, error
     problem = problem or _output_problem()
     if problem is None:
         return status
     if not isinstance(problem, BrokenPipeError):
         complain(f"error: standard output cannot be written: {problem.strerror}")
     mute_output()
-    return status or _FAULT
+    return status or ExitStatus.FAILED
 
 
 def complain(message: str) -> None:
@@ -102,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for verb, purpose in VERBS.items():
             print(f"  {verb:<14} {purpose}")
         print("\n'humanoid-sim <verb> --help' tells the rest.")
-        return 0 if words else BAD_INPUT
+        return 0 if words else ExitStatus.BAD_INPUT
     if words[0] == "--version":
         from humanoid_sim import __version__  # noqa: PLC0415 - only for this option
 
@@ -111,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verb, *rest = words
     if verb not in VERBS:
         complain(f"error: unknown verb '{verb}'; known: {', '.join(VERBS)}")
-        return BAD_INPUT
+        return ExitStatus.BAD_INPUT
     return run_program(load_program(verb), rest)
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import tyro
 
-from humanoid_sim.cli import run_program
+from humanoid_sim.cli import ExitStatus, run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
 from humanoid_sim.session.control_socket import running_sessions, send_intent, send_reactivate
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     word = config.intent
     answer = send_reactivate(session) if word == REACTIVATE else send_intent(session, Intent(word))
     print(f"session {session}: {answer.text}")
-    return 0 if answer.granted else 1
+    return ExitStatus.of(answer.granted)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from typing import Any
 import tyro
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
 
-from humanoid_sim.cli import run_program
+from humanoid_sim.cli import ExitStatus, run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.messages import PolicyStep, TickRecord
@@ -74,7 +74,7 @@ def replay(config: ReplayConfig, build: StackBuilder | None = None) -> int:
     else:
         for line in _lines(recording, report, inference):
             print(line)
-    return 0 if report.is_identical else 1
+    return ExitStatus.of(report.is_identical)
 
 
 class _Inference:

@@ -33,6 +33,7 @@ from humanoid_sim.bench.one_robot import (
     supervisor_step,
 )
 from humanoid_sim.bench.timing import Row, paired_ratio
+from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 
 __all__ = ["print_figures"]
@@ -124,7 +125,7 @@ def print_figures(options: BenchOptions) -> int:
         print(json.dumps(document, indent=1))
     else:
         _print(rows, options.repetitions)
-    return 0 if all(row.is_met for row in rows) else 1
+    return ExitStatus.of(all(row.is_met for row in rows))
 
 
 def _machine() -> dict[str, object]:

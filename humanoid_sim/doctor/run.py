@@ -8,6 +8,7 @@ import math
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from humanoid_sim.cli import ExitStatus
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
 from humanoid_sim.doctor.report import is_healthy, print_ranking, ranking_document
@@ -18,8 +19,6 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.sources import parse_velocity
 
 __all__ = ["doctor"]
-
-_INTERRUPTED = 130
 
 
 def doctor(config: DoctorConfig) -> int:
@@ -69,8 +68,8 @@ def doctor(config: DoctorConfig) -> int:
     else:
         print_ranking(make_console(), ranking, examined.contract, config.top)
     if interrupted:
-        return _INTERRUPTED
-    return 0 if is_healthy(ranking) else 1
+        return ExitStatus.INTERRUPTED
+    return ExitStatus.of(is_healthy(ranking))
 
 
 def _check(config: DoctorConfig) -> None:

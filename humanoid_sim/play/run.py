@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.text import Text
 
-from humanoid_sim.cli import complain, mute_output
+from humanoid_sim.cli import ExitStatus, complain, mute_output
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.play.assembly import Run, assemble
 from humanoid_sim.play.options import PlayConfig
@@ -29,9 +29,6 @@ __all__ = [
     "bring_up",
     "play",
 ]
-
-_FAULT = 1
-"""Exit status of a run in which something failed that nobody made fail on purpose."""
 
 
 def play(config: PlayConfig) -> int:
@@ -82,7 +79,7 @@ def play(config: PlayConfig) -> int:
         return 128 + received[0]
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
     went_wrong = fell or ((run.monitor.faults or run.monitor.safety) and not config.inject)
-    return _FAULT if problems or went_wrong else 0
+    return ExitStatus.of(not (problems or went_wrong))
 
 
 def _new_console() -> Console:

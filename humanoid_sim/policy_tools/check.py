@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from rich.markup import escape
 
+from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, resolve_action
@@ -69,7 +70,7 @@ def check(options: Check) -> int:
         print(json.dumps(document, indent=2))
     else:
         _print(findings, counts, f"{options.checkpoint} on '{description.name}'")
-    return int(counts["error"] > 0)
+    return ExitStatus.of(counts["error"] == 0)
 
 
 def _print(findings: tuple[Finding, ...], counts: dict[Severity, int], what: str) -> None:

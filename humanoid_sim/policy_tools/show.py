@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.errors import FieldError, InputError
@@ -42,7 +43,7 @@ def show(options: Show) -> int:
     golden, problem = _golden(checkpoint)
     if options.json:
         print(json.dumps(_document(checkpoint, layout, golden, problem), indent=2, allow_nan=False))
-        return int(bool(problem))
+        return ExitStatus.of(not problem)
     console = make_console()
     console.print(_overview(checkpoint, layout, golden, problem))
     console.print(_joints(contract))
@@ -52,7 +53,7 @@ def show(options: Show) -> int:
     if assumed:
         listed = "; ".join(f"{line.name} {line.value}" for line in assumed)
         console.print(f"[yellow]assumed, no source states it: {escape(listed)}[/yellow]", soft_wrap=True)
-    return int(bool(problem))
+    return ExitStatus.of(not problem)
 
 
 def make_console() -> Console:

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from humanoid_sim import __version__
+from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import detectable_changes, judge
@@ -66,7 +67,7 @@ def regress(config: RegressConfig) -> int:
     _write(config, results)
     if config.record_failures is not None:
         _record(config.record_failures, config.record_limit, prepared, policies, results, console)
-    return 0 if results.passed else 1
+    return ExitStatus.of(results.passed)
 
 
 def _baseline(config: RegressConfig, prepared: PreparedSuite, contract: Path | None) -> TestedPolicy | PolicyRun | None:
