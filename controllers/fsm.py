@@ -167,7 +167,9 @@ def _unsafe(
         return Decision(demoted.controller, message=demoted.message, refusal=refusal)
     if intent is Intent.DAMP:
         return _damp(current, f"{intent.name} requested", available)
-    return Decision(quit=intent is Intent.QUIT, message="QUIT requested" * (intent is Intent.QUIT), refusal=refusal)
+    if intent is Intent.QUIT:
+        return Decision(quit=True, message="QUIT requested", refusal=refusal)
+    return Decision(refusal=refusal)
 
 
 def _damp(current: str, reason: str, available: Container[str]) -> Decision:

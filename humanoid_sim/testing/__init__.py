@@ -29,9 +29,8 @@ except ImportError:
 
     raise MissingPackageError("hypothesis", "testing", "humanoid_sim.testing") from None
 
-from humanoid_sim.testing.arrays import SPECIAL_NUMBERS, any_arrays, any_numbers, moderate_numbers
-from humanoid_sim.testing.fingerprint import fingerprint
-from humanoid_sim.testing.fuzz import DEFAULT_SETTINGS, fuzz_controller, fuzz_stack
+from humanoid_sim.testing.checks import SafetyViolationError, fingerprint
+from humanoid_sim.testing.fuzz import DEFAULT_SETTINGS, fuzz_controller, fuzz_stack, robot_stack
 from humanoid_sim.testing.healthy import healthy_externs, healthy_state, healthy_tick
 from humanoid_sim.testing.machine import StackMachine
 from humanoid_sim.testing.policies import (
@@ -42,10 +41,12 @@ from humanoid_sim.testing.policies import (
     well_behaved,
 )
 from humanoid_sim.testing.properties import SafetyProperties
-from humanoid_sim.testing.robots import robot_stack
 from humanoid_sim.testing.strategies import (
+    SPECIAL_NUMBERS,
+    any_arrays,
     any_commands,
     any_externs,
+    any_numbers,
     any_remote_commands,
     any_states,
     any_tick_inputs,
@@ -53,10 +54,10 @@ from humanoid_sim.testing.strategies import (
     clock_jumps,
     healthy_states,
     intents,
+    moderate_numbers,
     safety_statuses,
     valid_commands,
 )
-from humanoid_sim.testing.violation import SafetyViolationError
 
 __all__ = [
     "DEFAULT_SETTINGS",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from hypothesis import HealthCheck, given, settings
@@ -15,15 +16,17 @@ from humanoid_sim.controllers.base import Controller, Fault
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.testing.commands import check_complete
-from humanoid_sim.testing.fingerprint import fingerprint
+from humanoid_sim.policy.checkpoint import placeholder_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.stack import build_supervisor
+from humanoid_sim.testing.checks import SafetyViolationError, check_complete, fingerprint, require
 from humanoid_sim.testing.healthy import healthy_externs
 from humanoid_sim.testing.machine import StackMachine
 from humanoid_sim.testing.policies import ScriptedPolicy
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
-from humanoid_sim.testing.violation import SafetyViolationError, require
 
-__all__ = ["DEFAULT_SETTINGS", "fuzz_controller", "fuzz_stack"]
+__all__ = ["DEFAULT_SETTINGS", "fuzz_controller", "fuzz_stack", "robot_stack"]
 
 DEFAULT_SETTINGS = settings(
     max_examples=50,
@@ -39,6 +42,27 @@ More examples: `settings(DEFAULT_SETTINGS, max_examples=1000)`. The same ones ev
 
 _PERIOD = 0.02
 """s of the robot's clock from one tick to the next of a healthy session."""
+
+
+def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervisor]:
+    """For `fuzz_stack`: all controllers of a robot, with the settings of its description.
+
+    LOCOMOTION runs the fuzzed policy on all joints, around the final pose of standby A.
+
+    Args:
+        name_or_path: a shipped robot, a YAML description, or an MJCF.
+
+    Raises:
+        InputError: if there is no such robot, or its description is wrong.
+    """
+    description = load_robot(name_or_path)
+    period = 1.0 / description.hardware.control_frequency
+    contract = placeholder_checkpoint(description, policy_dt=period).contract
+
+    def build(policy: ScriptedPolicy) -> Supervisor:
+        return build_supervisor(description, period, load_policy(contract, policy, None), remote=True)
+
+    return build
 
 
 def fuzz_stack(build: Callable[[ScriptedPolicy], Supervisor], settings: settings = DEFAULT_SETTINGS) -> None:

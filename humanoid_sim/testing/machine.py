@@ -13,7 +13,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.testing.fingerprint import fingerprint
+from humanoid_sim.testing.checks import fingerprint, require
 from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
 from humanoid_sim.testing.policies import Answer, ScriptedPolicy, misbehaviours, well_behaved
 from humanoid_sim.testing.properties import REMOTE, RL, STANDBY_A, STANDBY_B, SafetyProperties
@@ -30,7 +30,6 @@ from humanoid_sim.testing.strategies import (
     safety_statuses,
     valid_commands,
 )
-from humanoid_sim.testing.violation import require
 
 __all__ = ["StackMachine"]
 

@@ -15,15 +15,15 @@ from typing import Self
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.testing.commands import (
+from humanoid_sim.testing.checks import (
     RemoteWatch,
     check_complete,
     check_damping,
     check_policy,
     check_standby,
     check_zero,
+    require,
 )
-from humanoid_sim.testing.violation import require
 
 __all__ = ["EDGES", "MODE_NUMBER", "SafetyProperties"]
 

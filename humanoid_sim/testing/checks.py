@@ -1,8 +1,12 @@
-"""What the command of each controller must look like, given the controller's own settings."""
+"""What the command of each controller must look like, given its own settings, and what a violation raises."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -12,20 +16,64 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.messages import RemoteCommand, TickInput
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
-from humanoid_sim.testing.fingerprint import fingerprint
-from humanoid_sim.testing.violation import require
 
 __all__ = [
     "RemoteWatch",
+    "SafetyViolationError",
     "check_complete",
     "check_damping",
     "check_policy",
     "check_standby",
     "check_zero",
+    "fingerprint",
+    "require",
 ]
 
 _ROUNDING = 1e-9
 """s. Times are decimal fractions that binary numbers round."""
+_PLAIN = (str, int, bool, type(None))
+
+
+class SafetyViolationError(AssertionError):
+    """A control stack or a controller broke a safety property; the message says which, and how."""
+
+
+def require(holds: bool, message: str, *values: object) -> None:
+    """Raise a `SafetyViolationError` unless the property holds; unlike `assert`, under `python -O` too.
+
+    Args:
+        holds: the property.
+        message: with a `{}` for each of `values`: arrays are written out only when there is something to say.
+        values: what the message shows.
+    """
+    if not holds:
+        raise SafetyViolationError(message.format(*values))
+
+
+def fingerprint(value: Any) -> Any:
+    """A value that is equal for two things exactly when every bit of them is: -0.0 is not 0.0, NaN equals itself.
+
+    Looks into dataclasses, arrays, sequences and mappings; everything else is told apart by its type and `repr`.
+    """
+    kind = type(value)
+    if kind in _PLAIN or isinstance(value, Enum):
+        return kind.__name__, value
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    names = _field_names(kind)  # type: ignore[arg-type]  # mypy takes the class's own hash for its instances'
+    if names is not None:
+        return kind.__name__, tuple([fingerprint(getattr(value, name)) for name in names])
+    if isinstance(value, tuple | list):
+        return tuple([fingerprint(item) for item in value])
+    if hasattr(value, "items"):
+        return tuple([(key, fingerprint(item)) for key, item in value.items()])
+    return kind.__name__, repr(value)
+
+
+@cache
+def _field_names(kind: type) -> tuple[str, ...] | None:
+    """Names of a dataclass's fields; None for every other type. Asked for once per type: every tick is looked at."""
+    return tuple(f.name for f in fields(kind)) if is_dataclass(kind) else None
 
 
 def check_complete(command: MITCommand, n: int) -> None:
