@@ -19,12 +19,19 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
 from humanoid_sim.mit import MITCommand
 
-__all__ = ["RLPolicyController", "RLPolicyMemory", "infer"]
+__all__ = ["RLPolicyController", "RLPolicyMemory", "infer", "ticks_per_step"]
 
 Float32Array = npt.NDArray[np.float32]
 
 _RATE_TOLERANCE = 1e-6
 """Relative. Periods are decimal fractions that binary numbers round; a real mismatch is far larger."""
+
+
+def ticks_per_step(policy_dt: float, control_period: float) -> tuple[int, bool]:
+    """How many control periods are nearest to a policy's period, both in s; and whether they make it up."""
+    ratio = policy_dt / control_period
+    ticks = max(round(ratio), 1)
+    return ticks, abs(ratio - ticks) <= _RATE_TOLERANCE * ratio
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -68,9 +75,8 @@ class RLPolicyController:
         set_field(self, "joints", joint_tuple(owner, self.joints))
         set_field(self, "control_period", number(owner, "control_period", self.control_period, above=True))
         set_field(self, "action_limit", number(owner, "action_limit", self.action_limit, above=True))
-        ratio = self.contract.policy_dt / self.control_period
-        decimation = round(ratio)
-        if decimation < 1 or abs(ratio - decimation) > _RATE_TOLERANCE * ratio:
+        decimation, is_whole = ticks_per_step(self.contract.policy_dt, self.control_period)
+        if not is_whole:
             raise FieldError(
                 f"{owner}.control_period: is {self.control_period:g} s, "
                 f"expected policy_dt ({self.contract.policy_dt:g} s) to be a whole multiple of it"

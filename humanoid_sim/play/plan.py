@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
@@ -199,8 +200,8 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
                 f"--control-frequency: is {frequency:g} Hz, expected at most {MOST_STEPS / policy_dt:g} Hz, "
                 f"which makes {MOST_STEPS} ticks of the policy's {policy_dt:g} s"
             )
-        ticks = max(round(policy_dt * frequency), 1)
-        if abs(policy_dt * frequency - ticks) > 1e-6 * ticks:
+        ticks, is_whole = ticks_per_step(policy_dt, period)
+        if not is_whole:
             period = policy_dt / ticks
             notice = (
                 f"the control rate moves from {frequency:g} Hz to {1.0 / period:g} Hz, "

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import MotorDescription
@@ -40,7 +41,6 @@ _STUCK = 0.02
 """rad. A joint that an action of one unit moves by less hardly moves."""
 _COARSE = 0.02
 """Relative error at which the rounding of a gain by the motor's format is worth a word."""
-_RATE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +234,6 @@ def estimate_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[F
 def rate_finding(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Whether the policy's period is a whole number of the real robot's control periods."""
     frequency = description.hardware.control_frequency
-    ticks = contract.policy_dt * frequency
-    if round(ticks) < 1 or abs(ticks - round(ticks)) > _RATE_TOLERANCE * ticks:
+    if not ticks_per_step(contract.policy_dt, 1.0 / frequency)[1]:
         message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {1.0 / frequency:g} s"
         yield Finding("warning", "policy_dt", f"{message}: it has to run at another rate", value=contract.policy_dt)

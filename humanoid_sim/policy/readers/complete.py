@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from humanoid_sim.controllers.contract import FORMS
@@ -18,7 +18,6 @@ def complete(
     known: dict[str, Given],
     terms: Mapping[str, dict[str, Given]],
     robot_joints: tuple[str, ...] | None,
-    sources: Sequence[str],
 ) -> None:
     """Add what follows from the fields that are known, and turn places of joints into names.
 
@@ -26,14 +25,14 @@ def complete(
         known: changed in place; the three kinds of places are taken out of it.
         terms: options of the observation terms, changed in place.
         robot_joints: the joints in the robot's own order, if known.
-        sources: names of all sources, for messages.
 
     Raises:
         FieldError: if a place leads nowhere.
     """
     places = known.pop("joint_places", None)
-    if "joint_names" not in known and (places is not None or _has_robot_order(known, sources)):
-        known["joint_names"] = _joint_names(known, places, robot_joints)
+    # Without gains, the robot's own order has nothing to be the order of.
+    if "joint_names" not in known and places and (places.value != slice(None) or "joint_stiffness" in known):
+        known["joint_names"] = _joint_names(places, robot_joints)
     chosen, patterns = known.pop("action_joint_places", None), known.pop("action_joint_patterns", None)
     if "joint_names" in known:
         joints: tuple[str, ...] = known["joint_names"].value
@@ -86,20 +85,14 @@ def _complete_task(known: dict[str, Given], kinds: list[TermKind]) -> None:
         known.setdefault("body_names", derived((), "the observation"))
 
 
-def _has_robot_order(known: Mapping[str, Given], sources: Sequence[str]) -> bool:
-    """A deploy.yaml without `joint_ids_map` means the robot's own order."""
-    return any(source == "deploy.yaml" for source in sources) and "joint_stiffness" in known
-
-
-def _joint_names(known: Mapping[str, Given], places: Given | None, robot_joints: tuple[str, ...] | None) -> Given:
+def _joint_names(places: Given, robot_joints: tuple[str, ...] | None) -> Given:
     if robot_joints is None:
-        source = places.source if places else known["joint_stiffness"].source
         raise FieldError(
-            f"joint_names: {source} gives the joints by their places on the robot, and no robot is known; "
+            f"joint_names: {places.source} gives the joints by their places on the robot, and no robot is known; "
             "name the robot, or give joint_names in a contract.yaml"
         )
-    if places is None:
-        return Given(robot_joints, "robot's own order")
+    if isinstance(places.value, slice):
+        return Given(robot_joints[places.value], "robot's own order")
     order: tuple[int, ...] = places.value
     if len(order) == len(robot_joints):  # also where the numbers leave gaps for joints that this robot lacks
         ranks = sorted(order)

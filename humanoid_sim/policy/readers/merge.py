@@ -38,7 +38,7 @@ def merge(
     try:
         known = _join_fields(partials)
         terms = _join_terms(partials, known)
-        complete(known, terms, robot_joints, [partial.source for partial in partials])
+        complete(known, terms, robot_joints)
     except FieldError as error:
         raise InputError(f"{where}: {one_line(str(error))}") from None
     missing = missing_fields(known, terms)

@@ -23,8 +23,10 @@ from humanoid_sim.policy.readers.values import shown
 __all__ = ["assemble_contract", "assumptions", "metadata_contract"]
 
 _DIALECTS = ((is_mjlab, read_mjlab), (is_holosoma, read_holosoma))
-"""Of trainers that write into a model's metadata: whether it is there, and what it says. A new one is a line here, and
-a module of its own."""
+"""Of trainers that write into a model's metadata: whether it is there, and what it says. A new dialect is a module, and
+a line here or below."""
+_SIDE_FILES = ((find_deploy, read_deploy),)
+"""Of trainers that write a file beside the model: where it is, and what it says."""
 
 
 def assemble_contract(
@@ -49,9 +51,10 @@ def assemble_contract(
         InputError: if a source is malformed, if two contradict each other, or if something is missing.
     """
     partials = metadata_contract(metadata, str(path))
-    deploy = None if STAMP_KEY in metadata else find_deploy(path)
-    if deploy is not None:
-        partials.append(read_deploy(deploy))
+    for find, read in () if STAMP_KEY in metadata else _SIDE_FILES:
+        beside = find(path)
+        if beside is not None:
+            partials.append(read(beside))
     chosen = find_contract(path) if contract_file is None else contract_file
     if chosen is not None:
         partials += read_contract_file(chosen)

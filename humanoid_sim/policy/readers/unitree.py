@@ -43,7 +43,9 @@ def read_deploy(path: Path) -> PartialContract:
     reader = _Reader(path, read_yaml(path))
     fields = {name: Given(value, path.name) for name, value in reader.fields().items()}
     terms = {name: given(path.name, options) for name, options in reader.terms.items()}
-    return PartialContract(path.name, fields, terms, assumed=assumed("Unitree", {"reference_quaternion": "wxyz"}))
+    implied = assumed("Unitree", {"reference_quaternion": "wxyz"})
+    # Without `joint_ids_map` the joints are in the robot's own order.
+    return PartialContract(path.name, fields, terms, implied | given(path.name, {"joint_places": slice(None)}))
 
 
 class _Reader:
