@@ -24,8 +24,6 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 __all__ = ["BodyPoses", "EpisodeRobot", "PlantState", "recorded_start"]
 
-"""Modes in which no support holds a floating base."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantState:

@@ -13,9 +13,8 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import JointDescription
 from humanoid_sim.simulation.floating_base import FloatingBase
-from humanoid_sim.simulation.imu import ImuSample
 from humanoid_sim.simulation.plant import make_plant
-from humanoid_sim.simulation.senses import BodySenses
+from humanoid_sim.simulation.sensors import BodySensors, ImuSample
 
 __all__ = ["MotorPlant", "PlantTruth"]
 
@@ -46,7 +45,7 @@ class PlantTruth:
     """Shape (nq,), MuJoCo's generalised position."""
     imu: ImuSample
     live: Mapping[str, FloatArray]
-    """Live inputs that only a simulation or an estimator knows, by name; see `BodySenses`."""
+    """Live inputs that only a simulation or an estimator knows, by name; see `BodySensors`."""
 
 
 class MotorPlant:
@@ -106,7 +105,7 @@ class MotorPlant:
             self._base.place(plant.data)
             if support:
                 self._base.hold(plant.data)
-        self._senses = BodySenses(plant.model, description, self._base, anchor_body)
+        self._senses = BodySensors(plant.model, description, anchor_body)
         self._damping = plant.model.dof_damping.copy()
         self._hand: FloatArray | None = None
         """Shape (m,), rad, joint frame: where a hand leads each joint; NaN for those that it leaves alone."""

@@ -12,7 +12,7 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray, frozen_array
-from humanoid_sim.simulation.imu import ImuSample
+from humanoid_sim.simulation.sensors import ImuSample
 
 __all__ = [
     "DEFAULT_MOUNTING",

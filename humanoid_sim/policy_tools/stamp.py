@@ -28,9 +28,9 @@ from humanoid_sim.policy.onnx_policy import first_line
 from humanoid_sim.policy_tools import Stamp
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.floating_base import FloatingBase
+from humanoid_sim.simulation.floating_base import base_addresses
 from humanoid_sim.simulation.model import build_model, joint_addresses
-from humanoid_sim.simulation.senses import BodySenses
+from humanoid_sim.simulation.sensors import BodySensors
 
 __all__ = ["StampResult", "add_metadata", "body_reader", "stamp", "stamp_copy"]
 
@@ -203,8 +203,7 @@ def body_reader(description: RobotDescription, anchor_body: str) -> BodyReader:
     """
     model = build_model(description, scene=False)
     data = mujoco.MjData(model)
-    base = FloatingBase(model, description, data.qpos.copy()) if description.is_floating else None
-    senses = BodySenses(model, description, base, anchor_body)
+    sensors = BodySensors(model, description, anchor_body)
 
     def read(qpos: FloatArray, qvel: FloatArray, joint_names: tuple[str, ...]) -> Mapping[str, FloatArray]:
         addresses = joint_addresses(model, joint_names)
@@ -216,12 +215,12 @@ def body_reader(description: RobotDescription, anchor_body: str) -> BodyReader:
             )
         rows: list[dict[str, FloatArray]] = []
         for position, velocity in zip(qpos, qvel, strict=True):
-            if base is not None:
-                joint = int(model.body_jntadr[model.body(description.base.body).id])
-                start, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-                data.qpos[start : start + 7], data.qvel[dof : dof + 6] = position[:7], velocity[:6]
+            if description.is_floating:
+                place, turn, linear, angular = base_addresses(model, description)
+                data.qpos[place], data.qpos[turn] = position[:3], position[3:7]
+                data.qvel[linear], data.qvel[angular] = velocity[:3], velocity[3:6]
             data.qpos[addresses.qpos], data.qvel[addresses.dof] = position[free:], velocity[max(free - 1, 0) :]
-            sample = senses.read(data)
+            sample = sensors.read(data)
             imu = {"imu_quaternion": sample.imu.quaternion, "imu_angular_velocity": sample.imu.angular_velocity}
             rows.append({**imu, **sample.live})
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}

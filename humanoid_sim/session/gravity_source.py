@@ -16,7 +16,7 @@ from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import RemoteInbox
-from humanoid_sim.simulation.gravity import GravityTorque
+from humanoid_sim.simulation.kinematics import GravityTorque
 
 __all__ = ["GravityForm", "GravitySource", "gravity_command"]
 

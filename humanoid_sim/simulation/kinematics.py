@@ -1,16 +1,16 @@
-"""Forward kinematics: where bodies are for given joint positions, in the robot's base frame. No dynamics."""
+"""What follows from joint positions alone, by a model of its own: where bodies are, and the torque that holds them."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
+from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 
-__all__ = ["ForwardKinematics"]
+__all__ = ["ForwardKinematics", "GravityTorque"]
 
 
 class ForwardKinematics:
@@ -29,11 +29,10 @@ class ForwardKinematics:
         self._data = mujoco.MjData(self._model)
         self._addresses = joint_addresses(self._model, description.joint_names)
         self.bodies = description.hands if bodies is None else tuple(bodies)
-        known = [self._model.body(i).name for i in range(1, self._model.nbody)]
-        for name in self.bodies:
-            if name not in known:
-                raise InputError(f"{description.name}: {known_names('body', name, known)}")
-        self._ids = [self._model.body(name).id for name in self.bodies]
+        try:
+            self._ids = list(body_ids(self._model, self.bodies))
+        except InputError as error:
+            raise InputError(f"{description.name}: {error}") from None
         mujoco.mj_kinematics(self._model, self._data)
         base = base_body(self._model, description)
         # The joints do not move the base, so its pose is taken once.
@@ -63,3 +62,31 @@ class ForwardKinematics:
         matrices = np.einsum("ji,tbjk->tbik", self._base_rotation, rotation.reshape(*rotation.shape[:2], 3, 3))
         batch = q.shape[:-1]
         return position.reshape(*batch, -1, 3), matrices.reshape(*batch, -1, 3, 3)
+
+
+class GravityTorque:
+    """Gravity compensation: `effort = clip(qfrc_bias, ±effort_limit)` at zero velocity. One instance per thread."""
+
+    def __init__(self, description: RobotDescription) -> None:
+        """Build the model.
+
+        Raises:
+            InputError: see `build_model`.
+        """
+        self._model = build_model(description, scene=False)
+        self._data = mujoco.MjData(self._model)
+        self._addresses = joint_addresses(self._model, description.joint_names)
+        self._limit = description.effort_limit
+        self._bias = np.empty(self._model.nv)
+
+    def __call__(self, joint_position: FloatArray) -> FloatArray:
+        """Shape (n,), rad, joint frame → shape (n,), N·m, joint frame, within the effort limits.
+
+        Friction is not included; it only helps to hold.
+        """
+        model, data = self._model, self._data
+        data.qpos[self._addresses.qpos] = joint_position
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_rne(model, data, 0, self._bias)  # qvel stays zero: no Coriolis terms
+        return np.clip(self._bias[self._addresses.dof], -self._limit, self._limit)

@@ -17,7 +17,7 @@ from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import DelayLine, delay_steps
 from humanoid_sim.simulation.floating_base import BaseState, FloatingBase
 from humanoid_sim.simulation.plant import Actuation, make_plant
-from humanoid_sim.simulation.senses import BodySample, BodySenses
+from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
 
 __all__ = ["MujocoRobot", "StateSampling"]
@@ -113,7 +113,7 @@ class MujocoRobot:
                 yaw=base_yaw,
                 height=base_height,
             )
-        self._senses = BodySenses(self._plant.model, description, self._base, anchor_body)
+        self._senses = BodySensors(self._plant.model, description, anchor_body)
 
         self._steps = steps
         # A command written at the start of a period arrives `whole` periods and `offset` steps later. Samples for

@@ -7,7 +7,7 @@ from drive import Drive
 from humanoid_sim.messages import Intent, Mode, RemoteCommand
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.gravity_source import GravityForm, gravity_command
-from humanoid_sim.simulation.gravity import GravityTorque
+from humanoid_sim.simulation.kinematics import GravityTorque
 
 
 class Compensation:

@@ -5,7 +5,7 @@ import pytest
 from drive import Drive
 
 from humanoid_sim.messages import Intent, Mode
-from humanoid_sim.simulation.gravity import GravityTorque
+from humanoid_sim.simulation.kinematics import GravityTorque
 
 
 @pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])

@@ -12,7 +12,7 @@ from humanoid_sim.mit import FloatArray, MITCommand, MITState, mit_torque
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.gravity_source import GravityForm, GravitySource, gravity_command
 from humanoid_sim.session.sources import RemoteInbox
-from humanoid_sim.simulation.gravity import GravityTorque
+from humanoid_sim.simulation.kinematics import GravityTorque
 
 
 @pytest.fixture(scope="module")

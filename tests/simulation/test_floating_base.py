@@ -12,10 +12,10 @@ from humanoid_sim.messages import Mode
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, MITCommand
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.floating_base import BaseState, support_in_mode
-from humanoid_sim.simulation.imu import Imu
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import Actuation
+from humanoid_sim.simulation.sensors import Imu
 
 LIMP = MITCommand.zeros(2)
 SOLE = 0.1 + 0.2 + 0.2 * math.cos(0.2) + 0.03

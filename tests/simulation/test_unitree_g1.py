@@ -18,10 +18,10 @@ from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
-from humanoid_sim.simulation.imu import Imu
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import Actuation
+from humanoid_sim.simulation.sensors import Imu
 
 POLICIES = Path(os.environ.get("HUMANOID_SIM_POLICIES", Path(__file__).parents[3] / "shared" / "policies"))
 MODELS = POLICIES / "models" / "unitree_g1"

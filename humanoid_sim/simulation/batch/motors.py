@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray, MITCommand, affine_law
 from humanoid_sim.simulation.batch.counter_random import Words, uniforms
-from humanoid_sim.simulation.batch.models import ModelPool
+from humanoid_sim.simulation.batch.physics import ModelPool
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 
 __all__ = ["BatchMotors", "MotorDifferences"]

@@ -1,7 +1,8 @@
-"""The physical states of a batch and how `mujoco.rollout` advances them."""
+"""The models of a batch, its physical states, and how `mujoco.rollout` advances them."""
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Sequence
 
@@ -11,10 +12,9 @@ import numpy.typing as npt
 from mujoco import rollout
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.simulation.batch.models import ModelPool
 from humanoid_sim.simulation.silence import mujoco_silenced
 
-__all__ = ["BatchPhysics", "usable_processors"]
+__all__ = ["BatchPhysics", "ModelPool", "usable_processors"]
 
 BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]
@@ -29,6 +29,54 @@ def usable_processors() -> int:
     if hasattr(os, "sched_getaffinity"):  # Linux
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+class ModelPool:
+    """N models of the same robot: one for all as long as they agree, else one each, copied once.
+
+    The gains of its affine actuators live in them.
+    """
+
+    def __init__(self, nominal: mujoco.MjModel, count: int) -> None:
+        """Share one copy of the model between `count` environments."""
+        self.nominal = nominal
+        self.is_shared = True
+        shared = copy.copy(nominal)
+        # An array of references picks any subset without a Python loop.
+        self._models = np.empty(count, dtype=object)
+        self._models[:] = shared
+        self._list: list[mujoco.MjModel] = [shared] * count
+
+    def __getitem__(self, i: int) -> mujoco.MjModel:
+        """The model of environment i."""
+        return self._models[i]
+
+    def select(self, indices: npt.NDArray[np.intp] | None) -> list[mujoco.MjModel]:
+        """The models of these environments, None for all."""
+        return self._list if indices is None else self._models[indices].tolist()
+
+    def separate(self) -> None:
+        """Give each environment a model of its own, equal to the shared one."""
+        if self.is_shared:
+            self.is_shared = False
+            self._list = [copy.copy(self._list[0]) for _ in self._list]
+            self._models[:] = self._list
+
+    def set_gains(self, changed: npt.NDArray[np.intp], bias: FloatArray) -> None:
+        """Put gains into the actuators.
+
+        Args:
+            changed: shape (k,), environments whose gains are not yet in their models.
+            bias: shape (N, n, 2), of all environments, see `affine_law`.
+        """
+        if self.is_shared:
+            if (bias == bias[0]).all():
+                changed = np.zeros(1, dtype=np.intp)
+            else:
+                self.separate()
+                changed = np.arange(len(bias))
+        for i in changed:
+            self._models[i].actuator_biasprm[:, 1:3] = bias[i]
 
 
 class BatchPhysics:

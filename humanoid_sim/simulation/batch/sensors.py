@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import mujoco
@@ -10,15 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import multiply, seen_from
-from humanoid_sim.errors import InputError
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, Extern, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, Extern, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.counter_random import Words, normals
 from humanoid_sim.simulation.batch.physics import BatchPhysics
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.floating_base import BaseState
-from humanoid_sim.simulation.imu import Imu
 from humanoid_sim.simulation.model import JointAddresses, body_ids, build_model
+from humanoid_sim.simulation.sensors import Imu, live_inputs
 
 __all__ = ["BatchSensors"]
 
@@ -65,14 +64,9 @@ class BatchSensors:
         self._noise = randomisation
         self._physics = physics
         self._is_anchored = bool(anchor_body)
-        try:
-            body_ids(physics.model, [anchor_body] * self._is_anchored)
-        except InputError as error:
-            raise InputError(f"anchor body: {error}") from None
-        body_ids(physics.model, bodies)
-        names = [BASE_LINEAR_VELOCITY] * description.is_floating + [ANCHOR_POSE] * self._is_anchored
-        self.widths: Mapping[str, int] = {name: EXTERN_WIDTHS[name] for name in names}
+        self.widths = live_inputs(physics.model, description, anchor_body)
         """Names and widths of the live inputs."""
+        body_ids(physics.model, bodies)
         fixed = Imu(physics.model, description.imu).constant
         # An accelerometer on what does not move at all measures nothing in MuJoCo, not even gravity.
         self._constant = (

@@ -14,9 +14,8 @@ from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.batch.counter_random import seed_keys
-from humanoid_sim.simulation.batch.models import ModelPool
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
-from humanoid_sim.simulation.batch.physics import BatchPhysics, usable_processors
+from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors
 from humanoid_sim.simulation.batch.randomisation import Randomisation, vary_models
 from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.delay import delay_steps

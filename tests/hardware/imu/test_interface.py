@@ -8,7 +8,7 @@ from emulated_imu import EmulatedImu
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.imu.interface import DEFAULT_MOUNTING, Imu, SimulatedImu, make_imu
-from humanoid_sim.simulation.imu import ImuSample
+from humanoid_sim.simulation.sensors import ImuSample
 
 
 def test_none_is_no_imu() -> None:

@@ -9,8 +9,8 @@ import pytest
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch.counter_random import seed_keys
-from humanoid_sim.simulation.batch.models import ModelPool
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
+from humanoid_sim.simulation.batch.physics import ModelPool
 from humanoid_sim.simulation.model import build_model
 
 ROBOT = load_robot("lite")

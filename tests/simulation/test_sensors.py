@@ -1,11 +1,11 @@
-"""The IMU of a body that moves freely, and of one that cannot."""
+"""The IMU of a body that moves freely, and of one that cannot; live inputs."""
 
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.simulation.imu import Imu
+from humanoid_sim.simulation.sensors import Imu
 
 FREE = """
 <mujoco>

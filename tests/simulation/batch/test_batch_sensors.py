@@ -11,12 +11,11 @@ import pytest
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.batch.models import ModelPool
-from humanoid_sim.simulation.batch.physics import BatchPhysics
+from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.batch.sensors import BatchSensors
-from humanoid_sim.simulation.imu import Imu
 from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.sensors import Imu
 
 COUNT = 40
 

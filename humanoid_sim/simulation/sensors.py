@@ -1,16 +1,25 @@
-"""The IMU, computed from `qpos` and `qvel`; MuJoCo's `sensordata` would be one physics step older."""
+"""What a simulated robot measures beside its joints: the IMU, and what only a simulation or an estimator knows.
+
+All of it is computed from `qpos` and `qvel`: after `mj_step` MuJoCo's `sensordata`, and the poses in `MjData`, are one
+physics step older.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.floating_base import base_addresses
+from humanoid_sim.simulation.model import body_ids
 
-__all__ = ["Imu", "ImuSample"]
+__all__ = ["BodySample", "BodySensors", "Imu", "ImuSample", "live_inputs"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,3 +85,62 @@ class Imu:
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, matrices[self._id])
         return quaternion, matrices[self._id].reshape(3, 3)
+
+
+def live_inputs(model: mujoco.MjModel, description: RobotDescription, anchor_body: str) -> Mapping[str, int]:
+    """Names and widths of the live inputs that a simulated robot's state carries.
+
+    Raises:
+        InputError: the anchor body is not in the model.
+    """
+    names = [BASE_LINEAR_VELOCITY] if description.is_floating else []
+    if anchor_body:
+        names.append(ANCHOR_POSE)
+        try:
+            body_ids(model, [anchor_body])
+        except InputError as error:
+            raise InputError(f"anchor body: {error}") from None
+    return MappingProxyType({name: EXTERN_WIDTHS[name] for name in names})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodySample:
+    """One reading."""
+
+    imu: ImuSample
+    live: Mapping[str, FloatArray]
+    """Live inputs by name, as in `humanoid_sim.mit.EXTERN_WIDTHS`."""
+
+
+class BodySensors:
+    """Reads the IMU, the velocity of a floating base, and the pose of an anchor body. Not thread-safe."""
+
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription, anchor_body: str = "") -> None:
+        """Find the frames.
+
+        Args:
+            model: of the robot.
+            description: says where the IMU is.
+            anchor_body: MJCF body whose pose is asked for; empty for none.
+
+        Raises:
+            InputError: the IMU or the anchor body is not in the model.
+        """
+        self.widths = live_inputs(model, description, anchor_body)
+        """Names and widths of the live inputs."""
+        self._imu = Imu(model, description.imu)
+        self._base_velocity = base_addresses(model, description)[2] if description.is_floating else None
+        self._model, self._data = model, mujoco.MjData(model)
+        self._anchor = model.body(anchor_body).id if anchor_body else None
+
+    def read(self, data: mujoco.MjData) -> BodySample:
+        """The reading at the data's present `qpos` and `qvel`."""
+        live = {}
+        if self._base_velocity is not None:
+            live[BASE_LINEAR_VELOCITY] = data.qvel[self._base_velocity].copy()
+        if self._anchor is not None:
+            own = self._data
+            own.qpos[:] = data.qpos
+            mujoco.mj_kinematics(self._model, own)
+            live[ANCHOR_POSE] = np.concatenate([own.xpos[self._anchor], own.xquat[self._anchor]])
+        return BodySample(self._imu.read(data), live)
