@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from html import escape
 from types import MappingProxyType
 from typing import Any, Literal
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "LIGHT", "Sheet", "candidate_colour", "drawing", "style_axes"]
+__all__ = ["COLOURS", "COLUMNS", "LIGHT", "SETTINGS", "candidate_colour", "panels", "style_axes", "svg_of"]
 
 COLOURS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
@@ -38,13 +36,14 @@ COLOURS: Mapping[str, tuple[str, str]] = MappingProxyType(
 LIGHT: Mapping[str, str] = MappingProxyType({meaning: light for meaning, (light, _) in COLOURS.items()})
 """What plots are drawn in; on the page these colours become variables."""
 
+COLUMNS = 3
 _CANDIDATES = 4
 _WIDTH = 11.1
 """Inches of 72 points: the page's column."""
 _DPI = 72.0
 """Of SVG output: one figure inch is 72 points."""
 
-_SETTINGS: dict[Any, Any] = {
+SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",  # text stays text: small, sharp, and found by the browser's search
     "svg.hashsalt": "humanoid_sim",  # names of clip paths, random otherwise
     "font.family": "sans-serif",
@@ -72,6 +71,7 @@ _SETTINGS: dict[Any, Any] = {
     "figure.facecolor": "none",
     "axes.facecolor": "none",
 }
+"""Of Matplotlib, while a figure is made, drawn on and written."""
 
 
 def candidate_colour(index: int) -> str:
@@ -79,31 +79,21 @@ def candidate_colour(index: int) -> str:
     return LIGHT[f"candidate{index % _CANDIDATES + 1}"]
 
 
-class Sheet:
-    """A figure that is being drawn, and the SVG that becomes of it."""
-
-    def __init__(self, height: float) -> None:
-        self.figure = Figure(figsize=(_WIDTH, height), layout="constrained")
-        FigureCanvasSVG(self.figure)
-        self.svg = ""
-        """Complete once the `drawing` has ended."""
-
-
-@contextmanager
-def drawing(height: float, name: str, description: str) -> Iterator[Sheet]:
-    """A sheet to draw on; afterwards its `svg` is ready.
+def panels(count: int, height: float, header: float = 0.0) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` places for plots, `COLUMNS` in a row at most.
 
     Args:
-        height: inches of 72 points.
-        name: unique in the page: what the SVG defines must not be confused with another's.
-        description: for readers who cannot see it.
+        count: at least 1.
+        height: inches of 72 points, of a row.
+        header: likewise, above the first one.
     """
-    with mpl.rc_context(_SETTINGS):
-        sheet = Sheet(height)
-        yield sheet
-        buffer = io.StringIO()
-        sheet.figure.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})
-    sheet.svg = _inline(buffer.getvalue(), name, description)
+    rows = -(-count // COLUMNS)
+    figure = Figure(figsize=(_WIDTH, header + rows * height), layout="constrained")
+    FigureCanvasSVG(figure)
+    grid = list(figure.subplots(rows, min(count, COLUMNS), squeeze=False).flat)
+    for axes in grid[count:]:
+        axes.set_visible(False)
+    return figure, grid[:count]
 
 
 def style_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
@@ -112,8 +102,17 @@ def style_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
     axes.grid(visible=True, axis=grid)
 
 
-def _inline(svg: str, name: str, description: str) -> str:
-    """The `svg` element alone, every name in it made unique, its colours those of the page in light and dark."""
+def svg_of(figure: Figure, name: str, description: str) -> str:
+    """The `svg` element of a figure, its colours those of the page in light and dark.
+
+    Args:
+        figure: drawn under `SETTINGS`.
+        name: unique in the page: what the SVG defines must not be confused with another's.
+        description: for readers who cannot see it.
+    """
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})
+    svg = buffer.getvalue()
     opening, body = svg[svg.index("<svg") :].split(">", 1)
     box = re.search(r'viewBox="[^"]*"', opening)
     assert box is not None

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from humanoid_sim.regress.report.drawing import COLOURS, candidate_colour
+from humanoid_sim.regress.report.drawing import COLOURS, SETTINGS, candidate_colour
 from humanoid_sim.regress.report.pairs import mean_over_cases, pair_up, worst
 from humanoid_sim.regress.report.plots import case_plot, margin_plot, moved_metrics, trace_plot
 from humanoid_sim.regress.results import (
@@ -41,13 +42,17 @@ def render(results: Results) -> str:
     comparisons = [comparison for candidate in results.candidates for comparison in candidate.comparisons]
     paired = results.baseline is not None and all(comparison.paired for comparison in comparisons)
     moved = moved_metrics(results)
+    with mpl.rc_context(SETTINGS):
+        pictures = {
+            "cases": case_plot(results, moved, paired=paired, name="cases-plot") if moved else "",
+            "candidates": [_candidate(results, i, candidate) for i, candidate in enumerate(results.candidates)],
+            "margins": margin_plot(results, "margins-plot"),
+        }
     return environment.get_template("page.html").render(
+        **pictures,
         results=results,
         colours=COLOURS,
         paired=paired,
-        candidates=[_candidate(results, i, candidate) for i, candidate in enumerate(results.candidates)],
-        cases=case_plot(results, moved, paired=paired, name="cases-plot") if moved else "",
-        margins=margin_plot(results, "margins-plot"),
         old_margins={margin.axis: margin for margin in results.baseline.margins} if results.baseline else {},
         mean=mean_over_cases,
         tolerated=_TOLERATED,

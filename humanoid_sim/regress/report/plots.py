@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.regress.report.drawing import LIGHT, Sheet, candidate_colour, drawing, style_axes
+from humanoid_sim.regress.report.drawing import COLUMNS, LIGHT, candidate_colour, panels, style_axes, svg_of
 from humanoid_sim.regress.report.pairs import Pair, by_case, metric_values, pair_up, trace, trace_difference
 from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results, displayed_unit
 
 __all__ = ["case_plot", "margin_plot", "moved_metrics", "trace_plot"]
 
-_COLUMNS = 3
 _SPREAD = 0.618033988749895
 """Multiples of it, less their whole part, spread evenly over an interval however many there are."""
 _LONGEST_NAME = 30
@@ -47,26 +47,26 @@ def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, 
         name: unique in the page.
     """
     cases = results.suite.cases
-    shown = _policies(results)[paired:]
-    rows = -(-len(metrics) // _COLUMNS)
-    with drawing(0.35 + rows * (0.7 + 0.30 * len(cases)), name, "the metrics that moved, by case") as sheet:
-        for number, (axes, metric) in enumerate(zip(_panels(sheet, len(metrics)), metrics, strict=True)):
-            factor, unit = displayed_unit(metric.unit)
-            for i, (run, colour) in enumerate(shown):
-                values = _changes(run, results.baseline, metric) if paired else _values(run, metric)
-                for place, case in enumerate(cases):
-                    y = -place + 0.35 - 0.7 * (i + 0.5) / len(shown)
-                    _draw_row(axes, factor * values.get(case, np.empty(0)), y, 0.7 / len(shown), colour, metric)
-            if paired:
-                _shade_worse(axes, results, metric)
-            names = [_short(case) for case in cases] if number % _COLUMNS == 0 else []
-            axes.set_yticks([-place for place in range(len(names))], names)
-            axes.set_ylim(0.5 - len(cases), 0.5)
-            axes.set_title(f"{'change of ' * paired}{metric.name.replace('_', ' ')} [{unit}]")
-            style_axes(axes, grid="x")
-        if len(shown) > 1:
-            _name_policies(sheet, shown)
-    return sheet.svg
+    shown = _policies(results)[1 if paired else 0 :]
+    figure, places = panels(len(metrics), 0.7 + 0.30 * len(cases), header=0.35)
+    for number, (axes, metric) in enumerate(zip(places, metrics, strict=True)):
+        factor, unit = displayed_unit(metric.unit)
+        for i, (run, colour) in enumerate(shown):
+            values = _changes(run, results.baseline, metric) if paired else _values(run, metric)
+            for place, case in enumerate(cases):
+                y = -place + 0.35 - 0.7 * (i + 0.5) / len(shown)
+                _draw_row(axes, factor * values.get(case, np.empty(0)), y, 0.7 / len(shown), colour, metric)
+        if paired:
+            _shade_worse(axes, results, metric)
+        names = [_short(case) for case in cases] if number % COLUMNS == 0 else []
+        axes.set_yticks([-place for place in range(len(names))], names)
+        axes.set_ylim(0.5 - len(cases), 0.5)
+        title = metric.name.replace("_", " ")
+        axes.set_title(f"change of {title} [{unit}]" if paired else f"{title} [{unit}]")
+        style_axes(axes, grid="x")
+    if len(shown) > 1:
+        _name_policies(figure, shown)
+    return svg_of(figure, name, "the metrics that moved, by case")
 
 
 def _policies(results: Results) -> list[tuple[PolicyRun, str]]:
@@ -75,18 +75,9 @@ def _policies(results: Results) -> list[tuple[PolicyRun, str]]:
     return candidates if results.baseline is None else [(results.baseline, LIGHT["baseline"]), *candidates]
 
 
-def _panels(sheet: Sheet, count: int) -> list[Axes]:
-    """`count` places for plots, in rows."""
-    rows = -(-count // _COLUMNS)
-    grid = list(sheet.figure.subplots(rows, min(count, _COLUMNS), squeeze=False).flat)
-    for axes in grid[count:]:
-        axes.set_visible(False)
-    return grid[:count]
-
-
-def _name_policies(sheet: Sheet, policies: Sequence[tuple[PolicyRun, str]]) -> None:
+def _name_policies(figure: Figure, policies: Sequence[tuple[PolicyRun, str]]) -> None:
     lines = [Line2D([], [], color=colour, label=_short(run.name)) for run, colour in policies]
-    sheet.figure.legend(handles=lines, loc="outside upper right", ncols=len(lines))
+    figure.legend(handles=lines, loc="outside upper right", ncols=len(lines))
 
 
 def _short(name: str) -> str:
@@ -149,25 +140,25 @@ def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> str:
     names = list(pair.candidate.traces)
     if pair.baseline is not None:
         sizes = {name: trace_difference(pair, name) / _usual(pair.baseline, name) for name in names}
-        largest = sorted(sizes, key=lambda name: -sizes[name])[:_COLUMNS]
+        largest = sorted(sizes, key=lambda name: -sizes[name])[:COLUMNS]
         names = [name for name in names if name in largest and sizes[name] > 0.0]
-    names = names[:_COLUMNS]
+    names = names[:COLUMNS]
     if not names:
         return ""
     others = [e for e in (results.baseline.episodes if results.baseline else ()) if e.case == pair.candidate.case]
-    with drawing(2.4, name, f"traces of {pair.candidate.label}") as sheet:
-        for axes, trace_name in zip(_panels(sheet, len(names)), names, strict=True):
-            unit = next((metric.unit for metric in results.metrics if metric.name == trace_name), "")
-            factor, shown = displayed_unit(unit)
-            _draw_range(axes, others, trace_name, factor)
-            for episode, line in ((pair.baseline, LIGHT["baseline"]), (pair.candidate, colour)):
-                if episode is not None and trace_name in episode.traces:
-                    _draw_trace(axes, episode, factor * trace(episode, trace_name), line)
-            axes.set_title(trace_name.replace("_", " ") + (f" [{shown}]" if unit else ""))
-            axes.set_xlabel("time [s]")
-            axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-            style_axes(axes)
-    return sheet.svg
+    figure, places = panels(len(names), 2.4)
+    for axes, trace_name in zip(places, names, strict=True):
+        unit = next((metric.unit for metric in results.metrics if metric.name == trace_name), "")
+        factor, shown = displayed_unit(unit)
+        _draw_range(axes, others, trace_name, factor)
+        for episode, line in ((pair.baseline, LIGHT["baseline"]), (pair.candidate, colour)):
+            if episode is not None and trace_name in episode.traces:
+                _draw_trace(axes, episode, factor * trace(episode, trace_name), line)
+        axes.set_title(trace_name.replace("_", " ") + (f" [{shown}]" if unit else ""))
+        axes.set_xlabel("time [s]")
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        style_axes(axes)
+    return svg_of(figure, name, f"traces of {pair.candidate.label}")
 
 
 def _usual(episode: Episode, name: str) -> float:
@@ -208,18 +199,17 @@ def margin_plot(results: Results, name: str) -> str:
     disturbances = list(dict.fromkeys(margin.axis for run, _ in policies for margin in run.margins))
     if not disturbances:
         return ""
-    rows = -(-len(disturbances) // _COLUMNS)
-    with drawing(0.4 + 1.75 * rows, name, "share of failed episodes over each disturbance") as sheet:
-        for axes, disturbance in zip(_panels(sheet, len(disturbances)), disturbances, strict=True):
-            for run, colour in policies:
-                for margin in run.margins:
-                    if margin.axis == disturbance:
-                        _draw_margin(axes, margin, colour, 4.0 if run is results.baseline else 1.4)
-            axes.set_ylabel("failed [%]")
-            axes.set_ylim(-5.0, 105.0)
-            style_axes(axes)
-        _name_policies(sheet, policies)
-    return sheet.svg
+    figure, places = panels(len(disturbances), 1.75, header=0.4)
+    for axes, disturbance in zip(places, disturbances, strict=True):
+        for run, colour in policies:
+            for margin in run.margins:
+                if margin.axis == disturbance:
+                    _draw_margin(axes, margin, colour, 4.0 if run is results.baseline else 1.4)
+        axes.set_ylabel("failed [%]")
+        axes.set_ylim(-5.0, 105.0)
+        style_axes(axes)
+    _name_policies(figure, policies)
+    return svg_of(figure, name, "share of failed episodes over each disturbance")
 
 
 def _draw_margin(axes: Axes, margin: Margin, colour: str, width: float) -> None:
