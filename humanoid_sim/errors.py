@@ -8,7 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-__all__ = ["FieldError", "HumanoidSimError", "InputError", "MissingPackageError", "RobotError", "known_names"]
+__all__ = [
+    "FieldError",
+    "HumanoidSimError",
+    "InputError",
+    "MissingPackageError",
+    "RobotError",
+    "known_names",
+    "one_line",
+    "reason_of",
+]
 
 
 class HumanoidSimError(Exception):
@@ -40,3 +49,13 @@ def known_names(what: str, name: str, known: Iterable[str]) -> str:
     """The body of an "unknown name" message: `unknown joint 'x'; known: a, b`."""
     listed = ", ".join(known) or "none"
     return f"unknown {what} '{name}'; known: {listed}"
+
+
+def one_line(text: str) -> str:
+    """A text without line breaks, which names in somebody's file and other packages' messages may have."""
+    return " ".join(text.split())
+
+
+def reason_of(error: BaseException) -> str:
+    """What another package's exception says, as part of a line; its type where it says nothing."""
+    return one_line(str(error)) or type(error).__name__

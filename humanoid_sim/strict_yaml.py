@@ -11,7 +11,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import msgspec
 import yaml
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, one_line
 from humanoid_sim.files import regular_file
 
 __all__ = ["UNREADABLE", "StrictLoader", "load_strictly", "read_strictly", "read_yaml", "type_at", "value_at"]
@@ -128,7 +128,7 @@ def _place(error: yaml.YAMLError) -> str:
 
 def _problem(error: yaml.YAMLError) -> str:
     text = getattr(error, "problem", None) or str(error)
-    return " ".join(text.split())
+    return one_line(text)
 
 
 def read_strictly(path: Path, label: str) -> Any:

@@ -22,7 +22,7 @@ from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.video import save_snapshot
-from humanoid_sim.session.reactivation import one_line
+from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
 
 __all__ = [
@@ -55,7 +55,7 @@ def play(config: PlayConfig) -> int:
             with _signals(run) as received:
                 result = run.session.run()
         except RobotError as error:  # it could not be activated, although it could be prepared
-            raise RobotError(one_line(str(error))) from None
+            raise RobotError(flattened(str(error))) from None
         finally:
             for operator in run.operators:
                 operator.close()

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from humanoid_sim.controllers.contract import FORMS, PolicyContract
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, one_line
 from humanoid_sim.policy.readers.partial import PartialContract
-from humanoid_sim.policy.readers.values import csv_field, one_line
+from humanoid_sim.policy.readers.values import csv_field
 
 __all__ = ["METADATA_KEYS", "OWN_SOURCE", "is_own", "parse_metadata", "read_own", "write_metadata"]
 

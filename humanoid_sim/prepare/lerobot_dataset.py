@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError, MissingPackageError, reason_of
 from humanoid_sim.prepare.dataset_features import episode_motion
 from humanoid_sim.prepare.source_motion import SourceMotion
 
@@ -131,7 +131,7 @@ def _ask_hub(repo_id: str, timeout: float) -> None:
             f"--dataset: the hub has no dataset '{repo_id}', or it is private; --motion takes a folder"
         ) from None
     except HfHubHTTPError as error:
-        raise InputError(f"--dataset: the hub answers for '{repo_id}': {' '.join(str(error).split())}") from None
+        raise InputError(f"--dataset: the hub answers for '{repo_id}': {reason_of(error)}") from None
     except Exception as error:
         reason = "HF_HUB_OFFLINE is set" if os.environ.get("HF_HUB_OFFLINE") else type(error).__name__
         raise InputError(
@@ -148,8 +148,7 @@ def _one_line(name: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        reason = " ".join(str(error).split())[:300] or type(error).__name__
-        raise InputError(f"{name}: cannot be read as a LeRobot dataset: {reason}") from None
+        raise InputError(f"{name}: cannot be read as a LeRobot dataset: {reason_of(error)[:300]}") from None
 
 
 def _choose_episode(name: str, episode: int | None, count: int) -> int:

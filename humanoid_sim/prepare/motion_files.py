@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.terms import QuaternionOrder
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
@@ -96,8 +96,7 @@ def _npz_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
             return {key: archive[key] for key in archive.files}
     except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, KeyError) as error:
         # NumPy says ValueError for pickled objects, which may run code, and for what is no NumPy file at all.
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: is not a complete .npz file of plain arrays: {reason}") from None
+        raise InputError(f"{path}: is not a complete .npz file of plain arrays: {reason_of(error)}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError, MissingPackageError, reason_of
 
 __all__ = ["Progress", "cache_folder", "fetch_checkpoint"]
 
@@ -118,11 +118,10 @@ def _within(timeout: float, function: Callable[[], T]) -> T:
 def _told(error: BaseException) -> Exception:
     """What an error of wandb means for the user: by the names of its types, which differ between versions."""
     names = {kind.__name__ for link in _chain(error) for kind in type(link).__mro__}
-    line = " ".join(str(error).split())[:200] or type(error).__name__
     offline = {"ConnectionError", "ConnectTimeout", "Timeout", "TimeoutError", "ConnectError", "gaierror"}
     if names & offline:
         return _UnreachableError("no connection")
-    return InputError(f"--wandb-run-path: {line}")
+    return InputError(f"--wandb-run-path: {reason_of(error)[:200]}")
 
 
 def _chain(error: BaseException) -> list[BaseException]:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+from humanoid_sim.errors import one_line
 from humanoid_sim.messages import Mode, TickRecord
 
 __all__ = ["Caption", "draw_caption"]
@@ -73,7 +74,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
 
 def _cut(text: str, font: ImageFont.FreeTypeFont, room: float) -> str:
     """The part of a line that fits into `room` pixels."""
-    text = " ".join(text.split())
+    text = one_line(text)
     if font.getlength(text) <= room:
         return text
     while text and font.getlength(text + "…") > room:

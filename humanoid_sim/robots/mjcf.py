@@ -13,7 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
@@ -47,7 +47,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise InputError(f"{path}: not a valid MJCF model: {_one_line(error)}") from None
+        raise InputError(f"{path}: not a valid MJCF model: {reason_of(error)}") from None
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
@@ -59,11 +59,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     try:
         return spec.compile()
     except ValueError as error:
-        raise InputError(f"{path}: does not compile: {_one_line(error)}") from None
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
+        raise InputError(f"{path}: does not compile: {reason_of(error)}") from None
 
 
 def describe_mjcf(path: Path) -> RobotDescription:

@@ -10,7 +10,7 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
 
-__all__ = ["REACTIVATE", "Answer", "Reactivation", "one_line"]
+__all__ = ["REACTIVATE", "Answer", "Reactivation", "flattened"]
 
 REACTIVATE = "reactivate"
 """What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
@@ -67,14 +67,14 @@ class Reactivation:
         try:
             robot.activate()
         except RobotError as error:
-            self.answer = Answer(False, f"REACTIVATE failed: {one_line(str(error))}")
+            self.answer = Answer(False, f"REACTIVATE failed: {flattened(str(error))}")
         else:
             told = ("reactivated: the robot is verified and enabled afresh", *self._warnings())
             self.answer = Answer(True, "; warning: ".join(told))
         return self.answer.text, EventKind.FRESH_START
 
 
-def one_line(text: str) -> str:
+def flattened(text: str) -> str:
     """A message that lists what is wrong line by line, for where there is one line only."""
     first, *items = (line.strip() for line in text.splitlines())
     return " ".join((first, "; ".join(item.removeprefix("- ") for item in items))).strip()

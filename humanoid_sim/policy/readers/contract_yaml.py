@@ -16,11 +16,11 @@ from msgspec import UNSET, UnsetType
 
 from humanoid_sim.controllers.contract import FORMS, Form, PhaseRule, TensorNames
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import FieldError, InputError, known_names, one_line
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.readers.partial import Given, PartialContract
-from humanoid_sim.policy.readers.values import cut, one_line
+from humanoid_sim.policy.readers.values import cut
 from humanoid_sim.strict_yaml import read_yaml, type_at, value_at
 
 __all__ = [

@@ -11,10 +11,10 @@ import numpy as np
 from humanoid_sim.controllers.contract import FORMS, PolicyContract, TensorNames
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import FieldError, InputError, known_names, one_line
 from humanoid_sim.policy.readers.complete import complete, missing_fields
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract
-from humanoid_sim.policy.readers.values import one_line, shown
+from humanoid_sim.policy.readers.values import shown
 
 __all__ = ["agreed", "build_contract", "merge"]
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.contract import PhaseRule
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, one_line
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
-from humanoid_sim.policy.readers.values import cut, is_number, one_line, pair_of_numbers, plain_numbers
+from humanoid_sim.policy.readers.values import cut, is_number, pair_of_numbers, plain_numbers
 from humanoid_sim.strict_yaml import read_yaml
 
 __all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]

@@ -19,7 +19,6 @@ __all__ = [
     "names",
     "number_lists",
     "numbers",
-    "one_line",
     "pair_of_numbers",
     "plain_numbers",
     "shown",
@@ -147,8 +146,3 @@ def shown(value: Any, width: int = 60) -> str:
 def cut(text: str, width: int = 80) -> str:
     """The text in at most `width` characters."""
     return text if len(text) <= width else text[: width - 3] + "..."
-
-
-def one_line(text: str) -> str:
-    """The text without line breaks, which names in somebody's file may well have."""
-    return " ".join(text.split())
