@@ -23,8 +23,8 @@ from humanoid_sim.hardware.adapter.joint_tracking import unheard
 from humanoid_sim.hardware.adapter.statistics import RobotStatistics, gather_statistics
 from humanoid_sim.hardware.adapter.wiring import make_settings
 from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.channel import OpenBus
-from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
 from humanoid_sim.hardware.checks import Check, CheckList
 from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
 from humanoid_sim.hardware.robstride.enabling import enable_motors, stop_motors

@@ -38,19 +38,22 @@ class Wiring(MotorGroup):
     """Shape (n,), rad/s, the end of the motor's velocity range."""
 
 
-def make_wiring(description: RobotDescription, channel_count: int, calibration: Mapping[str, float]) -> Wiring:
+def make_wiring(
+    description: RobotDescription, channel_count: int, calibration: Mapping[str, float] | None = None
+) -> Wiring:
     """The wiring of a robot over one channel that carries all motors, or over one channel per bus of the robot.
 
     Args:
         description: the robot; each of its joints needs a motor.
         channel_count: how many channels there are.
-        calibration: homing offset by joint, rad, motor frame.
+        calibration: homing offset by joint, rad, motor frame; None: 0 for all, where the joints' angles do not matter.
 
     Raises:
         InputError: a joint has no motor or a motor of no known model, the channels do not fit the robot's buses, or the
             calibration lacks a joint, has one too many, or holds a value that is not finite.
     """
     name = description.name
+    offsets = dict.fromkeys(description.joint_names, 0.0) if calibration is None else calibration
     motors = []
     for joint in description.joints:
         if joint.motor is None:
@@ -73,7 +76,7 @@ def make_wiring(description: RobotDescription, channel_count: int, calibration: 
         torque_limit=tuple(motor.torque_limit for motor in motors),
         current_limit=tuple(motor.current_limit for motor in motors),
         direction=_array([motor.direction for motor in motors]),
-        offset=_array(_offsets(name, description.joint_names, calibration)),
+        offset=_array(_offsets(name, description.joint_names, offsets)),
         lower=description.lower,
         upper=description.upper,
         effort_limit=_array(

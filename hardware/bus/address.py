@@ -1,13 +1,28 @@
-"""Where a bus is: `can0`, or `interface:channel` for any interface of python-can."""
+"""Where a bus is, `can0` or `interface:channel` for any interface of python-can, and how it is opened.
+
+Whatever is wrong with a channel is one line that says what to do.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import logging
+import os
 import re
+import socket
+import sys
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-from humanoid_sim.errors import InputError, known_names
+import can
 
-__all__ = ["BusAddress", "parse_address", "parse_addresses"]
+from humanoid_sim.errors import InputError, RobotError, known_names
+from humanoid_sim.hardware.bus.frame import BITRATE
+
+__all__ = ["BusAddress", "bus_hints", "error_number", "open_bus", "parse_address", "parse_addresses"]
+
 
 _SOCKETCAN = "socketcan"
 _ACCEPTED = "expected a network interface such as can0, or interface:channel such as virtual:lite"
@@ -35,8 +50,6 @@ def parse_address(text: str) -> BusAddress:
     Raises:
         InputError: no channel is named, or python-can has no such interface.
     """
-    import can  # noqa: PLC0415 - 50 ms that a `--help` need not wait for
-
     text = text.strip()
     interface, colon, channel = text.partition(":")
     if not colon:
@@ -62,3 +75,111 @@ def parse_addresses(text: str) -> tuple[BusAddress, ...]:
         if address in addresses[:i]:
             raise InputError(f"buses '{text}': {address} is named twice; one channel carries all motors by itself")
     return addresses
+
+
+_WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketcand"})
+"""Interfaces that either have none or are given theirs elsewhere."""
+_IP_MULTICAST_ALL = 49
+_IPV6_MULTICAST_ALL = 29
+"""Of `linux/in.h` and `linux/in6.h`; Python's socket module does not name them."""
+_NETWORK = Path("/sys/class/net")
+_CAN_HARDWARE = "280"
+"""ARPHRD_CAN, the kernel's number for a CAN interface."""
+
+
+# python-can logs what it then raises; without a handler of its own that would be printed beside our one line.
+logging.getLogger("can").addHandler(logging.NullHandler())
+
+
+def open_bus(address: BusAddress) -> can.BusABC:
+    """An open bus.
+
+    Raises:
+        RobotError: it cannot be opened; one line with the reason.
+    """
+    options: dict[str, Any] = {} if address.interface in _WITHOUT_BITRATE else {"bitrate": BITRATE}
+    try:
+        bus = can.Bus(interface=address.interface, channel=address.channel, **options)
+    except Exception as error:  # every driver has exceptions of its own
+        raise RobotError(f"{address}: cannot be opened: {_reason(address, error)}") from error
+    if address.interface == "udp_multicast":
+        _hear_own_group_only(bus)
+    return bus
+
+
+def _hear_own_group_only(bus: can.BusABC) -> None:
+    """Keep the groups of a machine apart.
+
+    python-can binds every group to one port on all addresses, and Linux then hands each socket what comes for any group
+    that anybody has joined: two buses would hear each other's motors. Elsewhere a socket hears its own groups only.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    # A kernel without the option leaves the groups as they were.
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(bus.fileno())) as own:
+        is_six = own.family == socket.AF_INET6
+        level, option = (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL) if is_six else (socket.IPPROTO_IP, _IP_MULTICAST_ALL)
+        own.setsockopt(level, option, 0)
+
+
+def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
+    """What the operating system says against an open channel, one line each; nothing where it cannot be asked.
+
+    Args:
+        address: the channel.
+        burst: frames that one control period puts into the kernel's queue at once.
+    """
+    if address.interface != "socketcan":
+        return ()
+    hints = []
+    length = _attribute(address.channel, "tx_queue_len")
+    if length.isdigit() and int(length) < 2 * burst:
+        hints.append(
+            f"its outgoing queue takes {length} frames, a control period sends {burst}: "
+            f"sudo ip link set {address.channel} txqueuelen {max(4 * burst, 100)}"
+        )
+    return tuple(hints)
+
+
+def error_number(error: BaseException) -> int | None:
+    """The `errno` behind one of python-can's exceptions, which keeps it in one of three places or not at all."""
+    seen: BaseException | None = error
+    while seen is not None:
+        number = getattr(seen, "error_code", None)
+        if number is None:
+            number = getattr(seen, "errno", None)
+        if isinstance(number, int):
+            return number
+        seen = seen.__cause__
+    return None
+
+
+def _reason(address: BusAddress, error: Exception) -> str:
+    number = error_number(error)
+    if address.interface == "socketcan":
+        if number == errno.EAFNOSUPPORT:
+            return "this kernel has no SocketCAN (module can_raw)"
+        if number == errno.ENODEV:
+            found = ", ".join(_can_interfaces()) or "none"
+            return f"there is no such network interface; CAN interfaces of this machine: {found}"
+        if number == errno.ENETDOWN:
+            return f"it is down: sudo ip link set {address.channel} up type can bitrate {BITRATE} restart-ms 0"
+        if number in {errno.EPERM, errno.EACCES}:
+            return "this user may not open raw CAN sockets"
+    text = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
+
+
+def _can_interfaces() -> list[str]:
+    try:
+        names = sorted(path.name for path in _NETWORK.iterdir())
+    except OSError:
+        return []
+    return [name for name in names if _attribute(name, "type") == _CAN_HARDWARE]
+
+
+def _attribute(interface: str, name: str) -> str:
+    try:
+        return (_NETWORK / interface / name).read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError):
+        return ""

@@ -15,10 +15,9 @@ from dataclasses import dataclass, field
 
 import can
 
-from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.address import BusAddress, error_number, open_bus
 from humanoid_sim.hardware.bus.events import BusEvent, ChannelCounters, read_error_frame
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.opening import error_number, open_bus
 from humanoid_sim.hardware.bus.outbox import Outbox
 
 __all__ = ["Channel", "OpenBus", "Received"]

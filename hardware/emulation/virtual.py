@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import can
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.bus.address import BusAddress, parse_address
-from humanoid_sim.hardware.bus.opening import open_bus
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.emulation.emulator import BusLoad, Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.host import EmulatorHost, FaultyBus

@@ -70,7 +70,7 @@ def examine(
     Raises:
         RobotError: with everything that is wrong.
     """
-    channels.listen(_LISTENING)
+    time.sleep(_LISTENING)
     channels.check_intruders(checks)
     checks.refuse()
     found = identify(channels, joints, checks, known_uids or {}, asks_everyone=takes_over, is_limp=is_limp)

@@ -29,7 +29,7 @@ from humanoid_sim.hardware.robstride.replies import decode_reply
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["MotorGroup", "MotorSlot", "MotorTable", "Note", "Readings", "Sample", "mode_text", "nothing_heard"]
+__all__ = ["MotorGroup", "MotorSlot", "MotorTable", "Note", "Readings", "Sample", "mode_text"]
 
 Inbox = Callable[[int, Reply, float], None]
 """Takes an answer to a request: the channel it came from, the answer, its time (s, robot's clock)."""
@@ -290,8 +290,3 @@ class MotorTable:
 
 
 _UNHEARD = (float("nan"),) * 5
-
-
-def nothing_heard(joint_count: int) -> Readings:
-    """The readings before any motor was heard."""
-    return Readings(*np.full((5, joint_count), np.nan))

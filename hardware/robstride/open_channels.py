@@ -7,11 +7,10 @@ import time
 from collections.abc import Callable, Sequence
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.address import BusAddress, bus_hints, open_bus
 from humanoid_sim.hardware.bus.channel import Channel, OpenBus
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.lock import ChannelLock
-from humanoid_sim.hardware.bus.opening import bus_hints, open_bus
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.motor_table import MotorGroup, MotorTable
 from humanoid_sim.hardware.robstride.requests import Requests
@@ -127,10 +126,6 @@ class OpenChannels:
         for source, channel in zip(self.sources, self.channels, strict=True):
             if channel.down:
                 checks.problem(source, f"down: {channel.down}")
-
-    def listen(self, duration: float) -> None:
-        """Wait for what others say, s."""
-        time.sleep(duration)
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait for what the receivers hear, `timeout` s at most; whether it came."""

@@ -11,10 +11,9 @@ from rich.console import Console
 from rich.table import Table
 
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
-from humanoid_sim.hardware.bus.address import BusAddress, parse_address
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.events import BusEvent
-from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import enable_motors, examine, make_ready, stop_motors

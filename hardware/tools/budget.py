@@ -13,9 +13,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
+from humanoid_sim.hardware.bus.address import BusAddress, bus_hints, parse_addresses
 from humanoid_sim.hardware.bus.frame import FRAME_BITS
-from humanoid_sim.hardware.bus.opening import bus_hints
 from humanoid_sim.hardware.robstride.parameters import report_interval
 from humanoid_sim.hardware.tools.bench import NOT_AS_EXPECTED, make_console, make_table
 from humanoid_sim.hardware.tools.options import Budget

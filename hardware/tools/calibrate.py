@@ -119,7 +119,7 @@ def calibrate(config: Calibrate) -> int:
     entries = dict(load_calibration(config.output, description).entries) if os.path.exists(config.output) else {}
     _check_options(config)
     addresses = parse_addresses(config.channels)
-    wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
+    wiring = make_wiring(description, len(addresses))
     with open_bench(addresses, config.host_id, wiring) as channels:
         tracks = _sweep(config, description, wiring, channels, chosen)
     results = {i: _result(config, description, wiring, i, tracks[i].sweep) for i in chosen}

@@ -50,7 +50,7 @@ def discover(config: Discover) -> int:
     wiring = None
     if config.robot is not None:
         description = load_robot(config.robot)
-        wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
+        wiring = make_wiring(description, len(addresses))
     with open_bench(addresses, config.host_id, some_motors([], [])) as channels:
         found: dict[tuple[int, int], set[bytes]] = {}
         for channel, reply in channels.requests.scan(range(config.first, config.last + 1), _LATE, config.wait):

@@ -51,7 +51,7 @@ def identify(config: Identify) -> int:
     if not 0.02 <= config.angle <= 0.5:
         raise InputError(f"--angle: is {config.angle}, expected 0.02 to 0.5 rad")
     addresses = parse_addresses(config.channels)
-    wiring = make_wiring(description, len(addresses), dict.fromkeys(description.joint_names, 0.0))
+    wiring = make_wiring(description, len(addresses))
     joint = description.joint_names.index(config.joint)
     if not 0.0 < config.torque <= wiring.effort_limit[joint]:
         raise InputError(

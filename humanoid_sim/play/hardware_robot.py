@@ -13,8 +13,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.adapter.robot import RobstrideRobot
-from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
-from humanoid_sim.hardware.bus.opening import open_bus
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors

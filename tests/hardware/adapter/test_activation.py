@@ -17,8 +17,7 @@ from waiting import wait_until
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.adapter import control
 from humanoid_sim.hardware.adapter.robot import RobstrideRobot
-from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.bus.opening import open_bus
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.imu.interface import ImuReading, upright_at_rest
 from humanoid_sim.hardware.robstride.commands import encode_command

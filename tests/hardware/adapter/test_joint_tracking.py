@@ -20,7 +20,7 @@ from humanoid_sim.hardware.adapter.joint_tracking import (
     unwrapped,
 )
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
-from humanoid_sim.hardware.robstride.motor_table import Readings, nothing_heard
+from humanoid_sim.hardware.robstride.motor_table import Readings
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -52,7 +52,7 @@ def test_commands_go_back_the_way_that_positions_came(wiring: Wiring) -> None:
 
 
 def test_what_was_never_heard_is_unknown(wiring: Wiring) -> None:
-    joints = JointTracker(wiring, np.zeros(2)).update(nothing_heard(2))
+    joints = JointTracker(wiring, np.zeros(2)).update(Readings(*np.full((5, 2), np.nan)))
     assert np.isnan(joints.position).all()
     assert joints.velocity.tolist() == joints.effort.tolist() == [0.0, 0.0]
     assert joints.time.tolist() == [-math.inf, -math.inf]

@@ -16,9 +16,8 @@ from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter.robot import RobstrideRobot
-from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.opening import open_bus
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, join_identifier
 from humanoid_sim.hardware.robstride.messages import Enable, GetDeviceId, OperationControl, Stop

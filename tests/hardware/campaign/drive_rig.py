@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.hardware.adapter.robot import RobstrideRobot
 from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.bus.opening import open_bus as open_python_can
+from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.emulation.plant import PlantTruth
 from humanoid_sim.messages import (
     Event,
