@@ -190,8 +190,7 @@ def _reference(motion: Motion) -> dict[str, tuple[slice, list[str]]]:
 
 
 def _motion(recording: Recording) -> Motion:
-    from humanoid_sim.policy.motion import parse_motion  # noqa: PLC0415
-    from humanoid_sim.stack import MOTION_ATTACHMENT  # noqa: PLC0415
+    from humanoid_sim.policy.motion import MOTION_ATTACHMENT, parse_motion  # noqa: PLC0415
 
     data = recording.header.attachments.get(MOTION_ATTACHMENT)
     if data is None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import platform
 from collections.abc import Mapping
+from importlib.metadata import version
 from typing import TypeVar
 
 import msgspec
@@ -30,22 +32,18 @@ from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.metadata import parse_metadata
-from humanoid_sim.policy.motion import ATTACHMENT, parse_motion
+from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import StandbySettings
 
 __all__ = [
-    "MOTION_ATTACHMENT",
     "build_supervisor",
-    "header_documents",
     "rebuild_supervisor",
     "recorded_contract",
+    "run_header",
 ]
 
 T = TypeVar("T")
-
-MOTION_ATTACHMENT = ATTACHMENT
-"""Name of the motion file inside a recording."""
 
 
 class _ControllerSettings(msgspec.Struct, frozen=True):
@@ -120,31 +118,47 @@ def _standby(joints: tuple[str, ...], description: StandbySettings) -> StandbyCo
     )
 
 
-def header_documents(
+def run_header(
     description: RobotDescription,
+    control_period: float,
     loaded: LoadedPolicy | None,
+    motion: Motion | None = None,
     *,
-    remote: bool,
     settings: Mapping[str, object],
+    start_time_ns: int = 0,
+    remote: bool = False,
     action_limit: float = ACTION_LIMIT,
-) -> dict[str, str]:
-    """The JSON texts from which `rebuild_supervisor` makes the same supervisor again.
+) -> SessionHeader:
+    """What a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
     Args:
         description: of the robot.
+        control_period: s
         loaded: as given to `build_supervisor`.
-        remote: likewise.
-        settings: anything else that a reader may want to know; must be JSON.
-        action_limit: as given to `build_supervisor`.
+        motion: that the policy follows.
+        settings: anything else that a reader may want to know; must be JSON. Versions and platform are added.
+        start_time_ns: Unix nanoseconds at the robot clock's zero.
+        remote: as given to `build_supervisor`.
+        action_limit: likewise.
     """
+    versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
+    told = {**settings, "versions": versions, "platform": platform.platform()}
     documents = {
         "robot": description.to_json(),
-        "settings": json.dumps(dict(settings), indent=1),
+        "settings": json.dumps(told, indent=1),
         "controllers": json.dumps({"remote": remote, "action_limit": action_limit}),
     }
     if loaded is not None:
         documents["contract"] = encode(loaded.contract)
-    return documents
+    return SessionHeader(
+        robot=description.name,
+        joint_names=description.joint_names,
+        control_period=control_period,
+        start_time_ns=start_time_ns,
+        documents=documents,
+        attachments={} if motion is None else {MOTION_ATTACHMENT: motion_bytes(motion)},
+        observation_terms=() if loaded is None else tuple((term.name, term.width) for term in loaded.layout.terms),
+    )
 
 
 def recorded_contract(header: SessionHeader) -> PolicyContract | None:

@@ -16,9 +16,9 @@ from humanoid_sim.messages import SessionHeader
 from humanoid_sim.mit import EXTERN_WIDTHS
 from humanoid_sim.policy.checkpoint import zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.motion import Motion, write_motion
+from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents, rebuild_supervisor
+from humanoid_sim.stack import build_supervisor, rebuild_supervisor, run_header
 
 sys.path.append(str(Path(__file__).parent / "policy"))
 
@@ -167,16 +167,14 @@ def test_a_policy_that_does_not_fit_the_robot(
         build_supervisor(load_robot(robot), period, loaded)
 
 
-def header(loaded: LoadedPolicy | None, folder: Path, *, remote: bool = False) -> SessionHeader:
-    write_motion(folder / "m.mcap", motion())
-    documents = header_documents(LITE, loaded, remote=remote, settings={"policy": "p.onnx"})
-    attachments = {MOTION_ATTACHMENT: (folder / "m.mcap").read_bytes()} if loaded else {}
-    return SessionHeader("lite", LITE.joint_names, 0.005, 0, documents, attachments)
+def header(loaded: LoadedPolicy | None, *, remote: bool = False) -> SessionHeader:
+    followed = motion() if loaded else None
+    return run_header(LITE, 0.005, loaded, followed, remote=remote, settings={"policy": "p.onnx"})
 
 
-def test_a_recordings_header_gives_the_same_stack_again(tmp_path: Path) -> None:
+def test_a_recordings_header_gives_the_same_stack_again() -> None:
     loaded = load_policy(lite_contract(), zero_policy(14), motion())
-    head = header(loaded, tmp_path, remote=True)
+    head = header(loaded, remote=True)
     again = rebuild_supervisor(head, zero_policy(14))
     first = build_supervisor(LITE, 0.005, loaded, remote=True)
     assert again.joints == first.joints
@@ -192,32 +190,35 @@ def test_a_recordings_header_gives_the_same_stack_again(tmp_path: Path) -> None:
     assert policy.contract.joint_stiffness.tobytes() == loaded.contract.joint_stiffness.tobytes()
     for name, table in loaded.reference.terms.items():
         assert policy.reference.terms[name].tobytes() == table.tobytes()
-    assert json.loads(head.documents["settings"]) == {"policy": "p.onnx"}
+    settings = json.loads(head.documents["settings"])
+    assert set(settings) == {"policy", "versions", "platform"}
+    assert settings["policy"] == "p.onnx"
+    assert settings["versions"]["numpy"] == np.__version__
 
 
-def test_a_run_without_policy_and_remote_gives_a_stack_without_them(tmp_path: Path) -> None:
-    again = rebuild_supervisor(header(None, tmp_path), zero_policy(0))
+def test_a_run_without_policy_and_remote_gives_a_stack_without_them() -> None:
+    again = rebuild_supervisor(header(None), zero_policy(0))
     assert not {RL_POLICY, REMOTE_POLICY} & set(again.controllers)
 
 
 @pytest.mark.parametrize("name", ["robot", "controllers"])
-def test_a_header_that_lacks_a_document_is_named(name: str, tmp_path: Path) -> None:
-    head = header(None, tmp_path)
+def test_a_header_that_lacks_a_document_is_named(name: str) -> None:
+    head = header(None)
     cut = replace(head, documents={key: text for key, text in head.documents.items() if key != name})
     with pytest.raises(InputError, match=f"recording: its header lacks '{name}', so the run cannot be repeated"):
         rebuild_supervisor(cut, zero_policy(0))
 
 
-def test_a_header_whose_motion_is_missing_is_one_line(tmp_path: Path) -> None:
-    head = header(load_policy(lite_contract(), zero_policy(14), motion()), tmp_path)
+def test_a_header_whose_motion_is_missing_is_one_line() -> None:
+    head = header(load_policy(lite_contract(), zero_policy(14), motion()))
     with pytest.raises(InputError, match="follows a motion, and none is given"):
         rebuild_supervisor(replace(head, attachments={}), zero_policy(14))
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"remote": {}}x', "null"])
 @pytest.mark.parametrize("name", ["robot", "controllers", "contract"])
-def test_a_header_whose_documents_are_damaged_is_one_line(name: str, text: str, tmp_path: Path) -> None:
-    head = header(load_policy(lite_contract(), zero_policy(14), motion()), tmp_path)
+def test_a_header_whose_documents_are_damaged_is_one_line(name: str, text: str) -> None:
+    head = header(load_policy(lite_contract(), zero_policy(14), motion()))
     with pytest.raises(InputError) as caught:
         rebuild_supervisor(replace(head, documents={**head.documents, name: text}), zero_policy(14))
     assert "\n" not in str(caught.value)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import platform
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
-import mujoco
-import numpy as np
 from rich.console import Console
 
 from humanoid_sim import __version__
@@ -20,7 +16,6 @@ from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.plan import Plan, expected_duration, shows_window
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
-from humanoid_sim.policy.motion import motion_bytes
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.video import VideoSink
@@ -35,7 +30,7 @@ from humanoid_sim.session.script import OverriddenScript, Script
 from humanoid_sim.session.session import SafetyFilter, Session
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import IntentSource, RemoteInbox, RemoteSource, VelocityCommand
-from humanoid_sim.stack import MOTION_ATTACHMENT, header_documents
+from humanoid_sim.stack import run_header
 
 __all__ = ["Operator", "Run", "assemble"]
 
@@ -137,34 +132,24 @@ def _errors(policy: PolicyChoice, description: RobotDescription) -> tuple[Tracki
 
 def _header(plan: Plan) -> SessionHeader:
     """Everything that interprets the run, and repeats it. A real robot has been prepared: its checks are part of it."""
-    config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
-    settings: dict[str, object] = {
-        "program": f"humanoid_sim.play {__version__}",
-        "options": asdict(config),
-        "policy": policy.checkpoint.source,
-        "policy_sha256": policy.checkpoint.sha256,
-        "motion": None if policy.motion_file is None else str(policy.motion_file),
-        "versions": {"python": sys.version.split()[0], "mujoco": mujoco.__version__, "numpy": np.__version__},
-        "platform": platform.platform(),
-        "checks": None if setup.bring_up is None else [": ".join(check) for check in setup.bring_up.checks()],
-    }
-    attachments = {} if policy.motion is None else {MOTION_ATTACHMENT: motion_bytes(policy.motion)}
-    layout = policy.loaded.layout
-    since_zero = float(setup.robot.read()[0].time)  # a real robot's clock runs already
-    return SessionHeader(
-        robot=description.name,
-        joint_names=description.joint_names,
-        control_period=plan.control_period,
+    config, policy, bring_up = plan.config, plan.policy, plan.setup.bring_up
+    since_zero = float(plan.setup.robot.read()[0].time)  # a real robot's clock runs already
+    return run_header(
+        plan.description,
+        plan.control_period,
+        policy.loaded,
+        policy.motion,
+        settings={
+            "program": f"humanoid_sim.play {__version__}",
+            "options": asdict(config),
+            "policy": policy.checkpoint.source,
+            "policy_sha256": policy.checkpoint.sha256,
+            "motion": None if policy.motion_file is None else str(policy.motion_file),
+            "checks": None if bring_up is None else [": ".join(check) for check in bring_up.checks()],
+        },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
-        documents=header_documents(
-            description,
-            policy.loaded,
-            remote=config.remote != "none",
-            settings=settings,
-            action_limit=config.action_limit,
-        ),
-        attachments=attachments,
-        observation_terms=tuple((term.name, term.width) for term in layout.terms),
+        remote=config.remote != "none",
+        action_limit=config.action_limit,
     )
 
 

@@ -21,7 +21,7 @@ from humanoid_sim.policy.checkpoint import (
     zero_policy,
 )
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.motion import ATTACHMENT, Motion, read_motion
+from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import RobotDescription
@@ -146,7 +146,7 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     values = {
         name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
     }
-    if config.motion is None and ATTACHMENT in header.attachments:
+    if config.motion is None and MOTION_ATTACHMENT in header.attachments:
         values["motion"] = config.again  # a recording is read as the motion that it was made with
     return replace(config, **values)
 

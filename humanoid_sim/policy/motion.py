@@ -32,7 +32,7 @@ from humanoid_sim.ros2.mcap_stream import McapStream, Message
 from humanoid_sim.ros2.messages import decode_float32_array, encode_float32_array
 
 __all__ = [
-    "ATTACHMENT",
+    "MOTION_ATTACHMENT",
     "Motion",
     "MotionLayout",
     "body_frames",
@@ -45,7 +45,7 @@ __all__ = [
 
 MotionLayout = Literal["bodies_b", "joints_bodies_w"]
 
-ATTACHMENT = "motion.mcap"
+MOTION_ATTACHMENT = "motion.mcap"
 """Name of the motion file inside a recording."""
 
 _TOPIC = "/motion"
@@ -183,7 +183,7 @@ def _read_rows(path: Path, stream: McapStream) -> tuple[list[npt.NDArray[np.floa
     rows: list[npt.NDArray[np.float32]] = []
     times: list[int] = []
     for record in stream:
-        if isinstance(record, Attachment) and record.name == ATTACHMENT:
+        if isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT:
             return _read_rows(path, McapStream(BytesIO(record.data)))
         if isinstance(record, Schema):
             schemas[record.id] = record.name

@@ -9,7 +9,6 @@ stack is run on them as in any session, and repeating the recording gives the sa
 from __future__ import annotations
 
 import hashlib
-import platform
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -17,24 +16,22 @@ from dataclasses import replace
 from pathlib import Path
 
 import msgspec
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim import __version__
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Event, Intent, SessionHeader, TickInput, TickRecord
+from humanoid_sim.messages import Event, Intent, TickInput, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.policy.loaded_policy import load_policy
-from humanoid_sim.policy.motion import motion_bytes
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.regress.episodes import Step, run_episodes
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Disturbance
 from humanoid_sim.robots.schema import RobotDescription, StandbySettings
-from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents
+from humanoid_sim.stack import build_supervisor, run_header
 
 __all__ = ["choose_failures", "record_episode", "recording_name"]
 
@@ -84,20 +81,13 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
     actions = _RecordedActions(steps)
     loaded = load_policy(contract, actions, case.motion)
     supervisor = build_supervisor(description, contract.policy_dt, loaded, action_limit=suite.action_limit)
-    header = SessionHeader(
-        robot=description.name,
-        joint_names=description.joint_names,
-        control_period=contract.policy_dt,
-        start_time_ns=0,
-        documents=header_documents(
-            description,
-            loaded,
-            remote=False,
-            settings=_settings(case, episode, robot or description.name),
-            action_limit=suite.action_limit,
-        ),
-        attachments={} if case.motion is None else {MOTION_ATTACHMENT: motion_bytes(case.motion)},
-        observation_terms=tuple((term.name, term.width) for term in loaded.layout.terms),
+    header = run_header(
+        description,
+        contract.policy_dt,
+        loaded,
+        case.motion,
+        settings=_settings(case, episode, robot or description.name),
+        action_limit=suite.action_limit,
     )
     temporary = path.with_name(f".{hashlib.sha256(path.name.encode()).hexdigest()[:16]}.tmp")
     recorder = McapRecorder(temporary)
@@ -139,8 +129,6 @@ def _settings(case: PreparedCase, episode: Episode, robot: str) -> dict[str, obj
         "policy_sha256": checkpoint.sha256,
         "motion": case.case.motion or None,
         "regress": {"suite": suite.name, "case": episode.case, "seed": episode.seed, "failure": episode.failure},
-        "versions": {"python": sys.version.split()[0], "mujoco": mujoco.__version__, "numpy": np.__version__},
-        "platform": platform.platform(),
     }
 
 

@@ -18,9 +18,9 @@ from humanoid_sim.messages import SessionHeader, TickInput
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.motion import Motion, motion_bytes
+from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.stack import MOTION_ATTACHMENT, build_supervisor, header_documents, rebuild_supervisor
+from humanoid_sim.stack import build_supervisor, rebuild_supervisor, run_header
 
 LITE: RobotDescription = load_robot("lite")
 JOINTS = LITE.joint_names
@@ -103,16 +103,9 @@ def commands(controller: object) -> list[bytes]:
 
 
 def header(loaded: LoadedPolicy, **documents: str) -> SessionHeader:
-    followed = {MOTION_ATTACHMENT: motion_bytes(motion())} if loaded.contract.task_type == "tracking" else {}
-    return SessionHeader(
-        robot=LITE.name,
-        joint_names=JOINTS,
-        control_period=PERIOD,
-        start_time_ns=0,
-        documents={**header_documents(LITE, loaded, remote=False, settings={}), **documents},
-        attachments=followed,
-        observation_terms=(),
-    )
+    followed = motion() if loaded.contract.task_type == "tracking" else None
+    head = run_header(LITE, PERIOD, loaded, followed, settings={})
+    return replace(head, documents={**head.documents, **documents})
 
 
 @pytest.mark.parametrize("contract", [WALKER, TRACKER], ids=["walker", "tracker"])

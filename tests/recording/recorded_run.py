@@ -18,7 +18,7 @@ from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.stack import build_supervisor, header_documents
+from humanoid_sim.stack import build_supervisor, run_header
 
 PERIOD = 0.02
 INTENTS = {
@@ -75,12 +75,6 @@ def run(policy, settings=None) -> tuple[SessionHeader, list[TickRecord]]:
         memory, output = supervisor.step(memory, tick_input)
         ticks.append(TickRecord(index, tick_input, output, 1e-4, False))
         position = output.command.position
-    header = SessionHeader(
-        robot=description.name,
-        joint_names=description.joint_names,
-        control_period=PERIOD,
-        start_time_ns=0,
-        documents=header_documents(description, loaded, remote=True, settings=settings or {"policy": "placeholder"}),
-        observation_terms=tuple((term.name, term.width) for term in loaded.layout.terms),
-    )
+    settings = settings or {"policy": "placeholder"}
+    header = run_header(description, PERIOD, loaded, settings=settings, remote=True)
     return header, ticks
