@@ -183,7 +183,7 @@ def regress_speed(repetitions: int) -> list[Row]:
     try:
         return [paired_ratio(name, batch.run, physics.run, repetitions, 0.70, describe, speed=True)]
     finally:
-        batch.close()
+        batch.simulation.close()
         physics.close()
 
 

@@ -9,9 +9,10 @@ know about the bootstrap"). The same numbers give the same interval: the generat
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import groupby
+from operator import itemgetter
 from statistics import NormalDist
 
 import numpy as np
@@ -51,7 +52,7 @@ def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun) -> Candidate
     if baseline is None:
         return Candidate(run=run, passed=True)
     comparisons = compare_runs(suite, suite.metrics, baseline, run)
-    margins = compare_margins(suite, baseline.margins, run.margins)
+    margins = compare_margins(suite, baseline.margins, run.margins) if run.margins else ()
     is_worse = any(comparison.verdict == "worse" or comparison.is_lost for comparison in comparisons)
     passed = not is_worse and all(margin.verdict != "worse" for margin in margins)
     return Candidate(run=run, passed=passed, comparisons=comparisons, margins=margins)
@@ -68,30 +69,23 @@ def compare_runs(
     """
     before, after = ({(e.case, e.seed) for e in r.episodes} for r in (baseline, run))
     paired = before <= after or after <= before
-    return tuple(_compare(suite, metric, baseline, run, paired, _confidence(suite, metrics)) for metric in metrics)
-
-
-def _confidence(suite: Suite, metrics: Sequence[MetricInfo]) -> float:
-    """Of each of the intervals that are to hold together."""
-    return 1.0 - (1.0 - suite.confidence) / max(len(metrics), 1)
+    return tuple(_compare(suite, len(metrics), metric, baseline, run, paired) for metric in metrics)
 
 
 def _compare(
-    suite: Suite, metric: MetricInfo, baseline: PolicyRun, run: PolicyRun, paired: bool, confidence: float
+    suite: Suite, count: int, metric: MetricInfo, baseline: PolicyRun, run: PolicyRun, paired: bool
 ) -> Comparison:
+    """One of `count` metrics."""
     before, after = _values(metric.name, baseline), _values(metric.name, run)
-    if paired:
-        old, new = ({key: values[key] for key in before.keys() & after.keys()} for values in (before, after))
-    else:
-        cases = {case for case, _ in before} & {case for case, _ in after}
-        old, new = ({key: value for key, value in values.items() if key[0] in cases} for values in (before, after))
-    if not old or not new:
-        alone = [_by_case(values) for values in (before, after)]
+    cases = {case for case, _ in before} & {case for case, _ in after}
+    kept = before.keys() & after.keys() if paired else {key for key in before.keys() | after.keys() if key[0] in cases}
+    was, now = _by_case(before, kept), _by_case(after, kept)
+    if not was or not now:
         return Comparison(
             metric=metric.name,
             verdict="unmeasured",
-            baseline=mean_of_cases(alone[0]) if before else None,
-            candidate=mean_of_cases(alone[1]) if after else None,
+            baseline=mean_of_cases(_by_case(before, before.keys())) if before else None,
+            candidate=mean_of_cases(_by_case(after, after.keys())) if after else None,
             change=None,
             low=None,
             high=None,
@@ -99,9 +93,8 @@ def _compare(
             episodes=0,
             paired=paired,
         )
-    was, now = _by_case(old), _by_case(new)
     plus, minus = ([b - a for a, b in zip(was, now, strict=True)], []) if paired else (now, was)
-    interval = mean_interval(plus, minus, confidence, suite.resamples)
+    interval = mean_interval(plus, minus, 1.0 - (1.0 - suite.confidence) / count, suite.resamples)
     tolerance = suite.tolerance(metric.name, mean_of_cases(was))
     low, high = (interval.low, interval.high) if metric.better == "lower" else (-interval.high, -interval.low)
     verdict: Verdict = "same" if high <= tolerance else "unclear"
@@ -118,7 +111,7 @@ def _compare(
         low=interval.low,
         high=interval.high,
         tolerance=tolerance,
-        episodes=len(new),
+        episodes=sum(len(values) for values in now),
         paired=paired,
     )
 
@@ -129,10 +122,10 @@ def _values(metric: str, run: PolicyRun) -> dict[tuple[str, int], float]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _by_case(values: Mapping[tuple[str, int], float]) -> list[FloatArray]:
-    """One array per case, both in a fixed order."""
-    groups = groupby(sorted(values.items()), key=lambda item: item[0][0])
-    return [np.array([value for _, value in group]) for _, group in groups]
+def _by_case(values: Mapping[tuple[str, int], float], kept: Set[tuple[str, int]]) -> list[FloatArray]:
+    """The values to be kept, one array per case, both in a fixed order."""
+    groups = groupby(sorted(values.keys() & kept), key=itemgetter(0))
+    return [np.array([values[key] for key in keys]) for _, keys in groups]
 
 
 def detectable_changes(suite: Suite, metrics: Sequence[MetricInfo], baseline: PolicyRun) -> tuple[Detectable, ...]:
@@ -142,25 +135,24 @@ def detectable_changes(suite: Suite, metrics: Sequence[MetricInfo], baseline: Po
     pair by pair can only make it smaller. A metric that no episode of the baseline has is left out.
     """
     quantile = NormalDist().inv_cdf
-    factor = quantile(0.5 + 0.5 * _confidence(suite, metrics)) + quantile(POWER)
+    confidence = 1.0 - (1.0 - suite.confidence) / max(len(metrics), 1)
+    factor = quantile(0.5 + 0.5 * confidence) + quantile(POWER)
     found = []
     for metric in metrics:
-        cases = _by_case(_values(metric.name, baseline))
+        values = _values(metric.name, baseline)
+        cases = _by_case(values, values.keys())
         if not cases:
             continue
         mean = mean_of_cases(cases)
         tolerance = suite.tolerance(metric.name, mean)
-        error = _share_error(cases, suite.seeds) if metric.unit == "share" else difference_error(cases, suite.seeds)
+        error = difference_error(cases, suite.seeds)
+        if metric.unit == "share":
+            # None failing of n does not mean that none ever would: Laplace's rule, (k + 1) / (n + 2).
+            share = (sum(values.values()) + 1.0) / (len(values) + 2.0)
+            error = math.sqrt(share * (1.0 - share) * (1.0 / len(values) + 1.0 / (suite.seeds * len(cases))))
         change = tolerance + factor * error
         found.append(Detectable(metric=metric.name, baseline=mean, tolerance=tolerance, change=change, power=POWER))
     return tuple(found)
-
-
-def _share_error(cases: Sequence[FloatArray], count: int) -> float:
-    """Of a share: none failing of n does not mean that none ever would (Laplace's rule: (k + 1) / (n + 2))."""
-    n = sum(len(values) for values in cases)
-    share = (sum(float(values.sum()) for values in cases) + 1.0) / (n + 2.0)
-    return math.sqrt(share * (1.0 - share) * (1.0 / n + 1.0 / (count * len(cases))))
 
 
 def difference_error(cases: Sequence[FloatArray], count: int) -> float:

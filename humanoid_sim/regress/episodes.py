@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -21,7 +22,7 @@ from humanoid_sim.regress.feet import find_feet
 from humanoid_sim.regress.metrics import METRICS, Measures, TrackingMeasures, VelocityMeasures, summarise
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
-from humanoid_sim.regress.suite import Disturbance
+from humanoid_sim.regress.suite import Disturbance, Pushes
 from humanoid_sim.simulation.batch import BatchSimulation
 
 __all__ = ["LONGEST_TRACE", "EpisodeBatch", "Step", "episode_keys", "run_episodes", "thinned"]
@@ -78,10 +79,8 @@ def run_episodes(
         The episodes in the order of their seeds.
     """
     batch = EpisodeBatch(case, seeds, disturbance, threads)
-    try:
+    with closing(batch.simulation):
         return batch.run(watch)
-    finally:
-        batch.close()
 
 
 class EpisodeBatch:
@@ -90,7 +89,7 @@ class EpisodeBatch:
     def __init__(
         self, case: PreparedCase, seeds: Sequence[int], disturbance: Disturbance, threads: int | None = None
     ) -> None:
-        """Build the simulation; arguments as of `run_episodes`."""
+        """Build the simulation, which has threads to be closed; arguments as of `run_episodes`."""
         scenario, contract = case.scenario, case.scenario.contract
         self.case, self.seeds = case, seeds
         self._keys = episode_keys(case.case.name, seeds)
@@ -135,7 +134,8 @@ class EpisodeBatch:
             if not alive.any():
                 break
             held = np.where(alive[:, None], action, loop.memory.last_action)
-            command = loop.act(held, wrench=self._wrench(step, directions), where=alive)
+            wrench = None if self._pushes is None else self._wrench(self._pushes, step, directions)
+            command = loop.act(held, wrench=wrench, where=alive)
             for i in np.flatnonzero(alive & simulation.fault).tolist():
                 failures[i] = "fault", "the simulation diverged: its state is no longer finite"
             alive = alive & ~simulation.fault
@@ -155,19 +155,17 @@ class EpisodeBatch:
             for i in range(count)
         ]
 
-    def _wrench(self, step: int, directions: Sequence[np.random.Generator]) -> FloatArray | None:
+    def _wrench(self, pushes: Pushes, step: int, directions: Sequence[np.random.Generator]) -> FloatArray | None:
         """Of a push in this policy step, shape (N, 6), N and N·m, world frame; None where none is pushed.
 
         The momentum for the robot's whole mass, spread over one policy step, in a direction that is drawn.
         """
-        if self._pushes is None:
-            return None
         simulation, period = self.simulation, self.simulation.control_period
-        interval = max(round(self._pushes.interval / period), 1)
+        interval = max(round(pushes.interval / period), 1)
         if (step + interval // 2) % interval:
             return None
         masses = np.array([simulation.model(i).body_subtreemass[0] for i in range(simulation.count)])
-        force = masses * self._pushes.speed / period
+        force = masses * pushes.speed / period
         angle = np.array([generator.uniform(-np.pi, np.pi) for generator in directions])
         wrench = np.zeros((len(angle), 6))
         wrench[:, 0], wrench[:, 1] = force * np.cos(angle), force * np.sin(angle)
@@ -207,10 +205,6 @@ class EpisodeBatch:
             trace_times=times,
             traces=thin,
         )
-
-    def close(self) -> None:
-        """Stop the simulation's threads. May be called twice."""
-        self.simulation.close()
 
 
 def thinned(traces: Mapping[str, FloatArray], period: float) -> tuple[tuple[float, ...], dict[str, Trace]]:

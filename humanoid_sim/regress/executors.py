@@ -53,10 +53,6 @@ class Executor(Protocol):
         """Every case with every seed: case by case and, within one, seed by seed."""
         ...
 
-    def close(self) -> None:
-        """Let go of what was held. May be called twice."""
-        ...
-
 
 @dataclass(frozen=True, slots=True)
 class LocalExecutor:
@@ -74,9 +70,6 @@ class LocalExecutor:
             episodes += run_episodes(case, seeds, disturbance, threads=self.threads)
             progress(len(seeds))
         return episodes
-
-    def close(self) -> None:
-        """See `Executor.close`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from importlib.metadata import version
 from pathlib import Path
 
@@ -52,15 +53,18 @@ def regress(config: RegressConfig) -> int:
     prepared = prepare_suite(chosen_suite(suite, config), folder, config.robot)
     contract = None if config.contract is None else Path(config.contract)
     policies = unique_names([prepare_policy(prepared, Path(path), contract) for path in config.policies])
-    baseline = _baseline(config, prepared, contract)
+    baseline: TestedPolicy | PolicyRun | None = None
+    if config.baseline is not None and config.baseline.endswith(".onnx"):
+        baseline = prepare_policy(prepared, Path(config.baseline), contract)
+    elif config.baseline is not None:
+        baseline = matching_baseline(prepared.digests, read_baseline(Path(config.baseline)), config.baseline)
     console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is no picture
-    executor: Executor = LocalExecutor(config.threads)
-    if config.ray is not None:
-        executor = RayExecutor(config.ray, config.threads if config.ray == LOCAL else None)
-    try:
+    with ExitStack() as stack:
+        executor: Executor = LocalExecutor(config.threads)
+        if config.ray is not None:
+            processors = config.threads if config.ray == LOCAL else None
+            executor = stack.enter_context(closing(RayExecutor(config.ray, processors)))
         results = _run(config, prepared, baseline, policies, executor, console)
-    finally:
-        executor.close()
     plain = Console(emoji=False)
     for candidate in results.candidates:
         show_verdict(plain, results, candidate)
@@ -68,15 +72,6 @@ def regress(config: RegressConfig) -> int:
     if config.record_failures is not None:
         _record(config.record_failures, config.record_limit, prepared, policies, results, console)
     return ExitStatus.of(results.passed)
-
-
-def _baseline(config: RegressConfig, prepared: PreparedSuite, contract: Path | None) -> TestedPolicy | PolicyRun | None:
-    if config.baseline is None:
-        return None
-    path = Path(config.baseline)
-    if path.suffix == ".onnx":
-        return prepare_policy(prepared, path, contract)
-    return matching_baseline(prepared.digests, read_baseline(path), config.baseline)
 
 
 def _run(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -9,7 +11,6 @@ from rich.table import Table
 from humanoid_sim.regress.results import (
     Candidate,
     Comparison,
-    Margin,
     PolicyRun,
     Results,
     describe_detectable,
@@ -55,8 +56,7 @@ def show_run(console: Console, results: Results, run: PolicyRun) -> None:
         numbers = (sum(values) / len(values), min(values), max(values)) if values else (None, None, None)
         table.add_row(metric.name, *(quantity(number, metric.unit) for number in numbers))
     console.print(table)
-    _show_failures(console, run)
-    _show_margins(console, run.margins)
+    _show_trouble(console, run, {})
 
 
 def show_candidate(console: Console, results: Results, candidate: Candidate) -> None:
@@ -79,8 +79,7 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
     console.print(table)
     if candidate.comparisons and not candidate.comparisons[0].paired:
         console.print("other seeds than the baseline's: compared case by case, not pair by pair")
-    _show_failures(console, candidate.run)
-    _show_margins(console, candidate.run.margins, {margin.axis: margin.verdict for margin in candidate.margins})
+    _show_trouble(console, candidate.run, {margin.axis: margin.verdict for margin in candidate.margins})
 
 
 def _change(comparison: Comparison, unit: str) -> str:
@@ -96,7 +95,8 @@ def _change(comparison: Comparison, unit: str) -> str:
     return f"{factor * change:+.3g} ± {factor * reach:.2g} {shown}"
 
 
-def _show_failures(console: Console, run: PolicyRun) -> None:
+def _show_trouble(console: Console, run: PolicyRun, verdicts: Mapping[str, str]) -> None:
+    """The episodes that failed, and how much of each disturbance was borne; `verdicts` on that by axis, if any."""
     failures = run.failures
     if failures:
         console.print(f"{len(failures)} of {len(run.episodes)} episodes failed:")
@@ -105,10 +105,7 @@ def _show_failures(console: Console, run: PolicyRun) -> None:
             console.print(line, markup=False, highlight=False, soft_wrap=True)
         if len(failures) > _FAILURES_SHOWN:
             console.print(f"  and {len(failures) - _FAILURES_SHOWN} more")
-
-
-def _show_margins(console: Console, margins: tuple[Margin, ...], verdicts: dict[str, str] | None = None) -> None:
-    if not margins:
+    if not run.margins:
         return
     table = Table(title="robustness margins", title_justify="left")
     table.add_column("disturbance")
@@ -116,9 +113,9 @@ def _show_margins(console: Console, margins: tuple[Margin, ...], verdicts: dict[
     table.add_column("fails")
     if verdicts:
         table.add_column("verdict")
-    for margin in margins:
+    for margin in run.margins:
         borne = quantity(margin.limit, margin.unit)
-        verdict = (verdicts or {}).get(margin.axis, "")
+        verdict = verdicts.get(margin.axis, "")
         reason = (
             "" if margin.reached_end else f"at {quantity(margin.levels[-1], margin.unit)}: {escape(margin.failure)}"
         )

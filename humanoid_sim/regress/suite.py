@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
-from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName
 from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch.randomisation import Randomisation
@@ -166,9 +165,4 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         Raises:
             InputError: naming the field that is wrong.
         """
-        known = Randomisation.__dataclass_fields__
-        for name in self.randomisation:
-            if name not in known:
-                raise InputError(f"randomisation: {known_names('field', name, known)}")
-        values: dict[str, Any] = dict(self.randomisation)
-        return Disturbance(Randomisation(**values), self.pushes)
+        return Disturbance(Randomisation.of(self.randomisation), self.pushes)

@@ -49,7 +49,7 @@ def test_a_batch_can_be_run_again(short: PreparedCase) -> None:
         first = batch.run()
         assert batch.run() == first
     finally:
-        batch.close()
+        batch.simulation.close()
 
 
 def test_cases_and_seeds_draw_their_own() -> None:

@@ -43,9 +43,6 @@ class FailsBeyond:
         failure = "fell" if drawn.stiffness[0] < 0.1 and seed == 1 else ""
         return episode(case.case.name, seed, {"body_position_error": None if failure else error}, failure)
 
-    def close(self) -> None:
-        pass
-
 
 def test_a_sweep_ends_where_an_episode_fails(short: tuple[PreparedCase, ...]) -> None:
     executor, done = FailsBeyond(), list[int]()

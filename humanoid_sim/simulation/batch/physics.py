@@ -113,36 +113,21 @@ class BatchPhysics:
         self._state = np.zeros((count, width))
         self._before = np.zeros((count, width))
         self._path = np.zeros((count, steps, width))
+        self.time = self._state[:, 0]
+        """Shape (N,), s since each environment's start; as the next, a view that changes with the states."""
+        self.qpos = self._state[:, self._qpos]
+        """Shape (N, nq), MuJoCo's generalised position."""
+        self.qvel = self._state[:, self._qvel]
+        """Shape (N, nv), MuJoCo's generalised velocity."""
+        self.previous_qpos = self._before[:, self._qpos]
+        """Shape (N, nq), one physics step ago."""
+        self.previous_qvel = self._before[:, self._qvel]
+        """Shape (N, nv), one physics step ago."""
         self.acceleration = np.zeros((count, model.nv))
         """Shape (N, nv), of the latest physics step."""
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         # A pool of one thread would only hand its work over.
         self._rollout: rollout.Rollout | None = rollout.Rollout(nthread=threads if threads > 1 else 0)
-
-    @property
-    def time(self) -> FloatArray:
-        """Shape (N,), s since each environment's start."""
-        return self._state[:, 0]
-
-    @property
-    def qpos(self) -> FloatArray:
-        """Shape (N, nq), MuJoCo's generalised position."""
-        return self._state[:, self._qpos]
-
-    @property
-    def qvel(self) -> FloatArray:
-        """Shape (N, nv), MuJoCo's generalised velocity."""
-        return self._state[:, self._qvel]
-
-    @property
-    def previous_qpos(self) -> FloatArray:
-        """Shape (N, nq), one physics step ago."""
-        return self._before[:, self._qpos]
-
-    @property
-    def previous_qvel(self) -> FloatArray:
-        """Shape (N, nv), one physics step ago."""
-        return self._before[:, self._qvel]
 
     @property
     def is_closed(self) -> bool:
