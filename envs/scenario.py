@@ -15,7 +15,7 @@ from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
@@ -134,14 +134,7 @@ def read_policy(source: Named | PolicyContract, motion: Named | Motion | None, j
             raise InputError(f"motion: is '{what}', but {checkpoint.source} follows no motion")
     elif followed is None:
         raise InputError(f"motion: is missing; {checkpoint.source} is a {contract.task_type} policy and follows one")
-    return load_policy(
-        contract,
-        checkpoint.policy,
-        followed,
-        checkpoint.observation_width,
-        source=checkpoint.source,
-        motion_source=what,
-    )
+    return checkpoint.following(followed, what)
 
 
 def _checkpoint(source: Named | PolicyContract, joints: tuple[str, ...]) -> Checkpoint:

@@ -16,6 +16,7 @@ from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.graph_motion import Progress, has_graph_motion, sweep_motion
+from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, first_line, read_header
 from humanoid_sim.policy.readers.contract_yaml import find_contract
@@ -59,6 +60,22 @@ class Checkpoint:
     def metadata(self) -> Mapping[str, str]:
         """Of the model; empty for a policy without one."""
         return self.policy.metadata if isinstance(self.policy, OnnxPolicy) else {}
+
+    def following(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
+        """The policy with a motion; None: the one in its graph, or none at all. Raises `InputError` if they do not fit.
+
+        Args:
+            motion: what it is to follow.
+            motion_source: what to call the motion in messages.
+        """
+        return load_policy(
+            self.contract,
+            self.policy,
+            self.motion if motion is None else motion,
+            self.observation_width,
+            source=self.source,
+            motion_source=motion_source,
+        )
 
 
 def load_checkpoint(

@@ -13,7 +13,6 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.acceptance import accept
@@ -66,14 +65,7 @@ def prepare(options: PrepareOptions) -> int:
     source = _read(options, checkpoint, skeleton, console)
     motion, report = _make(options, checkpoint, skeleton, source)
     # The same check as `play` makes: terms, widths, bodies and rate.
-    load_policy(
-        checkpoint.contract,
-        checkpoint.policy,
-        motion,
-        checkpoint.observation_width,
-        source=checkpoint.source,
-        motion_source=source.source,
-    )
+    checkpoint.following(motion, source.source)
     name = options.name or _name(options, source)
     files: dict[str, Content] = {f"{name}.mcap": motion_bytes(motion), f"{name}.json": report_bytes(report)}
     outputs.refuse_existing(files)

@@ -18,7 +18,6 @@ from humanoid_sim.envs.scenario import Scenario, make_scenario
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.regress.batched_policy import BatchedPolicy
@@ -214,14 +213,7 @@ def prepare_case(
             raise InputError(f"{checkpoint.source}: carries no motion, and case '{case.name}' of the suite names none")
     try:
         # The widths of model and terms; what the scenario makes of the contract has no model.
-        load_policy(
-            checkpoint.contract,
-            checkpoint.policy,
-            motion,
-            checkpoint.observation_width,
-            source=checkpoint.source,
-            motion_source=f"case '{case.name}': {case.motion or 'the motion in the policy'}",
-        )
+        checkpoint.following(motion, f"case '{case.name}': {case.motion or 'the motion in the policy'}")
         scenario = make_scenario(
             checkpoint.contract,
             description,

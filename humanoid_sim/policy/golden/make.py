@@ -20,7 +20,7 @@ from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GoldenSamples, recorded_state
 from humanoid_sim.policy.golden.trace import Recorded, Trace
 from humanoid_sim.policy.golden.verify import golden_problem, memory_fields, observe, recorded_wiring, samples_wiring
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
 
 __all__ = ["SAMPLE_COUNT", "blind_spots", "own_samples", "trainer_samples"]
@@ -54,7 +54,7 @@ def trainer_samples(
         InputError: the checkpoint's observation, action or targets differ from the trainer's; the line names the first
             step, term and joint, and both values.
     """
-    loaded = _loaded(checkpoint, motion)
+    loaded = checkpoint.following(motion)
     rows = _rolled(checkpoint, loaded, trace.recorded, trace.name)
     whole = _samples(checkpoint, loaded, trace.recorded, rows)
     whole = replace(whole, origin="trainer", source=trace.name, observation=trace.observation)
@@ -72,7 +72,7 @@ def own_samples(checkpoint: Checkpoint, motion: Motion | None = None, count: int
     Raises:
         InputError: the policy does not run on them.
     """
-    loaded = _loaded(checkpoint, motion)
+    loaded = checkpoint.following(motion)
     recorded = _made_up(checkpoint, loaded)
     rows = _rolled(checkpoint, loaded, recorded, "made-up states")
     answers = [checkpoint.policy(row.step.observation, row.step.frame) for row in rows]
@@ -81,20 +81,9 @@ def own_samples(checkpoint: Checkpoint, motion: Motion | None = None, count: int
     return _pick(whole, count)
 
 
-def _loaded(checkpoint: Checkpoint, motion: Motion | None) -> LoadedPolicy:
-    return load_policy(
-        checkpoint.contract,
-        checkpoint.policy,
-        checkpoint.motion if motion is None else motion,
-        checkpoint.observation_width,
-        source=checkpoint.source,
-    )
-
-
 def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, name: str) -> list[_Row]:
     try:
-        wiring = recorded_wiring(checkpoint.contract, recorded.joint_names, loaded.reference, loaded.extern)
-        return _roll(wiring, recorded)
+        return _roll(recorded_wiring(loaded, recorded.joint_names), recorded)
     except (FieldError, ValueError) as error:
         raise InputError(f"{checkpoint.source}: on {name}: {error}") from None
 

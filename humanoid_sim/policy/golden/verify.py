@@ -18,7 +18,7 @@ from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
 
 __all__ = [
     "ACTION_TOLERANCE",
@@ -163,28 +163,17 @@ def samples_wiring(checkpoint: Checkpoint, samples: GoldenSamples) -> PolicyWiri
         reference = MotionReference(samples.frame_count, tables)
         loaded = LoadedPolicy(checkpoint.contract, reference, checkpoint.policy)
     else:
-        loaded = load_policy(
-            checkpoint.contract,
-            checkpoint.policy,
-            checkpoint.motion,
-            checkpoint.observation_width,
-            source=checkpoint.source,
-        )
-    return recorded_wiring(checkpoint.contract, samples.joint_names, loaded.reference, loaded.extern)
+        loaded = checkpoint.following()
+    return recorded_wiring(loaded, samples.joint_names)
 
 
-def recorded_wiring(
-    contract: PolicyContract,
-    joint_names: tuple[str, ...],
-    reference: MotionReference,
-    extern: Mapping[str, int],
-) -> PolicyWiring:
+def recorded_wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> PolicyWiring:
     """The wiring of a policy whose actions are those of a run.
 
     Raises:
         FieldError: if the contract does not fit the joints, or a term lacks its source.
     """
-    return PolicyWiring(joint_names, contract, reference, extern, action_limit=_NO_LIMIT)
+    return PolicyWiring(joint_names, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
 
 
 def observe(
