@@ -160,9 +160,10 @@ class ClosedLoop:
         reference, velocity = self._reference[motion, frame], self._reference_velocity[motion, frame]
         sag, scale = self._sag[motion, frame], scales.ACTION
 
-        disturbed = (self._uniform(count, 1) < 0.5).float()
-        position_error = 0.05 * disturbed * self._normal((count, ARM_JOINTS)) - sag * self._uniform(count, 1)
-        velocity_error = 0.3 * disturbed * self._normal((count, ARM_JOINTS))
+        disturbed = self._uniform(count, 1) < 0.5
+        position_error = torch.where(disturbed, 0.05 * self._normal((count, ARM_JOINTS)), 0.0)
+        position_error -= sag * self._uniform(count, 1)
+        velocity_error = torch.where(disturbed, 0.3 * self._normal((count, ARM_JOINTS)), 0.0)
         action = self._command[motion, (frame - 1).clamp(min=0)] / scale
 
         # At rest under a held command, up to half a radian from the frame: a jump.
@@ -182,10 +183,14 @@ class ClosedLoop:
         )
         self._last_action[arms] = torch.where(rests, held / scale, action)
         self._motion[arms], self._frame[arms] = motion, frame
-        self._delay[arms] = self._uniform(count, 1) * (self._uniform(count, 1) < 0.5)
-        self._offset[arms] = 0.01 * self._normal((count, ARM_JOINTS)) * (self._uniform(count, 1) < 0.5)
-        self._age[arms] = self._uniform(count, 1) * (self._uniform(count, 1) < 0.4)
-        self._noise[arms] = self._uniform(count, 1) * (self._uniform(count, 1) < 0.6)
+        self._delay[arms] = self._sometimes(0.5, self._uniform(count, 1))
+        self._offset[arms] = self._sometimes(0.5, 0.01 * self._normal((count, ARM_JOINTS)))
+        self._age[arms] = self._sometimes(0.4, self._uniform(count, 1))
+        self._noise[arms] = self._sometimes(0.6, self._uniform(count, 1))
+
+    def _sometimes(self, share: float, values: Tensor) -> Tensor:
+        """Of values (k, ...) a random share of the rows; zeros for the others."""
+        return torch.where(self._uniform(len(values), 1) < share, values, 0.0)
 
     def _uniform(self, *shape: int) -> Tensor:
         return torch.rand(shape, generator=self._generator)

@@ -38,6 +38,7 @@ from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import build_supervisor
 from humanoid_sim.training import EvaluateConfig
+from humanoid_sim.training.motions import pose_a
 from humanoid_sim.training.random_motions import held_out_motions
 
 __all__ = ["Rollout", "TrackingFailedError", "evaluate", "follow", "inverse_kinematics_policy"]
@@ -251,8 +252,7 @@ def inverse_kinematics_policy(description: RobotDescription, contract: PolicyCon
     position, rotation = body_poses(motion.frames, len(contract.body_names))
     # Little damping: the poses can be reached, and the baseline is to be as good as it can.
     solver = InverseKinematics(description, contract.body_names, damping=1e-3)
-    home = np.array(description.standby_controller_a.pose_segments[-1])
-    path = solver.solve_path(position, rotation, home)
+    path = solver.solve_path(position, rotation, pose_a(description))
     driven = joint_indices(contract.action_joint_names, description.joint_names, "action_joint_names")
     default = contract.default_joint_pos[
         joint_indices(contract.action_joint_names, contract.joint_names, "joint_names")

@@ -77,7 +77,7 @@ def _sines(arm: ArmModel, rng: np.random.Generator, count: int) -> FloatArray:
     path = np.zeros((count, ARM_JOINTS))
     for _ in range(rng.integers(1, 4)):
         frequency = rng.uniform(0.1, 1.3, ARM_JOINTS) if rng.random() < 0.5 else rng.uniform(0.2, 1.2)
-        amplitude = rng.normal(0.0, 0.35, ARM_JOINTS) * is_moving
+        amplitude = np.where(is_moving, rng.normal(0.0, 0.35, ARM_JOINTS), 0.0)
         path += amplitude * np.sin(2.0 * np.pi * (frequency * t + rng.random(ARM_JOINTS)))
     room = np.minimum(centre - arm.lower, arm.upper - centre) - 4.0 * _LIMIT_ROOM
     path = centre + path * np.minimum(1.0, room / np.maximum(np.abs(path).max(axis=0), 1e-9))
