@@ -18,6 +18,7 @@ from rich.table import Table
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.files import output_file
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.calibration import (
@@ -163,8 +164,7 @@ def _check_options(config: Calibrate) -> None:
         raise InputError(f"--duration: is {config.duration}, expected more than 0 s")
     if config.duration is None and not sys.stdin.isatty():
         raise InputError("--duration: is needed where standard input is no terminal; else Enter ends the sweep")
-    if not config.output.parent.is_dir():
-        raise InputError(f"--output: there is no folder '{config.output.parent}'")
+    output_file(config.output, "--output")
 
 
 def _result(config: Calibrate, description: RobotDescription, wiring: Wiring, joint: int, sweep: Sweep) -> SweepResult:

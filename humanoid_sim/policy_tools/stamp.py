@@ -14,7 +14,7 @@ from rich.markup import escape
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.files import whole_file
+from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
@@ -121,14 +121,9 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
 
 
 def _check_output(path: Path, output: Path, overwrite: bool) -> None:
-    if output.is_dir():
-        raise InputError(f"{output}: is a directory, expected the name of a file to write")
-    if not output.parent.is_dir():
-        raise InputError(f"{output}: its folder does not exist")
     if output.exists() and path.exists() and output.samefile(path):
         raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
-    if output.exists() and not overwrite:
-        raise InputError(f"{output}: exists already; --overwrite replaces it")
+    output_file(output, "--output", overwrite=overwrite)
 
 
 def _samples(

@@ -136,7 +136,7 @@ def test_refuses_to_overwrite(cli, walker: Path, tmp_path: Path) -> None:
     output = tmp_path / "out.onnx"
     output.write_text("mine")
     status, _, error = cli("stamp", walker, "-o", output)
-    assert (status, error) == (2, f"error: {output}: exists already; --overwrite replaces it\n")
+    assert (status, error) == (2, f"error: --output: '{output}' exists; choose another name, or add --overwrite\n")
     assert output.read_text() == "mine"
     assert cli("stamp", walker, "-o", output, "--overwrite")[0] == 0
     assert load_checkpoint(output).golden
@@ -148,7 +148,7 @@ def test_refuses_an_output_that_is_no_new_file(cli, walker: Path, tmp_path: Path
     before = walker.read_bytes()
     status, _, error = cli("stamp", walker, "-o", output, "--overwrite")
     assert status == 2
-    assert str(output) in error
+    assert str(output.parent if where == "nowhere" else output) in error
     assert walker.read_bytes() == before
 
 

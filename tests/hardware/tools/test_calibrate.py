@@ -264,7 +264,7 @@ def test_an_existing_file_that_is_none_is_left_alone(run: Run, motors: VirtualMo
         (("--duration", "1", "--joints", "elbow"), "--joints: unknown joint 'elbow'; known: left_shoulder_pitch"),
         (("--duration", "1", "--threshold", "nan"), "--threshold: is nan, expected a number >= 0, in rad"),
         (("--duration", "1", "--tolerance", "-1"), "--tolerance: is -1.0, expected a number >= 0, in rad"),
-        (("--duration", "1", "--output", "/nowhere/c.yaml"), "--output: there is no folder '/nowhere'"),
+        (("--duration", "1", "--output", "/nowhere/c.yaml"), "--output: the folder '/nowhere' does not exist"),
     ],
 )
 def test_options_that_are_not_accepted(
