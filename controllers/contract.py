@@ -176,6 +176,10 @@ class PolicyContract:
         """What a term means here; `command` stands for the motion or the velocity, as `command_names` says."""
         return term_kind(term.kind, self.command_names)
 
+    def requires(self, field: str) -> bool:
+        """Whether the observation has a term that means nothing without this field."""
+        return any(self.kind(term).requires == field for term in self.terms)
+
     @property
     def takes_velocity_command(self) -> bool:
         """Whether what the policy observes depends on the velocity command: as a term, or through the gait clock."""

@@ -58,7 +58,7 @@ class TermKind:
     """The task that a policy with such a term has; empty: any."""
     requires: str = ""
     """Field of the contract without which it means nothing."""
-    scales: tuple[float, ...] = ()
+    scales: tuple[float, ...] = (1.0,)
     """Seen in the wild."""
     value_names: Callable[[Term, PolicyContract], tuple[str, ...]] = _unnamed
     """Joint of each value, where each has one."""
@@ -149,7 +149,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         1.0,
         reads="imu_quaternion",
         conventions=("sign",),
-        scales=(1.0,),
     ),
     TermKind(
         "imu_quaternion",
@@ -166,7 +165,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         10.0,
         names=("velocity_command", "velocity_commands", "twist"),
         reads=VELOCITY_COMMAND,
-        scales=(1.0,),
     ),
     TermKind(
         "command_lin_vel",
@@ -192,7 +190,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         names=("motion_command", "motion"),
         conventions=("relative",),
         task="tracking",
-        scales=(1.0,),
         value_names=lambda _, contract: contract.joint_names * 2,
     ),
     TermKind(
@@ -206,7 +203,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         conventions=("frame",),
         task="tracking",
         requires="anchor_body",
-        scales=(1.0,),
     ),
     TermKind(
         "motion_anchor_ori",
@@ -219,7 +215,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         conventions=("layout", "inverse"),
         task="tracking",
         requires="anchor_body",
-        scales=(1.0,),
     ),
     TermKind(
         "joint_pos",
@@ -230,7 +225,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         reads="joint_position",
         conventions=("relative",),
         relative=True,
-        scales=(1.0,),
         value_names=values.joint_names,
     ),
     TermKind(
@@ -250,22 +244,16 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         values.action_bounds,
         names=("actions", "last_action"),
         conventions=("form",),
-        scales=(1.0,),
         value_names=lambda _, contract: contract.action_joint_names,
     ),
-    TermKind(
-        "sin_phase", "sine of the gait phase of each foot", values.phase(np.sin), 1.0, requires="phase", scales=(1.0,)
-    ),
-    TermKind(
-        "cos_phase", "cosine of the gait phase of each foot", values.phase(np.cos), 1.0, requires="phase", scales=(1.0,)
-    ),
+    TermKind("sin_phase", "sine of the gait phase of each foot", values.phase(np.sin), 1.0, requires="phase"),
+    TermKind("cos_phase", "cosine of the gait phase of each foot", values.phase(np.cos), 1.0, requires="phase"),
     TermKind(
         "gait_phase",
         "sines, then cosines of the gait phase",
         values.phase(np.sin, np.cos),
         1.0,
         requires="phase",
-        scales=(1.0,),
     ),
     TermKind(
         "imu_linear_acceleration",
@@ -277,31 +265,25 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
     TermKind(
         "motion_body_pos_b",
         "reference's body positions in the base frame, m",
-        values.referenced("motion_body_pos_b", "a tracking motion"),
-        values.referenced_bounds("motion_body_pos_b"),
+        values.referenced,
+        values.referenced_bounds,
         task="tracking",
         requires="body_names",
     ),
     TermKind(
         "motion_body_ori_b",
         "reference's body orientations in the base frame",
-        values.referenced("motion_body_ori_b", "a tracking motion"),
-        values.referenced_bounds("motion_body_ori_b"),
+        values.referenced,
+        values.referenced_bounds,
         task="tracking",
         requires="body_names",
     ),
-    TermKind(
-        "target_keys",
-        "keys to press now, 0 or 1",
-        values.referenced("target_keys", "a piano motion"),
-        values.referenced_bounds("target_keys"),
-        task="piano",
-    ),
+    TermKind("target_keys", "keys to press now, 0 or 1", values.referenced, values.referenced_bounds, task="piano"),
     TermKind(
         "target_keys_future",
         "keys to press in the steps ahead",
-        values.referenced("target_keys_future", "a piano motion"),
-        values.referenced_bounds("target_keys_future"),
+        values.referenced,
+        values.referenced_bounds,
         task="piano",
         requires="lookahead_steps",
     ),

@@ -13,14 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.parameters import joint_indices
-from humanoid_sim.controllers.rotation import (
-    conjugate,
-    gravity_direction,
-    matrix,
-    multiply,
-    rotate,
-    rotate_inverse,
-)
+from humanoid_sim.controllers.rotation import conjugate, gravity_direction, matrix, multiply, rotate, rotate_inverse
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
     ANCHOR_POSE,
@@ -141,9 +134,8 @@ def _joint_order(request: Request) -> npt.NDArray[np.intp]:
 
 def _default_pose(request: Request) -> FloatArray:
     contract, names = request.contract, joint_names(request.term, request.contract)
-    pose: FloatArray = contract.default_joint_pos[
-        joint_indices(names, contract.joint_names, "joint_names of the policy")
-    ]
+    order = joint_indices(names, contract.joint_names, "joint_names of the policy")
+    pose: FloatArray = contract.default_joint_pos[order]
     return pose
 
 
@@ -302,7 +294,8 @@ def motion_command_bounds(request: Request, _: Limits) -> tuple[float, float]:
 
 def anchor_position(request: Request) -> tuple[int, Source]:
     """Shape (..., 3), m, of the reference's anchor body from the robot's."""
-    _need_anchor(request)
+    if "anchor_pos" not in request.reference.terms:
+        raise request.missing("a motion with the poses of the anchor body")
     in_world = request.term.frame == "world"
 
     def source(context: ObservationContext) -> FloatArray:
@@ -316,7 +309,8 @@ def anchor_position(request: Request) -> tuple[int, Source]:
 
 def anchor_orientation(request: Request) -> tuple[int, Source]:
     """Shape (..., 6), two columns or rows of the matrix of the anchor body's orientation as seen from the robot's."""
-    _need_anchor(request)
+    if "anchor_pos" not in request.reference.terms:
+        raise request.missing("a motion with the poses of the anchor body")
     term = request.term
 
     def source(context: ObservationContext) -> FloatArray:
@@ -334,31 +328,18 @@ def anchor_orientation(request: Request) -> tuple[int, Source]:
     return 6, source
 
 
-def _need_anchor(request: Request) -> None:
-    if "anchor_pos" not in request.reference.terms:
-        raise request.missing("a motion with the poses of the anchor body")
+def referenced(request: Request) -> tuple[int, Source]:
+    """The table of the reference that has the kind's name, as it stands."""
+    name = request.kind.name
+    if name not in request.reference.terms:
+        raise request.missing(f"a {request.kind.task} motion")
+    return request.reference.terms[name].shape[1], lambda context: context.reference.term(name, context.frame)
 
 
-def referenced(table: str, motion: str) -> Resolve:
-    """A table of the reference as it stands, which needs such a motion."""
-
-    def resolve(request: Request) -> tuple[int, Source]:
-        if table not in request.reference.terms:
-            raise request.missing(motion)
-        width = request.reference.terms[table].shape[1]
-        return width, lambda context: context.reference.term(table, context.frame)
-
-    return resolve
-
-
-def referenced_bounds(table: str) -> Bounds:
+def referenced_bounds(request: Request, _: Limits) -> tuple[float, float]:
     """What the table holds, and at least 1."""
-
-    def bounds(request: Request, _: Limits) -> tuple[float, float]:
-        magnitude = max(1.0, float(np.abs(request.reference.terms[table]).max()))
-        return -magnitude, magnitude
-
-    return bounds
+    magnitude = max(1.0, float(np.abs(request.reference.terms[request.kind.name]).max()))
+    return -magnitude, magnitude
 
 
 def progress(request: Request) -> tuple[int, Source]:

@@ -17,7 +17,6 @@ __all__ = [
     "Edit",
     "RobotFacts",
     "change_terms",
-    "requires",
     "set_fields",
     "set_term",
     "terms_with",
@@ -75,11 +74,6 @@ class Edit:
 def terms_with(contract: PolicyContract, convention: str) -> tuple[Term, ...]:
     """The terms whose values depend on a convention, in the contract's order."""
     return tuple(term for term in contract.terms if convention in contract.kind(term).conventions)
-
-
-def requires(contract: PolicyContract, field: str) -> bool:
-    """Whether a term means nothing without a field of the contract."""
-    return any(contract.kind(term).requires == field for term in contract.terms)
 
 
 def change_terms(contract: PolicyContract, change: Callable[[Term], Term]) -> PolicyContract:

@@ -15,7 +15,6 @@ from humanoid_sim.doctor.edits import (
     Edit,
     RobotFacts,
     change_terms,
-    requires,
     set_fields,
     set_term,
     terms_with,
@@ -51,7 +50,7 @@ def zeroed(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
                 set_term((term.name,), scale=0.0),
             )
             continue
-        for scale in contract.kind(term).scales or (1.0,):
+        for scale in contract.kind(term).scales:
             yield Edit(
                 f"{term.name} fed" + (f", scaled by {scale:g}" if scale != 1.0 else ""),
                 cause,
@@ -142,7 +141,7 @@ def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
 def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """The gait clock starts with the other foot, shows the step before, or runs at another pace."""
     rule = contract.phase
-    if rule is None or not requires(contract, "phase"):
+    if rule is None or not contract.requires("phase"):
         return
     changes: dict[str, tuple[str, PhaseRule]] = {
         "gait clock from the other foot": ("gait clock start", replace(rule, offsets=rule.offsets[::-1])),
@@ -191,7 +190,7 @@ def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterat
             + ("reference seen from the robot" if term.inverse else "robot seen from the reference"),
             set_term((term.name,), inverse=not term.inverse),
         )
-    if not requires(contract, "anchor_body"):
+    if not contract.requires("anchor_body"):
         return
     for body in robot.motion_bodies:
         yield Edit(

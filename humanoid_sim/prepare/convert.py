@@ -20,7 +20,6 @@ __all__ = ["FROM_KINEMATICS", "FROM_SOURCE", "convert", "has_rate", "layout_of",
 FROM_SOURCE = "the source"
 FROM_KINEMATICS = "forward kinematics"
 
-_BASE_FRAME_TERMS = {"motion_body_pos_b", "motion_body_ori_b"}
 _EQUAL = 1e-4
 """Relative difference of rates that writing them as decimals explains: half a frame in a hundred seconds at 50 Hz."""
 
@@ -74,7 +73,7 @@ def _beside(weight: npt.NDArray[np.float64], array: FloatArray) -> FloatArray:
 
 def layout_of(contract: PolicyContract) -> MotionLayout:
     """`bodies_b` for policies that see bodies in the base frame, `joints_bodies_w` for those with anchor terms."""
-    return "bodies_b" if _BASE_FRAME_TERMS & {term.kind for term in contract.terms} else "joints_bodies_w"
+    return "bodies_b" if contract.requires("body_names") else "joints_bodies_w"
 
 
 def convert(source: str, motion: NamedMotion, contract: PolicyContract, skeleton: Skeleton) -> tuple[Motion, str]:
