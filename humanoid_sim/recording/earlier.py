@@ -1,7 +1,7 @@
 """Ticks and events of recordings made before their messages had all of today's fields.
 
 What such a message lacks stands in its texts, in the words of the version that wrote it. They are looked at here and
-nowhere else; a recording's own definition of the message says whether that is needed.
+nowhere else; the format in a recording's header says whether that is needed.
 """
 
 from __future__ import annotations
@@ -11,20 +11,10 @@ from dataclasses import replace
 from humanoid_sim.messages import Event, EventKind, TickRecord
 from humanoid_sim.recording.codec import decode_event, decode_tick
 
-__all__ = ["decode_earlier_event", "decode_earlier_tick", "has_event_kind", "has_policy_error"]
+__all__ = ["decode_earlier_event", "decode_earlier_tick"]
 
 _FRESH_START = ("reactivated", "REACTIVATE failed")
 _POLICY_FAILED = "policy failed: "
-
-
-def has_event_kind(definition: bytes) -> bool:
-    """Whether a definition of `humanoid_sim_msgs/msg/Event` has the field `kind`; an empty one says nothing else."""
-    return not definition or b"\nuint8 kind" in definition
-
-
-def has_policy_error(definition: bytes) -> bool:
-    """Whether a definition of `humanoid_sim_msgs/msg/Tick` has the field `policy_error`; an empty one likewise."""
-    return not definition or b"\nstring[] policy_error" in definition
 
 
 def decode_earlier_event(message: bytes) -> Event:

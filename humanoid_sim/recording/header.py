@@ -10,15 +10,17 @@ from mcap.writer import Writer
 
 from humanoid_sim.messages import SessionHeader
 
-__all__ = ["DOCUMENTS", "SESSION", "HeaderError", "parse_header", "write_header"]
+__all__ = ["DOCUMENTS", "EARLIER_FORMAT", "SESSION", "HeaderError", "parse_header", "write_header"]
 
 SESSION = "humanoid_sim.session"
 """Metadata record with the header's own fields and a digest; the last part, so where it is the header is whole."""
 DOCUMENTS = "humanoid_sim.documents"
 """Metadata record with the header's documents by name."""
 
-_FORMAT = "1"
-"""Changes when older readers would misread a recording."""
+_FORMAT = "2"
+"""Changes when earlier readers would misread, or stumble over, a recording."""
+EARLIER_FORMAT = "1"
+"""Of recordings whose events have no kind, and whose ticks do not say what the policy raised; see `earlier`."""
 
 
 class HeaderError(ValueError):
@@ -51,8 +53,8 @@ def parse_header(
     Raises:
         HeaderError: if a part is missing or damaged, or the format is unknown.
     """
-    if session.get("format") != _FORMAT:
-        raise HeaderError(f"header has format '{session.get('format')}', expected '{_FORMAT}'")
+    if session.get("format") not in (EARLIER_FORMAT, _FORMAT):
+        raise HeaderError(f"header has format '{session.get('format')}', expected '{EARLIER_FORMAT}' or '{_FORMAT}'")
     fields = {key: value for key, value in session.items() if key != "digest"}
     if session.get("digest") != _digest(fields, documents):
         raise HeaderError("header is damaged (its digest is wrong)")

@@ -14,13 +14,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import decode_event, decode_tick
-from humanoid_sim.recording.earlier import (
-    decode_earlier_event,
-    decode_earlier_tick,
-    has_event_kind,
-    has_policy_error,
-)
-from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
+from humanoid_sim.recording.earlier import decode_earlier_event, decode_earlier_tick
+from humanoid_sim.recording.header import DOCUMENTS, EARLIER_FORMAT, SESSION, HeaderError, parse_header
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
@@ -43,8 +38,9 @@ class TopicCount:
 class Recording:
     """One recording. Reading streams the file, so a long one takes no more memory than a short one."""
 
-    def __init__(self, path: Path, header: SessionHeader) -> None:
-        """Made by `open_recording`."""
+    def __init__(self, path: Path, header: SessionHeader, *, is_earlier: bool = False) -> None:
+        """Made by `open_recording`; `is_earlier` for one of the earlier format."""
+        self._decoders = _EARLIER_DECODERS if is_earlier else _DECODERS
         self.path = path
         self.header = header
         self.size = path.stat().st_size
@@ -67,24 +63,22 @@ class Recording:
         topics: dict[str, TopicCount] = {}
         with _open(self.path) as file:
             stream = McapStream(file)
-            schemas: dict[int, Schema] = {}
-            channels: dict[int, tuple[str, _Decoder | None]] = {}
+            schemas: dict[int, str] = {}
+            channels: dict[int, str] = {}
             for record in stream:
                 self.position = file.tell()
                 if isinstance(record, Message):
-                    if record.channel_id not in channels:
+                    topic = channels.get(record.channel_id, "")
+                    if topic not in topics:
                         raise InputError(f"{self.path}: a message on channel {record.channel_id}, which is not defined")
-                    topic, decode = channels[record.channel_id]
                     topics[topic].messages += 1
-                    if decode is not None:
-                        yield self._decoded(topic, decode, record)
+                    if topic in self._decoders:
+                        yield self._decode(topic, record)
                 elif isinstance(record, Schema):
-                    schemas[record.id] = record
+                    schemas[record.id] = record.name
                 elif isinstance(record, Channel):
-                    schema = schemas.get(record.schema_id)
-                    name, definition = ("", b"") if schema is None else (schema.name, schema.data)
-                    channels[record.id] = (record.topic, _decoder(record.topic, definition))
-                    topics.setdefault(record.topic, TopicCount(name))
+                    channels[record.id] = record.topic
+                    topics.setdefault(record.topic, TopicCount(schemas.get(record.schema_id, "")))
             self.is_complete, self.damage = stream.is_complete, stream.damage
         self.topics = topics
 
@@ -92,20 +86,15 @@ class Recording:
         """The ticks alone. Raises as `entries` does."""
         return (entry for entry in self.entries() if isinstance(entry, TickRecord))
 
-    def _decoded(self, topic: str, decode: _Decoder, message: Message) -> Entry:
+    def _decode(self, topic: str, message: Message) -> Entry:
         try:
-            return decode(message.data)
+            return self._decoders[topic](message.data)
         except CdrError as error:
             raise InputError(f"{self.path}: message {message.sequence} of {topic}: {error}") from None
 
 
-def _decoder(topic: str, definition: bytes) -> _Decoder | None:
-    """What reads the messages of a topic, whose type the file defines so; None for topics that only viewers need."""
-    if topic == TICK_TOPIC:
-        return decode_tick if has_policy_error(definition) else decode_earlier_tick
-    if topic == EVENT_TOPIC:
-        return decode_event if has_event_kind(definition) else decode_earlier_event
-    return None
+_DECODERS: dict[str, _Decoder] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: decode_event}
+_EARLIER_DECODERS: dict[str, _Decoder] = {TICK_TOPIC: decode_earlier_tick, EVENT_TOPIC: decode_earlier_event}
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
@@ -126,9 +115,10 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
                 documents = record.metadata
             elif isinstance(record, Metadata) and record.name == SESSION:
                 try:
-                    return Recording(path, parse_header(record.metadata, documents, attachments))
+                    header = parse_header(record.metadata, documents, attachments)
                 except HeaderError as error:
                     raise InputError(f"{path}: {error}") from None
+                return Recording(path, header, is_earlier=record.metadata["format"] == EARLIER_FORMAT)
             elif isinstance(record, Message):
                 break
     reason = stream.damage or f"an MCAP file, but no recording of this program: it has no metadata record '{SESSION}'"
