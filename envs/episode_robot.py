@@ -10,19 +10,22 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import seen_from
 from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.floating_base import StartPose, support_in_mode
+from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
 from humanoid_sim.simulation.model import base_body
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-__all__ = ["BodyPoses", "EpisodeRobot", "PlantState", "recorded_start"]
+__all__ = ["EpisodeRobot", "PlantState", "recorded_start"]
+
+BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +49,31 @@ class PlantState:
 
 
 class EpisodeRobot(MujocoRobot):
-    """A `MujocoRobot` whose clock starts anew with every episode, so that equal episodes are equal to the last bit."""
+    """A `MujocoRobot` that starts anew with every episode: to the last bit as in an episode before, or anywhere else.
+
+    It also has what `BatchSimulation` has of many robots, with arrays of shape (…) without N.
+    """
+
+    def __init__(self, description: RobotDescription, *, bodies: tuple[str, ...] = (), **options: Any) -> None:
+        """Build the model.
+
+        Args:
+            description: the robot.
+            bodies: MJCF bodies that `body_poses` gives; they must be the model's.
+            options: as `MujocoRobot` takes them.
+
+        Raises:
+            InputError: as of `MujocoRobot`.
+        """
+        super().__init__(description, **options)
+        self._is_punctual = options.get("state_delay", 0.0) == 0.0 and options.get("state_sampling", "now") == "now"
+        self._own = mujoco.MjData(self.model)
+        self._bodies = [self.model.body(name).id for name in bodies]
+        self._base_body = base_body(self.model, description)
+        mujoco.mj_kinematics(self.model, self._own)
+        unturned = np.array([1.0, 0.0, 0.0, 0.0])
+        still = bool((self._own.xquat[self._base_body] == unturned).all())
+        self._is_only_shifted = still and not description.is_floating
 
     def relaunch(self) -> None:
         """As `activate`, in a new process: the clock is at 0."""
@@ -83,15 +110,24 @@ class EpisodeRobot(MujocoRobot):
             data.qacc[:] = data.qacc_warmstart[:] = start.acceleration
         position, velocity, effort = self._joint_sample()
         self._joint_line.restart(self._step, (position, velocity, effort if start.effort is None else start.effort))
-        self._body_line.restart(self._step, self._senses.read(data))
+        self._body_line.restart(self._step, self._sensors.read(data))
 
-    def truth(self, seen: MITState) -> MITState:
-        """What would be seen if neither delays nor sampling stood between, at the time of `seen`."""
+    def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
+        """As `write`; nothing pushes it, and it does not stand still."""
+        self.write(command)
+
+    def state(self) -> MITState:
+        """What is seen now, late as it may be."""
+        return self.read()[0]
+
+    def truth(self) -> MITState:
+        """What would be seen if neither delays nor sampling stood between."""
+        if self._is_punctual:
+            return self.state()
         position, velocity, effort = self._joint_sample()
-        felt = self._senses.read(self.data)
-        live = {name: Extern(value, float(seen.time)) for name, value in felt.live.items()}
+        felt = self._sensors.read(self.data)
         return MITState(
-            time=seen.time,
+            time=self.time,
             joint_position=position,
             joint_velocity=velocity,
             joint_effort=effort,
@@ -99,7 +135,7 @@ class EpisodeRobot(MujocoRobot):
             imu_quaternion=felt.imu.quaternion,
             imu_angular_velocity=felt.imu.angular_velocity,
             imu_linear_acceleration=felt.imu.linear_acceleration,
-            extern={**seen.extern, **live},
+            extern={name: Extern(value, self.time) for name, value in felt.live.items()},
         )
 
     @property
@@ -107,28 +143,27 @@ class EpisodeRobot(MujocoRobot):
         """Shape (n,), N·m, of the latest physics step, saturated; a view that the next step changes."""
         return self._plant.effort
 
+    @property
+    def base(self) -> BaseState | None:
+        """See `MujocoRobot.base_state`."""
+        return self.base_state
 
-class BodyPoses:
-    """Poses of bodies in the robot's base frame, at a simulation's present `qpos`. Not thread-safe."""
+    @property
+    def fault(self) -> str:
+        """What is wrong with the simulation, which then stands still; empty while it is sound."""
+        return self._fault
 
-    def __init__(self, model: mujoco.MjModel, description: RobotDescription, bodies: tuple[str, ...]) -> None:
-        """Find the bodies; the contract's body names are the model's."""
-        self._model, self._data = model, mujoco.MjData(model)
-        self._ids = [model.body(name).id for name in bodies]
-        self._base = base_body(model, description)
-        mujoco.mj_kinematics(model, self._data)
-        unturned = np.array([1.0, 0.0, 0.0, 0.0])
-        self._only_shifted = not description.is_floating and bool((self._data.xquat[self._base] == unturned).all())
-
-    def read(self, data: mujoco.MjData) -> tuple[FloatArray, FloatArray]:
-        """Shape (b, 3), m, and (b, 4), w x y z."""
-        if not self._ids:
+    def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Shape (b, 3), m, and (b, 4), w x y z, of the bodies, in the world's frame or in that of the base."""
+        if not self._bodies:
             return np.empty((0, 3)), np.empty((0, 4))
-        own = self._data
-        own.qpos[:] = data.qpos
-        mujoco.mj_kinematics(self._model, own)  # poses in `data` are one physics step older
-        position, quaternion, base = own.xpos[self._ids], own.xquat[self._ids], self._base
-        if self._only_shifted:
+        own, base = self._own, self._base_body
+        own.qpos[:] = self.data.qpos
+        mujoco.mj_kinematics(self.model, own)  # poses in `data` are one physics step older
+        position, quaternion = own.xpos[self._bodies], own.xquat[self._bodies]
+        if not in_base:
+            return position, quaternion
+        if self._is_only_shifted:
             return position - own.xpos[base], quaternion
         return seen_from(own.xpos[base], own.xquat[base], position, quaternion)
 

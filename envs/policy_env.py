@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -13,16 +12,17 @@ import numpy.typing as npt
 from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
+from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
-from humanoid_sim.envs.episode_robot import BodyPoses, EpisodeRobot, PlantState, recorded_start
+from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, recorded_start
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, check_render_mode, make_pictures
 from humanoid_sim.envs.resets import velocity_option
 from humanoid_sim.envs.scenario import Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.evaluation.rollout import StepSample
+from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
-from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.mujoco_robot import StateSampling
@@ -117,6 +117,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             state_sampling=state_sampling,
             support=False,
             anchor_body=scenario.contract.anchor_body,
+            bodies=scenario.bodies,
         )
         bounds = observation_space(scenario.wiring, scenario.description)
         self.observation_space, self.action_space = bounds, action_space(scenario.wiring, scenario.description)
@@ -124,15 +125,12 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         """Episodes that a fault has ended so far."""
         self.metadata = self.metadata | {"render_fps": round(1.0 / scenario.contract.policy_dt)}
         self.render_mode = render_mode
-        self._is_late = state_delay > 0.0 or state_sampling != "now"
         self._pictures = make_pictures(scenario.description, width, height, camera)
         self._window: Window | None = None
-        self._bodies = BodyPoses(self.robot.model, scenario.description, scenario.bodies)
         self._low, self._high = bounds.low, bounds.high
-        self._memory: PolicyMemory | None = None
+        self._loop: ClosedLoop | None = None
         self._observation = np.zeros_like(self._low)
         self._commands: FloatArray = np.zeros((1, 3))
-        self._velocity: FloatArray = np.zeros(3)
         self._steps = 0
 
     def reset(
@@ -147,14 +145,13 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         plant, memory = self._begin({} if options is None else dict(options))
         self.robot.place(plant)
         self._steps = 0
-        self._velocity = self.scenario.task.command(self._commands, 0)
-        state, _ = self._read()
-        wiring = self.scenario.wiring
-        observation, self._memory = wiring.observe(wiring.activate(state) if memory is None else memory, state)
+        self._loop = loop = ClosedLoop(self.robot, self.scenario.wiring, self.scenario.task.command(self._commands, 0))
+        if memory is not None:
+            loop.observation, loop.memory = loop.wiring.observe(memory, loop.state)
         # of a state of the caller's choice it may be anything
-        self._observation = np.clip(observation, self._low, self._high)
-        self._show(state, MITCommand.zeros(len(self.robot.joints)))
-        return self._observation.copy(), {"frame": int(self._memory.frame)}
+        self._observation = np.clip(loop.observation, self._low, self._high)
+        self._show(loop.state, MITCommand.zeros(len(self.robot.joints)))
+        return self._observation.copy(), {"frame": int(loop.memory.frame)}
 
     def _begin(self, options: dict[str, Any]) -> tuple[PlantState, PolicyMemory | None]:
         """Where the robot begins, with the policy's memory if it is not a fresh one; sets the episode's commands."""
@@ -182,48 +179,30 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             InputError: the action has another shape than the space's.
             gymnasium.error.ResetNeeded: there was no reset yet.
         """
-        if self._memory is None:
+        loop, task = self._loop, self.scenario.task
+        if loop is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        wiring, task = self.scenario.wiring, self.scenario.task
         with np.errstate(over="ignore"):  # becomes infinite, and is refused
             raw = np.array(action, dtype=np.float32)
         if raw.shape != self.action_space.shape:
             raise InputError(f"action: has shape {raw.shape}, expected {self.action_space.shape}")
-        if not wiring.accepts(raw):
-            return self._lost(wiring.action_problem(raw))
-
-        previous, asked = self._memory.last_action, self._velocity
-        memory, command = wiring.act(self._memory, raw)
-        self.robot.write(command)
+        frame = loop.memory.frame
+        if not loop.wiring.accepts(raw):
+            return self._lost(loop.wiring.action_problem(raw), frame)
         self._steps += 1
-        self._velocity = task.command(self._commands, self._steps)
-        state, problem = self._read()
-        if problem:
-            return self._lost(problem)
-        observation, self._memory = wiring.observe(memory, state)
+        with np.errstate(all="ignore"):  # of a simulation that is no longer sound the observation may be anything
+            command = loop.act(raw, velocity=task.command(self._commands, self._steps))
+        if self.robot.fault:
+            return self._lost(self.robot.fault, frame)
+        observation, frame = loop.observation, loop.memory.frame
         inside = (observation >= self._low) & (observation <= self._high)
         if not inside.all():
-            return self._lost(outlier(wiring, observation, inside))
+            return self._lost(outlier(loop.wiring, observation, inside), frame)
 
-        position, quaternion = self._bodies.read(self.robot.data)
-        judgement = task.judge(
-            StepSample(
-                state=self.robot.truth(state) if self._is_late else state,
-                action=raw,
-                previous_action=previous,
-                torque=self.robot.effort,
-                frame=memory.frame,
-                step=self._steps,
-                body_position=position,
-                body_quaternion=quaternion,
-                command=asked,
-                base=self.robot.base_state,
-                alignment=memory.alignment,
-            )
-        )
+        judgement = task.judge(sample_step(loop, self.robot, self._steps))
         self._observation = observation.copy()
-        self._show(state, command)
-        info = {"frame": memory.frame, "terms": judgement.terms}
+        self._show(loop.state, command)
+        info = {"frame": frame, "terms": judgement.terms}
         return observation, float(judgement.reward), bool(judgement.terminated), bool(judgement.truncated), info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -238,19 +217,9 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             self._window = None
         self.robot.close()
 
-    def _read(self) -> tuple[MITState, str]:
-        """The robot's state with the velocity command in it, and what is wrong with the simulation."""
-        state, (safety,) = self.robot.read()
-        if self.scenario.wiring.takes_velocity_command:
-            live = Extern(self._velocity, float(state.time))
-            state = replace(state, extern={**state.extern, VELOCITY_COMMAND: live})
-        return state, "" if safety.is_ok else safety.message
-
-    def _lost(self, fault: str) -> Step:
+    def _lost(self, fault: str, frame: Frame) -> Step:
         self.fault_count += 1
-        assert self._memory is not None
-        info: dict[str, Any] = {"frame": self._memory.frame, "terms": {}, "fault": fault}
-        return self._observation.copy(), 0.0, True, False, info
+        return self._observation.copy(), 0.0, True, False, {"frame": frame, "terms": {}, "fault": fault}
 
     def _show(self, state: MITState, command: MITCommand) -> None:
         if self.render_mode != "human":

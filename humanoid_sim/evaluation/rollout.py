@@ -13,11 +13,10 @@ from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import Alignment, Frame
 from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
-from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-__all__ = ["ClosedLoop", "OneRobot", "Robots", "StepSample", "sample_step"]
+__all__ = ["ClosedLoop", "OneRobot", "Robots", "StepSample", "TransparentRobots", "sample_step"]
 
 Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
@@ -33,6 +32,26 @@ class Robots(Protocol):
 
     def state(self) -> MITState:
         """What the robots report now."""
+        ...
+
+
+class TransparentRobots(Robots, Protocol):
+    """Robots that also tell what truly is, whatever delays and noise do to `state`."""
+
+    @property
+    def effort(self) -> FloatArray:
+        """Shape (..., n), N·m, saturated, of the latest physics step."""
+
+    @property
+    def base(self) -> BaseState | None:
+        """Of robots with a floating base."""
+
+    def truth(self) -> MITState:
+        """The true state now."""
+        ...
+
+    def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Positions (..., b, 3), m, and quaternions (..., b, 4) of the bodies that are tracked."""
         ...
 
 
@@ -161,26 +180,26 @@ class StepSample:
     """How the reference was laid onto the robot at the start."""
 
 
-def sample_step(loop: ClosedLoop, simulation: BatchSimulation, step: npt.NDArray[np.integer]) -> StepSample:
-    """The latest step of a batch as it truly was, whatever the sensors make of it.
+def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDArray[np.integer]) -> StepSample:
+    """The latest step as it truly was, whatever the sensors make of it.
 
     Args:
-        loop: around the simulation.
-        simulation: with the bodies that are tracked, or none.
-        step: shape (N,), policy steps since the start, this one included.
+        loop: around the robots.
+        robots: with the bodies that are tracked, or none.
+        step: shape (...), policy steps since the start, this one included.
     """
-    position, quaternion = simulation.body_poses(in_base=True)
+    position, quaternion = robots.body_poses(in_base=True)
     return StepSample(
-        state=simulation.truth(),
+        state=robots.truth(),
         action=loop.action,
         previous_action=loop.previous,
-        torque=simulation.effort,
+        torque=robots.effort,
         frame=loop.memory.frame,
         step=step,
         body_position=position,
         body_quaternion=quaternion,
         command=loop.asked,
-        base=simulation.base,
+        base=robots.base,
         alignment=loop.memory.alignment,
     )
 

@@ -113,7 +113,7 @@ class MujocoRobot:
                 yaw=base_yaw,
                 height=base_height,
             )
-        self._senses = BodySensors(self._plant.model, description, anchor_body)
+        self._sensors = BodySensors(self._plant.model, description, anchor_body)
 
         self._steps = steps
         # A command written at the start of a period arrives `whole` periods and `offset` steps later. Samples for
@@ -178,7 +178,7 @@ class MujocoRobot:
     @property
     def extern(self) -> Mapping[str, int]:
         """Names and widths of the live inputs that the state carries, as the policy's controller wants them."""
-        return self._senses.widths
+        return self._sensors.widths
 
     @property
     def supported(self) -> bool:
@@ -214,7 +214,7 @@ class MujocoRobot:
         self._fault = ""
         self._state = None
         self._joint_line.restart(self._step, self._joint_sample())
-        self._body_line.restart(self._step, self._senses.read(self._plant.data))
+        self._body_line.restart(self._step, self._sensors.read(self._plant.data))
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         """The state as it is seen at the present simulation time, and the simulator's safety status.
@@ -308,7 +308,7 @@ class MujocoRobot:
                 self._joint_line.push(self._step, self._joint_sample())
 
     def _sample(self) -> None:
-        self._body_line.push(self._step, self._senses.read(self._plant.data))
+        self._body_line.push(self._step, self._sensors.read(self._plant.data))
         if self._samples_now:
             self._joint_line.push(self._step, self._joint_sample())
 
