@@ -27,7 +27,7 @@ from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.checks import Check, CheckList
 from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
-from humanoid_sim.hardware.robstride.enabling import enable_motors, stop_motors
+from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, stop_motors
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.hardware.robstride.open_channels import Locks, OpenChannels
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
@@ -57,7 +57,7 @@ class RobstrideRobot:
         control_period: float | None = None,
         clock: Callable[[], float] = system_time.monotonic,
         host_id: int = DEFAULT_HOST_ID,
-        can_timeout: float = 0.1,
+        can_timeout: float = CAN_TIMEOUT,
         imu: Imu | None = None,
         dry_run: bool = False,
         open_bus: OpenBus = open_python_can,

@@ -28,8 +28,10 @@ from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, fault_word, unpack_value
 from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
 
-__all__ = ["enable_motors", "examine", "make_ready", "set_reports", "stop_motors"]
+__all__ = ["CAN_TIMEOUT", "enable_motors", "examine", "make_ready", "set_reports", "stop_motors"]
 
+CAN_TIMEOUT = 0.1
+"""s without a command after which a motor stops by itself, unless somebody asks for another time."""
 _LISTENING = 0.05
 """s of silence in which another host would be heard, before anything is sent."""
 _LONGEST = 1.0

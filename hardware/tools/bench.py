@@ -16,7 +16,7 @@ from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.events import BusEvent
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.enabling import enable_motors, examine, make_ready, stop_motors
+from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, OperationControl, Reply
 from humanoid_sim.hardware.robstride.motor_table import MotorGroup, Sample
@@ -48,8 +48,6 @@ NOT_AS_EXPECTED = 1
 """Exit status of a tool that worked, and what it found is wrong."""
 NOTHING_ANSWERS = 3
 """Exit status where a motor, or all of them, stayed silent."""
-_CAN_TIMEOUT = 0.1
-"""s after which an enabled motor stops by itself if the tool does not."""
 _ANY_MODEL = MOTORS["rs-00"]
 """Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
 _UNLIMITED = 200
@@ -231,10 +229,10 @@ class EnabledMotor:
         examine(channels, joints, checks, takes_over=False, is_limp=self._is_limp)
         self._old_timeout = read_value(channels, PARAMETERS["canTimeout"], self._motor)
         try:
-            make_ready(channels, joints, _CAN_TIMEOUT, checks, takes_over=False)
+            make_ready(channels, joints, CAN_TIMEOUT, checks, takes_over=False)
             channels.check(checks)
             checks.refuse()
-            enable_motors(channels.requests, joints, _CAN_TIMEOUT, checks)
+            enable_motors(channels.requests, joints, CAN_TIMEOUT, checks)
             checks.refuse()
         except BaseException:
             self._stop()
@@ -266,7 +264,7 @@ class EnabledMotor:
         if stop_motors(self._channels.requests, [self._motor]):
             raise RobotError(
                 f"{self._who}: does not confirm that it stopped; without commands it stops by itself after "
-                f"{1000.0 * _CAN_TIMEOUT:g} ms; if it does not, switch its power off"
+                f"{1000.0 * CAN_TIMEOUT:g} ms; if it does not, switch its power off"
             )
         if self._old_timeout is not None:
             write_value(self._channels, PARAMETERS["canTimeout"], self._old_timeout, self._motor)

@@ -29,7 +29,7 @@ _WRIST = ("identify", _CHANNEL, "left_wrist_yaw", "--yes")
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tool, "_RAMP", 0.12)
     monkeypatch.setattr(tool, "_HOLD", 0.05)
-    monkeypatch.setattr(bench, "_CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
+    monkeypatch.setattr(bench, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
 
 
 def _is_stopped_as_before(motor_id: int) -> bool:
