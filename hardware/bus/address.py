@@ -1,4 +1,4 @@
-"""Where a bus is, `can0` or `interface:channel` for any interface of python-can, and how it is opened.
+"""Where a bus is, `can0` or `interface:channel` for any interface of python-can, how it is opened, and its messages.
 
 Whatever is wrong with a channel is one line that says what to do.
 """
@@ -12,6 +12,7 @@ import os
 import re
 import socket
 import sys
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,19 @@ from typing import Any
 import can
 
 from humanoid_sim.errors import InputError, RobotError, known_names
-from humanoid_sim.hardware.bus.frame import BITRATE
+from humanoid_sim.hardware.bus.frame import BITRATE, Frame
 
-__all__ = ["BusAddress", "bus_hints", "error_number", "open_bus", "parse_address", "parse_addresses"]
+__all__ = [
+    "BusAddress",
+    "Echoes",
+    "bus_hints",
+    "error_number",
+    "frame_of",
+    "message_of",
+    "open_bus",
+    "parse_address",
+    "parse_addresses",
+]
 
 
 _SOCKETCAN = "socketcan"
@@ -77,6 +88,8 @@ def parse_addresses(text: str) -> tuple[BusAddress, ...]:
     return addresses
 
 
+_ECHOING = frozenset({"udp_multicast"})
+"""Interfaces on which a sender hears itself."""
 _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketcand"})
 """Interfaces that either have none or are given theirs elsewhere."""
 _IP_MULTICAST_ALL = 49
@@ -183,3 +196,45 @@ def _attribute(interface: str, name: str) -> str:
         return (_NETWORK / interface / name).read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError):
         return ""
+
+
+def frame_of(message: can.Message) -> Frame:
+    """A frame from what python-can received; some senders leave NumPy's integers in it."""
+    identifier = int(message.arbitration_id)
+    return Frame(identifier, bytes(message.data), message.is_extended_id, message.is_remote_frame)
+
+
+def message_of(frame: Frame, timestamp: float = 0.0) -> can.Message:
+    """A frame for python-can; `timestamp` in s, of the system's wall clock."""
+    return can.Message(
+        timestamp=timestamp,
+        arbitration_id=frame.arbitration_id,
+        data=frame.data,
+        is_extended_id=frame.is_extended,
+        is_remote_frame=frame.is_remote,
+        is_error_frame=frame.is_error,
+    )
+
+
+class Echoes:
+    """A sender's own frames, which come back to it on some interfaces, and are nobody else's."""
+
+    def __init__(self, address: BusAddress, capacity: int) -> None:
+        """Remember at most `capacity` frames: some get lost on the way, and are forgotten."""
+        self._has_echoes = address.interface in _ECHOING
+        self._sent: deque[tuple[int, bytes]] = deque(maxlen=capacity)
+
+    def expect(self, frame: Frame) -> None:
+        """A frame is sent."""
+        if self._has_echoes:
+            self._sent.append((frame.arbitration_id, frame.data))
+
+    def take(self, frame: Frame) -> bool:
+        """Whether a frame is an echo; each is one once."""
+        if not self._has_echoes:
+            return False
+        try:
+            self._sent.remove((frame.arbitration_id, frame.data))
+        except ValueError:
+            return False
+        return True

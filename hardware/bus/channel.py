@@ -9,13 +9,12 @@ from __future__ import annotations
 import errno
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 
 import can
 
-from humanoid_sim.hardware.bus.address import BusAddress, error_number, open_bus
+from humanoid_sim.hardware.bus.address import BusAddress, Echoes, error_number, frame_of, message_of, open_bus
 from humanoid_sim.hardware.bus.events import BusEvent, ChannelCounters, read_error_frame
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.outbox import Outbox
@@ -47,8 +46,6 @@ _DOWN = frozenset(
 _FULL = frozenset({errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK})
 _REAL_TIME_STAMPS = frozenset({"socketcan", "virtual", "udp_multicast"})
 """Interfaces whose frames carry the system's wall clock; other drivers count from wherever they like."""
-_ECHOING = frozenset({"udp_multicast"})
-"""Interfaces on which a sender hears itself."""
 
 
 @dataclass(slots=True)
@@ -90,8 +87,7 @@ class Channel:
         self._clock = clock
         self._events = _Events()
         self._outbox = Outbox(capacity)
-        self._echoes: deque[tuple[int, bytes]] = deque(maxlen=2 * capacity)
-        self._has_echoes = address.interface in _ECHOING
+        self._echoes = Echoes(address, 2 * capacity)
         self._has_real_time = address.interface in _REAL_TIME_STAMPS
         self._receive_failures = 0
         self._send_failures = 0
@@ -188,16 +184,13 @@ class Channel:
             return
         # Whether `is_rx` does not matter: what another process of this machine sends on SocketCAN comes without it, and
         # what this one sends does not come back.
-        data = bytes(message.data)
-        if message.is_fd or len(data) > 8:
+        if message.is_fd or len(message.data) > 8:
             self.counters.unusable += 1
             return
-        if self._has_echoes and self._is_echo(message.arbitration_id, data):
-            return
-        self.counters.received += 1
-        identifier = int(message.arbitration_id)  # some senders on the virtual bus leave NumPy's integers in it
-        frame = Frame(identifier, data, message.is_extended_id, message.is_remote_frame, False)
-        self._receive_frame(frame, self._arrival(message.timestamp))
+        frame = frame_of(message)
+        if not self._echoes.take(frame):
+            self.counters.received += 1
+            self._receive_frame(frame, self._arrival(message.timestamp))
 
     def _take_error(self, message: can.Message) -> None:
         report = read_error_frame(self.address.interface, message.arbitration_id, bytes(message.data))
@@ -206,13 +199,6 @@ class Channel:
             return
         self.counters.error_frames += 1
         self._note(report.event, report.text)
-
-    def _is_echo(self, arbitration_id: int, data: bytes) -> bool:
-        try:
-            self._echoes.remove((arbitration_id, data))
-        except ValueError:
-            return False
-        return True
 
     def _arrival(self, stamp: float) -> float:
         """The time of arrival on the robot's clock.
@@ -247,19 +233,11 @@ class Channel:
                     return
                 continue
             key, frame = item
-            message = can.Message(
-                arbitration_id=frame.arbitration_id,
-                data=frame.data,
-                is_extended_id=frame.is_extended,
-                is_remote_frame=frame.is_remote,
-            )
-            if self._has_echoes:
-                self._echoes.append((frame.arbitration_id, frame.data))
+            self._echoes.expect(frame)
             try:
-                self._bus.send(message, _SEND_TIMEOUT)
+                self._bus.send(message_of(frame), _SEND_TIMEOUT)
             except Exception as error:
-                if self._has_echoes:
-                    self._is_echo(frame.arbitration_id, frame.data)  # it will not come back
+                self._echoes.take(frame)  # it will not come back
                 if self._send_failed(error):
                     self._outbox.give_back(key, frame)
                     self._closing.wait(_RETRY)

@@ -8,14 +8,13 @@ from __future__ import annotations
 import errno
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Self
 
 import can
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.bus.address import BusAddress, Echoes, frame_of, message_of
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.plant import PlantTruth
@@ -29,7 +28,7 @@ _TRUTH_PERIOD = 0.002
 _MOST_AT_ONCE = 256
 """Frames taken from one channel before time goes on: a flood must not stop the motors."""
 _MOST_ECHOES = 1024
-"""Frames of motors that are remembered until they are heard again; some get lost on the way, and are forgotten."""
+"""Frames of motors that are remembered until they are heard again."""
 _OLDEST = 2.0
 """s between a frame's stamp and its reading that are believed."""
 _MOST_BEHIND = 0.05
@@ -53,16 +52,16 @@ class EmulatorHost:
         emulator: Emulator,
         buses: Sequence[can.BusABC],
         *,
+        addresses: Sequence[BusAddress],
         clock: Callable[[], float] = time.monotonic,
-        echoes: bool = False,
     ) -> None:
         """Start.
 
         Args:
             emulator: with as many buses.
             buses: open; they stay so, closing them is the caller's.
+            addresses: theirs.
             clock: s; one that goes slower than real time shows everything in slow motion.
-            echoes: whether a sender on these channels hears itself.
         """
         self._emulator = emulator
         self._buses = tuple(buses)
@@ -70,8 +69,7 @@ class EmulatorHost:
         self._begin = clock()
         self._lock = threading.Lock()
         self._closing = threading.Event()
-        self._has_echoes = echoes
-        self._echoes: tuple[deque[tuple[int, bytes]], ...] = tuple(deque(maxlen=_MOST_ECHOES) for _ in self._buses)
+        self._echoes = tuple(Echoes(address, _MOST_ECHOES) for address in addresses)
         self._truth = emulator.motors.plant.truth(self._begin)
         self.slipped = 0.0
         """s for which the motors' world stood still because this computer was too slow."""
@@ -159,40 +157,19 @@ class EmulatorHost:
                 # `is_rx` is not asked: on SocketCAN what other processes of this machine send comes without it.
                 if message.is_error_frame or message.is_fd:
                     continue
-                data = bytes(message.data)
-                if self._has_echoes and self._is_echo(index, message.arbitration_id, data):
-                    continue
-                # Other programs put whatever counts as an integer into a message, NumPy's too.
-                number = int(message.arbitration_id)
-                frame = Frame(number, data, message.is_extended_id, message.is_remote_frame)
-                self._emulator.submit(index, frame, self._arrival(message.timestamp, wall, until))
+                frame = frame_of(message)
+                if not self._echoes[index].take(frame):
+                    self._emulator.submit(index, frame, self._arrival(message.timestamp, wall, until))
         for arrival in self._emulator.advance(until):
-            frame = arrival.frame
-            if self._has_echoes:
-                self._echoes[arrival.bus].append((frame.arbitration_id, frame.data))
-            message = can.Message(
-                timestamp=wall - until + arrival.time,
-                arbitration_id=frame.arbitration_id,
-                data=frame.data,
-                is_extended_id=frame.is_extended,
-                is_remote_frame=frame.is_remote,
-                is_error_frame=frame.is_error,
-            )
+            self._echoes[arrival.bus].expect(arrival.frame)
             try:
-                self._buses[arrival.bus].send(message)
+                self._buses[arrival.bus].send(message_of(arrival.frame, wall - until + arrival.time))
             except can.CanError:
                 self.send_errors += 1
 
     def _arrival(self, stamp: float, wall: float, now: float) -> float:
         """The emulator's time of a stamp: between the last look, which the emulator sees to itself, and now."""
         return min(now - (wall - stamp), now) if wall - stamp < _OLDEST else now
-
-    def _is_echo(self, bus: int, arbitration_id: int, data: bytes) -> bool:
-        try:
-            self._echoes[bus].remove((arbitration_id, data))
-        except ValueError:
-            return False
-        return True
 
 
 def _received(bus: can.BusABC) -> can.Message | None:

@@ -20,10 +20,6 @@ from humanoid_sim.robots.description import RobotDescription
 __all__ = ["VirtualMotors"]
 
 
-_HEARS_ITSELF = "udp_multicast"
-"""The interface of python-can on which a sender receives its own frames."""
-
-
 class VirtualMotors(EmulatorHost):
     """A robot's motors on python-can channels, run by a thread of this process until `close`.
 
@@ -63,8 +59,7 @@ class VirtualMotors(EmulatorHost):
         emulator = Emulator(description, len(self.addresses), settings=settings, faults=faults, told=told)
         with contextlib.ExitStack() as opened:
             buses = [_open(address, opened) for address in self.addresses]
-            has_echoes = any(address.interface == _HEARS_ITSELF for address in self.addresses)
-            super().__init__(emulator, buses, clock=clock, echoes=has_echoes)
+            super().__init__(emulator, buses, addresses=self.addresses, clock=clock)
             self._opened = opened.pop_all()
 
     @property
