@@ -12,10 +12,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.hypotheses import same_value
 from humanoid_sim.doctor.search import Ranking, Verdict
+from humanoid_sim.policy.contract_json import plain_value
+from humanoid_sim.policy.readers.partial import is_derived
 
 __all__ = [
     "conclusion",
@@ -140,10 +142,6 @@ def _entry(rank: int, verdict: Verdict, ranking: Ranking, contract: PolicyContra
     }
 
 
-_FOLLOWS = "follows from"
-"""How the provenance of a field begins that nobody stated."""
-
-
 def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]:
     """The fields of the section `override:`, as plain values; empty if the contracts are the same."""
     changed: dict[str, Any] = {}
@@ -151,9 +149,9 @@ def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]
         before, after = getattr(present, item.name), getattr(wanted, item.name)
         if item.name in ("observation", "provenance", "tensors") or same_value(before, after):
             continue
-        if item.name == "action_offset" and present.provenance.get(item.name, "").startswith(_FOLLOWS):
+        if item.name == "action_offset" and is_derived(present.provenance.get(item.name, "")):
             continue  # it moves along with the default pose
-        changed[item.name] = _plain(after)
+        changed[item.name] = _plain(item.name, after)
     if present.observation_names != wanted.observation_names:
         changed["observation"] = list(wanted.observation_names)
     before = {term.name: term for term in present.terms}
@@ -181,19 +179,16 @@ def short_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
 
 def _options(before: Term, after: Term) -> dict[str, Any]:
     return {
-        item.name: _plain(getattr(after, item.name))
+        item.name: _plain(item.name, getattr(after, item.name))
         for item in fields(Term)
         if not same_value(getattr(before, item.name), getattr(after, item.name))
     }
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        alike = value.ndim < 2 and value.size and bool((value == value.flat[0]).all())
-        return float(value.flat[0]) if alike else value.tolist()
-    if isinstance(value, PhaseRule):
-        return {item.name: _plain(getattr(value, item.name)) for item in fields(PhaseRule)}
-    return list(value) if isinstance(value, tuple) else value
+def _plain(name: str, value: Any) -> Any:
+    if isinstance(value, np.ndarray) and value.ndim < 2 and value.size and (value == value.flat[0]).all():
+        return float(value.flat[0])  # one number for all
+    return plain_value(name, value)
 
 
 def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:

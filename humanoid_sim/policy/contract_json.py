@@ -17,7 +17,7 @@ from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contra
 from humanoid_sim.policy.readers.merge import build_contract
 from humanoid_sim.policy.readers.partial import Given, PartialContract, is_assumed, is_stated
 
-__all__ = ["STAMP_KEY", "decode", "encode", "read_stamp"]
+__all__ = ["STAMP_KEY", "decode", "encode", "plain_value", "read_stamp"]
 
 STAMP_KEY = "humanoid_sim_contract"
 """Metadata key under which a stamped checkpoint carries its contract."""
@@ -35,11 +35,16 @@ def encode(contract: PolicyContract) -> str:
     document: dict[str, Any] = {"version": _VERSION}
     for name, form in FORMS.items():
         value = getattr(contract, name)
-        if form.kind == "axes" and value is not None:
-            document[name] = dict(zip(COMMAND_AXES, value.tolist(), strict=True))
-        elif form.kind != "limit" or math.isfinite(value):
-            document[name] = _plain(value)
+        if form.kind != "limit" or math.isfinite(value):
+            document[name] = plain_value(name, value)
     return json.dumps({**document, "provenance": dict(contract.provenance)})
+
+
+def plain_value(name: str, value: Any) -> Any:
+    """A field of a contract, or an option of a term, as a contract.yaml has it."""
+    if name in FORMS and FORMS[name].kind == "axes" and value is not None:
+        return dict(zip(COMMAND_AXES, value.tolist(), strict=True))
+    return _plain(value)
 
 
 def decode(text: str, where: str) -> PolicyContract:
