@@ -60,13 +60,14 @@ class Scenario:
 
 
 def make_scenario(
-    contract: Named | PolicyContract,
+    contract: Named | PolicyContract | Checkpoint,
     robot: Named | RobotDescription,
     motion: Named | Motion | None = None,
     *,
     task: str = "auto",
     physics_timestep: float | None = None,
     action_limit: float = ACTION_LIMIT,
+    motion_source: str = "motion",
     **task_options: Any,
 ) -> Scenario:
     """Read what is named, and check that it fits together.
@@ -78,6 +79,7 @@ def make_scenario(
         task: as `make_task` takes it.
         physics_timestep: s; None for the robot's.
         action_limit: largest magnitude of a raw action; beyond it the policy has failed.
+        motion_source: what to call a motion that is given itself.
         task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
 
     Raises:
@@ -89,7 +91,7 @@ def make_scenario(
         if name not in TASK_OPTIONS:
             raise InputError(known_names("task option", name, TASK_OPTIONS))
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
-    loaded = read_policy(contract, motion, described.joint_names)
+    loaded = read_policy(contract, motion, described.joint_names, motion_source)
     read = loaded.contract
     description = with_contract(described, read)
     estimated = {BASE_LINEAR_VELOCITY: description.is_floating, ANCHOR_POSE: bool(read.anchor_body)}
@@ -111,22 +113,28 @@ def make_scenario(
     )
 
 
-def read_policy(source: Named | PolicyContract, motion: Named | Motion | None, joints: tuple[str, ...]) -> LoadedPolicy:
+def read_policy(
+    source: Named | PolicyContract | Checkpoint,
+    motion: Named | Motion | None,
+    joints: tuple[str, ...],
+    motion_source: str = "motion",
+) -> LoadedPolicy:
     """A policy with the motion that it follows, checked against each other.
 
     Args:
-        source: a contract, or the name or path of a checkpoint or a contract file. Where there is no checkpoint the
-            policy answers zeros.
+        source: a checkpoint, a contract, or the name or path of a checkpoint or a contract file. Where there is no
+            checkpoint the policy answers zeros.
         motion: a sample motion by name, a file by path, or the motion itself; None for the one that a checkpoint
             carries in its graph, and for policies that follow none.
         joints: of the robot, in its order.
+        motion_source: what to call a motion that is given itself.
 
     Raises:
         InputError: one line that says what cannot be read, or what does not fit.
     """
-    checkpoint = _checkpoint(source, joints)
+    checkpoint = source if isinstance(source, Checkpoint) else _checkpoint(source, joints)
     contract, followed = checkpoint.contract, checkpoint.motion
-    what = "motion" if isinstance(motion, Motion | None) else str(motion)
+    what = motion_source if isinstance(motion, Motion | None) else str(motion)
     if motion is not None:
         followed = motion if isinstance(motion, Motion) else _read_motion(what)
     if contract.task_type == "locomotion":

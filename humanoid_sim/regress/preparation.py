@@ -212,15 +212,14 @@ def prepare_case(
         if motion is None:
             raise InputError(f"{checkpoint.source}: carries no motion, and case '{case.name}' of the suite names none")
     try:
-        # The widths of model and terms; what the scenario makes of the contract has no model.
-        checkpoint.following(motion, f"case '{case.name}': {case.motion or 'the motion in the policy'}")
         scenario = make_scenario(
-            checkpoint.contract,
+            checkpoint,
             description,
             motion,
             task="velocity" if suite.task == "velocity" else "auto",
             physics_timestep=suite.physics_timestep,
             action_limit=suite.action_limit,
+            motion_source=f"case '{case.name}': {case.motion or 'the motion in the policy'}",
             joint_noise=suite.start.joint_position,
             velocity_noise=suite.start.joint_velocity,
         )
