@@ -14,10 +14,10 @@ from gymnasium import spaces
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.envs.episode_robot import EpisodeRobot
-from humanoid_sim.envs.modes_spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, check_render_mode, make_pictures
 from humanoid_sim.envs.resets import velocity_option
 from humanoid_sim.envs.scenario import Named, read_policy
+from humanoid_sim.envs.spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
@@ -38,7 +38,7 @@ Step = tuple[dict[str, Any], float, bool, bool, dict[str, Any]]
 class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
     """One step is one control tick of the whole stack, as `play` runs it: read, supervisor, write.
 
-    The action is an intent, 0 for none, and, with `remote`, a remote command to go with it; `modes_spaces` describes
+    The action is an intent, 0 for none, and, with `remote`, a remote command to go with it; `spaces` describes
     both spaces. The reward is the time in s that the robot spends in LOCOMOTION or REMOTE. An episode is terminated by
     a granted QUIT, and truncated after `episode_seconds`. A fault is not the end: the stack falls back, and it is for
     the operator to walk up again.

@@ -10,7 +10,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from humanoid_sim.envs.modes_env import ModesEnv
-from humanoid_sim.envs.modes_spaces import INTENTS
+from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel
 from humanoid_sim.robots.description import RobotDescription, load_robot
