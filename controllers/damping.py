@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from humanoid_sim.controllers.base import ZERO_TORQUE, Fault, Memory
-from humanoid_sim.controllers.parameters import damping_values, joint_tuple
+from humanoid_sim.controllers.parameters import damping_values, joint_tuple, joints_problem
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
@@ -58,8 +58,9 @@ class DampingController:
         Faults only if no joint was ever heard: one silent wrist must not make thirteen healthy motors limp.
         """
         position = tick_input.state.joint_position
-        if position.shape != self.damping.shape:
-            return Fault(f"state has {position.shape} joint positions, expected {self.damping.shape}")
+        problem = joints_problem(tick_input.state, self.joints)
+        if problem:
+            return Fault(problem)
         if not np.isfinite(position).any():
             return Fault("no joint position is known")
         return DampingMemory(command=damped_command(position, self.damping))

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Intent
 
 __all__ = ["JoyBindings", "pressed_intents"]
+
+_FIELDS: Mapping[Intent, str] = MappingProxyType(
+    {
+        Intent.DAMP: "damp_button",
+        Intent.QUIT: "quit_button",
+        Intent.LOAD_A: "load_combo_a",
+        Intent.LOAD_B: "load_combo_b",
+        Intent.START_LOCOMOTION: "start_combo_locomotion",
+        Intent.START_REMOTE: "start_combo_remote",
+    }
+)
+"""Of `JoyBindings`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +56,8 @@ class JoyBindings:
 
     def combos(self) -> dict[Intent, tuple[int, ...]]:
         """The buttons of each intent, all of which must be down."""
-        return {
-            Intent.DAMP: (self.damp_button,),
-            Intent.QUIT: (self.quit_button,),
-            Intent.LOAD_A: self.load_combo_a,
-            Intent.LOAD_B: self.load_combo_b,
-            Intent.START_LOCOMOTION: self.start_combo_locomotion,
-            Intent.START_REMOTE: self.start_combo_remote,
-        }
+        values = {intent: getattr(self, name) for intent, name in _FIELDS.items()}
+        return {intent: value if isinstance(value, tuple) else (value,) for intent, value in values.items()}
 
     def check(self, button_count: int) -> None:
         """Refuse a gamepad that lacks a bound button: an operator must not find out while pressing DAMP.
@@ -62,16 +69,6 @@ class JoyBindings:
         for intent, combo in self.combos().items():
             if max(combo) >= button_count:
                 raise FieldError(f"JoyBindings.{_FIELDS[intent]}: is {combo}, but the gamepad has {known}")
-
-
-_FIELDS = {
-    Intent.DAMP: "damp_button",
-    Intent.QUIT: "quit_button",
-    Intent.LOAD_A: "load_combo_a",
-    Intent.LOAD_B: "load_combo_b",
-    Intent.START_LOCOMOTION: "start_combo_locomotion",
-    Intent.START_REMOTE: "start_combo_remote",
-}
 
 
 def pressed_intents(

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, frozen_array
+from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, frozen_array
 
 __all__ = [
     "LARGEST_COMMAND",
@@ -16,6 +16,7 @@ __all__ = [
     "damping_values",
     "joint_indices",
     "joint_tuple",
+    "joints_problem",
     "number",
     "per_joint",
 ]
@@ -106,6 +107,12 @@ def damping_values(owner: str, damping: npt.ArrayLike, damping_scalar: float, jo
     scalar = number(owner, "damping_scalar", damping_scalar)
     values = frozen_array(owner, "damping", damping)
     return per_joint(owner, "damping", values if values.size else scalar, joints, minimum=0.0)
+
+
+def joints_problem(state: MITState, joints: tuple[str, ...]) -> str:
+    """What is wrong with the number of joints that a robot's state has; else ''."""
+    shape = state.joint_position.shape
+    return "" if shape == (len(joints),) else f"state has {shape} joint positions, expected ({len(joints)},)"
 
 
 def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:

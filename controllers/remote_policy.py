@@ -9,7 +9,7 @@ import numpy as np
 
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
 from humanoid_sim.controllers.damping import damped_command
-from humanoid_sim.controllers.parameters import command_problem, damping_values, joint_tuple, number
+from humanoid_sim.controllers.parameters import command_problem, damping_values, joint_tuple, joints_problem, number
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import RemoteCommand, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
@@ -82,8 +82,9 @@ class RemotePolicyController:
         state = tick_input.state
         if not np.isfinite(state.time).all():
             return Fault(f"time is {state.time}, expected a finite number")
-        if state.joint_position.shape != self.damping.shape:
-            return Fault(f"state has {state.joint_position.shape} joint positions, expected {self.damping.shape}")
+        problem = joints_problem(state, self.joints)
+        if problem:
+            return Fault(problem)
         time = float(state.time)
         stamp, command = memory.stamp, memory.command
         age = memory.age + max(time - memory.time, 0.0)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.parameters import joint_tuple, number
+from humanoid_sim.controllers.parameters import joint_tuple, joints_problem, number
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
@@ -87,14 +87,14 @@ class RLPolicyController:
 
     def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
         """A fresh memory, and an inference due at once."""
-        problem = self._state_problem(tick_input)
+        problem = joints_problem(tick_input.state, self.joints)
         if problem:
             return Fault(problem)
         return RLPolicyMemory(policy=self.wiring.activate(tick_input.state), held_ticks=self.decimation)
 
     def update(self, memory: RLPolicyMemory, tick_input: TickInput) -> tuple[RLPolicyMemory, MITCommand] | Fault:
         """The command of a new inference when one is due, else the last one."""
-        problem = self._state_problem(tick_input)
+        problem = joints_problem(tick_input.state, self.joints)
         if problem:
             return Fault(problem)
         if memory.command is not None and memory.held_ticks < self.decimation:
@@ -109,12 +109,6 @@ class RLPolicyController:
             return step
         advanced, command = self.wiring.act(observed, step.action)
         return RLPolicyMemory(policy_step=step, policy=advanced, held_ticks=1, command=command), command
-
-    def _state_problem(self, tick_input: TickInput) -> str:
-        shape = tick_input.state.joint_position.shape
-        if shape == (len(self.joints),):
-            return ""
-        return f"state has {shape} joint positions, expected ({len(self.joints)},)"
 
 
 def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame: int) -> PolicyStep | Fault:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
-from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
+from humanoid_sim.controllers.parameters import joint_tuple, joints_problem, number, per_joint
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import StandbyState, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
@@ -111,8 +111,9 @@ class StandbyController:
 
     def _problem(self, tick_input: TickInput) -> str:
         state = tick_input.state
-        if state.joint_position.shape != (len(self.joints),):
-            return f"state has {state.joint_position.shape} joint positions, expected ({len(self.joints)},)"
+        problem = joints_problem(state, self.joints)
+        if problem:
+            return problem
         unknown = ~np.isfinite(state.joint_position)
         if unknown.any():
             i = int(np.argmax(unknown))

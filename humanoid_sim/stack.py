@@ -6,7 +6,6 @@ import json
 import platform
 from collections.abc import Mapping
 from importlib.metadata import version
-from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -42,8 +41,6 @@ __all__ = [
     "recorded_contract",
     "run_header",
 ]
-
-T = TypeVar("T")
 
 
 class _ControllerSettings(msgspec.Struct, frozen=True):
@@ -188,9 +185,11 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     """
     try:
         description = RobotDescription.from_json(header.documents["robot"])
-        controllers = _decoded(header, "controllers", _ControllerSettings)
+        controllers = msgspec.json.decode(header.documents["controllers"], type=_ControllerSettings)
     except KeyError as error:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
+    except msgspec.DecodeError as error:
+        raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
     loaded = None
     contract = recorded_contract(header)
     if contract is not None:
@@ -204,16 +203,3 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         remote=controllers.remote,
         action_limit=controllers.action_limit,
     )
-
-
-def _decoded(header: SessionHeader, name: str, kind: type[T]) -> T:
-    """A document of the header.
-
-    Raises:
-        KeyError: if the header lacks it.
-        InputError: if it is not what it should be.
-    """
-    try:
-        return msgspec.json.decode(header.documents[name], type=kind)
-    except msgspec.DecodeError as error:
-        raise InputError(f"recording: its header's '{name}' is damaged: {error}") from None
