@@ -15,6 +15,7 @@ from humanoid_sim.robots.schema import JointDescription
 from humanoid_sim.simulation.floating_base import FloatingBase
 from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.sensors import BodySensors, ImuSample
+from humanoid_sim.simulation.silence import mujoco_silenced
 
 __all__ = ["MotorPlant", "PlantTruth"]
 
@@ -132,7 +133,8 @@ class MotorPlant:
         if self._hand is not None:
             joint_torque += self._hand_torque(self._hand)
         data.qfrc_applied[self._dof_index] = joint_torque
-        mujoco.mj_step(self._plant.model, data)
+        with mujoco_silenced:  # `fault` tells of a bad state
+            mujoco.mj_step(self._plant.model, data)
         self._sense()
 
     def fault(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -187,11 +188,15 @@ def test_old_firmware_multiplies_the_gains() -> None:
     assert torques[0] / torques[1] == pytest.approx(1.4167, rel=1e-3)
 
 
-def test_a_simulation_that_is_no_longer_sound_is_an_error() -> None:
+def test_a_simulation_that_is_no_longer_sound_is_an_error_and_leaves_no_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     bench = Bench()
     bench.emulator.motors.plant.step(np.full(14, np.nan))
     with pytest.raises(RobotError, match="lite: simulation unstable"):
         bench.advance(0.02)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_active_reports_arrive_every_10_ms_over_the_bus() -> None:
