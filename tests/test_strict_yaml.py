@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Literal, get_args
+
+import msgspec
 import pytest
 import yaml
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader, load_strictly
+from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader, load_strictly, read_strictly, type_at, value_at
 
 
 def test_the_quick_loader_reads_what_the_other_reads() -> None:
@@ -36,3 +41,45 @@ def test_both_loaders_are_strict(text: str) -> None:
     with pytest.raises(yaml.YAMLError) as quick:
         load_strictly(text)
     assert str(quick.value) == str(strict.value)
+
+
+class Wheel(msgspec.Struct):
+    radius: float | None = None
+    side: Literal["left", "right"] = "left"
+
+
+class Cart(msgspec.Struct):
+    wheels: list[str | Wheel] = []
+
+
+DOCUMENT = {"wheels": [{"radius": 1}, {"radius": 2}]}
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [("", DOCUMENT), ("wheels[1].radius", 2), ("wheels[7].radius", DOCUMENT["wheels"]), ("axle", DOCUMENT)],
+)
+def test_the_value_at_a_place_or_the_last_on_the_way(place: str, value: object) -> None:
+    assert value_at(DOCUMENT, place) == value
+
+
+def test_the_type_at_a_place() -> None:
+    assert type_at(Cart, "") is Cart
+    assert type_at(Cart, "wheels[0]") is Wheel
+    assert type_at(Cart, "wheels[0].radius") is float
+    assert get_args(type_at(Cart, "wheels[3].side")) == ("left", "right")
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        (b"a: [", "x: line 1, column 5: not valid YAML: "),
+        (b"a: 1\na: 2", "x: line 2, column 1: not valid YAML: 'a' is given twice"),
+        (b"\xff", "x: is not a text file (UTF-8)"),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_one_line_with_its_place(tmp_path: Path, data: bytes, problem: str) -> None:
+    (tmp_path / "x.yaml").write_bytes(data)
+    with pytest.raises(InputError) as caught:
+        read_strictly(tmp_path / "x.yaml", "x")
+    assert str(caught.value).startswith(problem)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import fields
 
 import numpy as np
 import pytest
 from rig import contract
 
+from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.policy.contract_json import encode
@@ -95,3 +97,16 @@ def test_task_types(task_type):
 def test_what_is_wrong_is_named(changes, message):
     with pytest.raises(FieldError, match=rf"^PolicyContract\.{message}"):
         contract(**changes)
+
+
+def test_every_field_but_the_provenance_has_a_form():
+    assert [*FORMS, "provenance"] == [field.name for field in fields(PolicyContract)]
+    assert [name for name, form in FORMS.items() if form.is_required] == [
+        "joint_names",
+        "joint_stiffness",
+        "joint_damping",
+        "default_joint_pos",
+        "observation",
+        "action_scale",
+        "policy_dt",
+    ]
