@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Container
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ _SHOWN = 10
 def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     """Everything that the final table shows, in SI units and radians."""
     plan, monitor = run.plan, run.monitor
-    summary: dict[str, Any] = {
+    return {
         "robot": plan.description.name,
         "policy": plan.policy.checkpoint.source,
         "motion": None if plan.policy.motion_file is None else str(plan.policy.motion_file),
@@ -65,7 +66,6 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "never_injected": list(plan.injector.pending),
         "recording": None if plan.outputs.record is None else str(plan.outputs.record),
     }
-    return summary
 
 
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
@@ -93,10 +93,16 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         console.print(f"[yellow]--inject {injection}: never came about[/yellow], the run was over or in another mode")
 
 
+def _table(title: str, *headings: str, right: Container[str] = ()) -> Table:
+    """An empty table; without headings one of figures and their values."""
+    table = Table(title=title, title_justify="left", title_style="bold", show_header=bool(headings))
+    for heading in headings or ("figure", "value"):
+        table.add_column(heading, justify="right" if heading in right else "left")
+    return table
+
+
 def _modes(summary: dict[str, Any]) -> Table:
-    table = Table(title="Modes", title_justify="left", title_style="bold")
-    for heading in ("mode", "from", "to", "reason"):
-        table.add_column(heading, justify="right" if heading in ("from", "to") else "left")
+    table = _table("Modes", "mode", "from", "to", "reason", right=("from", "to"))
     styles = {mode.name: style for mode, style in MODE_STYLES.items()}
     for span in summary["modes"]:
         name = f"[{styles[span['mode']]}]{span['mode']}[/]"
@@ -115,10 +121,8 @@ def _tracking_figures(tracking: TrackingSummary) -> dict[str, Any] | None:
 
 def _tracking(tracking: dict[str, Any]) -> Table:
     title = f"Tracking, {tracking['samples']} policy steps, hands up to {tracking['peak_speed']:.2f} m/s"
-    table = Table(title=title, title_justify="left", title_style="bold")
-    table.add_column("body")
-    for heading in ("position RMS", "max", "orientation RMS", "max"):
-        table.add_column(heading, justify="right")
+    errors_of = ("position RMS", "max", "orientation RMS", "max")
+    table = _table(title, "body", *errors_of, right=errors_of)
     for errors in tracking["bodies"]:
         table.add_row(errors["name"], *_error_cells(errors))
     table.add_section()
@@ -136,9 +140,7 @@ def _error_cells(errors: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _anchor(anchor: dict[str, Any]) -> Table:
-    table = Table(title=f"Reference, {anchor['samples']} policy steps", title_justify="left", title_style="bold")
-    for heading in ("error", "mean", "max"):
-        table.add_column(heading, justify="left" if heading == "error" else "right")
+    table = _table(f"Reference, {anchor['samples']} policy steps", "error", "mean", "max", right=("mean", "max"))
     for name, key, unit in (
         ("joints, mean of all", "joint_error", "rad"),
         ("anchor position", "anchor_position", "m"),
@@ -157,9 +159,7 @@ def _hardware(figures: dict[str, Any]) -> Table:
 
 
 def _base(base: dict[str, Any]) -> Table:
-    table = Table(title="Base, from its release on", title_justify="left", title_style="bold", show_header=False)
-    table.add_column("figure")
-    table.add_column("value")
+    table = _table("Base, from its release on")
     forward, left = base["velocity"]
     table.add_row("mean velocity after 2 s", f"{forward:.3f} m/s forward, {left:.3f} m/s to the left")
     table.add_row("mean yaw rate after 2 s", f"{base['yaw_rate']:.3f} rad/s")
@@ -212,9 +212,7 @@ def _jitter(late: DurationHistogram) -> dict[str, Any]:
 
 def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
     """The table of a run's loop."""
-    table = Table(title="Loop", title_justify="left", title_style="bold", show_header=False)
-    table.add_column("figure")
-    table.add_column("value")
+    table = _table("Loop")
     pace = "in real time" if loop["realtime"] else f"{loop['real_time_factor']:.1f} times real time"
     table.add_row("ticks", f"{loop['ticks']} at {1.0 / loop['control_period']:g} Hz, {pace}")
     overruns = f"{loop['overruns']} missed deadlines, {loop['skipped_deadlines']} skipped"
