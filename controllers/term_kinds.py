@@ -41,9 +41,9 @@ class TermKind:
     """In words, with its unit."""
     resolve: Resolve
     """Width and value, before clip and scale."""
-    bounds: float | Bounds
-    """Largest magnitude on any robot, or least and greatest values, before clip and scale."""
     _: KW_ONLY
+    bounds: float | Bounds = 1.0
+    """Largest magnitude on any robot, or least and greatest values, before clip and scale."""
     names: tuple[str, ...] = ()
     """What exporters call it; empty: its own name."""
     reads: str = ""
@@ -105,7 +105,7 @@ def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
     kind = TERM_KINDS.get(TERM_NAMES.get(name, name))
     if kind is not None:
         return kind
-    return TermKind(name, "live input", _live, 1.0, reads=name)
+    return TermKind(name, "live input", _live, reads=name)
 
 
 def _live(request: Request) -> tuple[int, Source]:
@@ -126,7 +126,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "base_lin_vel",
         "velocity of the base, m/s: needs an estimator",
         values.linear_velocity,
-        100.0,
+        bounds=100.0,
         reads=BASE_LINEAR_VELOCITY,
         estimate="the velocity of the base",
         conventions=("frame",),
@@ -136,7 +136,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "base_ang_vel",
         "angular velocity of the IMU, rad/s",
         values.angular_velocity,
-        100.0,
+        bounds=100.0,
         names=("base_ang_vel", "imu_ang_vel", "imu_angular_velocity"),
         reads="imu_angular_velocity",
         conventions=("frame",),
@@ -146,7 +146,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "projected_gravity",
         "direction of gravity in the body frame, (0, 0, -1) upright",
         values.gravity,
-        1.0,
         reads="imu_quaternion",
         conventions=("sign",),
     ),
@@ -154,7 +153,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "imu_quaternion",
         "orientation of the IMU",
         values.imu_quaternion,
-        1.0,
         reads="imu_quaternion",
         conventions=("quaternion",),
     ),
@@ -162,7 +160,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "velocity_command",
         "vx, vy in m/s and yaw rate in rad/s asked for",
         values.velocity_command(slice(0, 3)),
-        10.0,
+        bounds=10.0,
         names=("velocity_command", "velocity_commands", "twist"),
         reads=VELOCITY_COMMAND,
     ),
@@ -170,7 +168,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "command_lin_vel",
         "vx, vy asked for, m/s",
         values.velocity_command(slice(0, 2)),
-        10.0,
+        bounds=10.0,
         reads=VELOCITY_COMMAND,
         scales=(1.0, 2.0),
     ),
@@ -178,7 +176,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "command_ang_vel",
         "yaw rate asked for, rad/s",
         values.velocity_command(slice(2, 3)),
-        10.0,
+        bounds=10.0,
         reads=VELOCITY_COMMAND,
         scales=(1.0, 0.25),
     ),
@@ -186,7 +184,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "motion_command",
         "reference's joint positions and velocities, rad and rad/s",
         values.motion_command,
-        values.motion_command_bounds,
+        bounds=values.motion_command_bounds,
         names=("motion_command", "motion"),
         conventions=("relative",),
         task="tracking",
@@ -196,7 +194,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "motion_anchor_pos",
         "reference's anchor body from the robot's, m: needs an estimator",
         values.anchor_position,
-        1000.0,
+        bounds=1000.0,
         names=("motion_anchor_pos_b",),
         reads=ANCHOR_POSE,
         estimate="the position of the anchor body",
@@ -208,7 +206,6 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "motion_anchor_ori",
         "reference's anchor orientation from the robot's, two columns of the matrix",
         values.anchor_orientation,
-        1.0,
         names=("motion_anchor_ori_b", "motion_ref_ori_b"),
         reads=ANCHOR_POSE,
         estimate="the pose of the anchor body",
@@ -220,7 +217,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "joint_pos",
         "joint positions, rad",
         values.joint_position,
-        values.joint_position_bounds,
+        bounds=values.joint_position_bounds,
         names=("joint_pos", "joint_pos_rel", "dof_pos"),
         reads="joint_position",
         conventions=("relative",),
@@ -231,7 +228,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "joint_vel",
         "joint velocities, rad/s",
         values.joint_velocity,
-        100.0,
+        bounds=100.0,
         names=("joint_vel", "joint_vel_rel", "dof_vel"),
         reads="joint_velocity",
         scales=(1.0, 0.05, 0.1),
@@ -241,32 +238,26 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "actions",
         "last action",
         values.last_action,
-        values.action_bounds,
+        bounds=values.action_bounds,
         names=("actions", "last_action"),
         conventions=("form",),
         value_names=lambda _, contract: contract.action_joint_names,
     ),
-    TermKind("sin_phase", "sine of the gait phase of each foot", values.phase(np.sin), 1.0, requires="phase"),
-    TermKind("cos_phase", "cosine of the gait phase of each foot", values.phase(np.cos), 1.0, requires="phase"),
-    TermKind(
-        "gait_phase",
-        "sines, then cosines of the gait phase",
-        values.phase(np.sin, np.cos),
-        1.0,
-        requires="phase",
-    ),
+    TermKind("sin_phase", "sine of the gait phase of each foot", values.phase(np.sin), requires="phase"),
+    TermKind("cos_phase", "cosine of the gait phase of each foot", values.phase(np.cos), requires="phase"),
+    TermKind("gait_phase", "sines, then cosines of the gait phase", values.phase(np.sin, np.cos), requires="phase"),
     TermKind(
         "imu_linear_acceleration",
         "acceleration of the IMU, m/s²",
         values.acceleration,
-        1e5,
+        bounds=1e5,
         reads="imu_linear_acceleration",
     ),
     TermKind(
         "motion_body_pos_b",
         "reference's body positions in the base frame, m",
         values.referenced,
-        values.referenced_bounds,
+        bounds=values.referenced_bounds,
         task="tracking",
         requires="body_names",
     ),
@@ -274,21 +265,23 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "motion_body_ori_b",
         "reference's body orientations in the base frame",
         values.referenced,
-        values.referenced_bounds,
+        bounds=values.referenced_bounds,
         task="tracking",
         requires="body_names",
     ),
-    TermKind("target_keys", "keys to press now, 0 or 1", values.referenced, values.referenced_bounds, task="piano"),
+    TermKind(
+        "target_keys", "keys to press now, 0 or 1", values.referenced, bounds=values.referenced_bounds, task="piano"
+    ),
     TermKind(
         "target_keys_future",
         "keys to press in the steps ahead",
         values.referenced,
-        values.referenced_bounds,
+        bounds=values.referenced_bounds,
         task="piano",
         requires="lookahead_steps",
     ),
-    TermKind("progress", "how far into the motion, 0 to 1", values.progress, 1.0),
-    TermKind("key_pressed", "keys that are down, 0 or 1", _keys, 1.0, reads="key_pressed"),
+    TermKind("progress", "how far into the motion, 0 to 1", values.progress),
+    TermKind("key_pressed", "keys that are down, 0 or 1", _keys, reads="key_pressed"),
 )
 
 TERM_KINDS: Mapping[str, TermKind] = MappingProxyType({kind.name: kind for kind in _KINDS})

@@ -46,7 +46,7 @@ NEW = TermKind(
     "joint_torque",
     "torques of the joints, N·m",
     joint_effort,
-    300.0,
+    bounds=300.0,
     names=("joint_torque", "tau"),
     reads="joint_effort",
     conventions=("sign",),
