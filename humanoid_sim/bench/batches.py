@@ -164,8 +164,8 @@ class _Stepped:
 def regress_speed(repetitions: int) -> list[Row]:
     """The sample policy over a suite: inference, disturbances, measures and judging included.
 
-    The robots differ as the suite has it, but for the delay of their commands, which the bare physics has not. What is
-    built once per case is left out on both sides.
+    The robots differ as the suite has it, except for the delay of their commands, which the bare physics
+    lacks. What is built once per case is left out on both sides.
     """
     batch = _episodes()
     steps: list[Step] = []

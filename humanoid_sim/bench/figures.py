@@ -1,6 +1,6 @@
-"""The figures that there are: taken, printed and held against their targets.
+"""All figures: measured, printed and compared with their targets.
 
-Those of whole processes, a start and a minute of the hardware loop, are taken here.
+Those of whole processes, a start and a minute of the hardware loop, are measured here.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def _help_start(repetitions: int) -> list[Row]:
 
 
 def _hardware_loop(repetitions: int) -> list[Row]:  # noqa: ARG001 - the signature of a benchmark
-    """Missed deadlines at 50 Hz on one bus, and what a tick takes. Measured once: a minute is repetition enough."""
+    """Missed deadlines at 50 Hz on one bus, and what a tick takes. Measured once: a minute is long enough."""
     summary = _minute()
     loop, hardware = summary["loop"], summary["hardware"]
     overruns, p99 = float(loop["overruns"]), 1e3 * loop["tick_time_p99"]

@@ -35,9 +35,9 @@ from humanoid_sim.stack import build_supervisor
 __all__ = ["control_tick", "environment_step", "real_time_factor", "recorder_cost", "supervisor_step"]
 
 _BLOCK = 2000
-"""Ticks that are timed together: long beside the 20 ms after which the recorder looks at its queue."""
+"""Ticks that are timed together: long compared with the 20 ms after which the recorder looks at its queue."""
 _STEPS = 100
-"""Policy steps of the environment that are timed together, out of the motion's first."""
+"""Policy steps of the environment that are timed together: the first of the motion."""
 
 
 @dataclass(slots=True)

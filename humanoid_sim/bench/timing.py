@@ -1,4 +1,4 @@
-"""How figures are taken: medians over repetitions, ratios pair by pair."""
+"""How figures are measured: medians over repetitions, ratios pair by pair."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def choose_conventions(
 
 
 def _joints(source: SourceMotion, orders: Orders, option: str | None) -> tuple[tuple[str, ...], str]:
-    """Names of the joint columns, and who says so."""
+    """Names of the joint columns, and where they come from."""
     if source.joint_position is None:
         return (), ""
     if source.joint_names is not None:
@@ -116,7 +116,7 @@ def _joints(source: SourceMotion, orders: Orders, option: str | None) -> tuple[t
 
 
 def _bodies(source: SourceMotion, orders: Orders, option: str | None) -> tuple[tuple[str, ...], str]:
-    """Names of the bodies, and who says so."""
+    """Names of the bodies, and where they come from."""
     if source.body_position is None:
         return (), ""
     if source.body_names is not None:

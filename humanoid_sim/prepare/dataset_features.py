@@ -1,4 +1,4 @@
-"""Which features of a dataset hold a motion: by the usual names, or as the user says."""
+"""Which features of a dataset hold a motion: by the usual names, or by those that the user gives."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _find(source: str, columns: Mapping[str, FloatArray], roles: Mapping[str, st
         if feature not in columns:
             raise InputError(f"--features: {source} has no feature '{feature}'; it has {', '.join(sorted(columns))}")
         found[role] = feature
-    # What `record_dataset --reference` adds: the motion itself, beside what the robot made of it.
+    # What `record_dataset --reference` adds: the motion itself, next to what the robot made of it.
     references = [key for key in columns if key.startswith("reference.")]
     for role, known in ROLES.items():
         for word in known:

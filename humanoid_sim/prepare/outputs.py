@@ -50,7 +50,7 @@ class OutputFolder:
                 raise InputError(f"--output: '{self._folder / name}' exists; choose another --name, or add --overwrite")
 
     def write(self, files: Mapping[str, Content], console: Console) -> None:
-        """Write all files beside each other, then move them to their names; on an error none is left.
+        """Write all files to a temporary folder, then move them to their names; an error leaves none.
 
         A copy of a checkpoint that is there already, and the same, is left alone.
 
@@ -86,7 +86,7 @@ class OutputFolder:
 def checkpoint_files(checkpoint: Checkpoint, path: Path) -> dict[str, Content]:
     """Copies of a checkpoint, of its external tensors, and of the contract.yaml that completes it.
 
-    A checkpoint whose contract is complete only where it is, because files beside it take part, is not copied.
+    A checkpoint whose contract needs other files next to it is not copied.
     """
     files: dict[str, Content] = {path.name: path}
     external = path.with_name(f"{path.name}.data")
@@ -127,7 +127,7 @@ class MotionReport:
     """Where the poses in the motion file come from."""
     conventions: Conventions
     method: str
-    """How joints and bodies were held against each other; empty if they could not be."""
+    """How joints and bodies were compared; empty if they could not be."""
     tolerance: Tolerance
     bodies: tuple[BodyCheck, ...] = ()
     rate: RateCheck | None = None

@@ -50,7 +50,7 @@ class SourceMotion:
     """Frame of the bodies' poses: the world's, or that of the robot's base body."""
     quaternion_order: QuaternionOrder = "wxyz"
     quaternion_order_source: str = "assumed by format"
-    """Who says so, for the report."""
+    """Where it comes from, for the report."""
 
     def __post_init__(self) -> None:
         for name, array in self.arrays().items():

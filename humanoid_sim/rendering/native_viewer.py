@@ -1,4 +1,4 @@
-"""MuJoCo's own window beside a run: it is fed with poses, and never makes the control loop wait."""
+"""MuJoCo's own window during a run: it shows poses as they come, and never makes the control loop wait."""
 
 from __future__ import annotations
 
