@@ -13,6 +13,7 @@ from humanoid_sim.mit import FloatArray
 __all__ = [
     "conjugate",
     "gravity_direction",
+    "heading",
     "matrix",
     "multiply",
     "quaternion_from_matrix",
@@ -95,10 +96,16 @@ def matrix(quaternion: FloatArray) -> FloatArray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def heading(quaternion: FloatArray) -> FloatArray:
+    """Shape (...), rad, of the body's x axis in the horizontal plane, -π to π."""
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    angle: FloatArray = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return angle
+
+
 def yaw_quaternion(quaternion: FloatArray) -> FloatArray:
     """The heading alone: the rotation about the vertical that is closest to `quaternion`."""
-    w, x, y, z = (quaternion[..., i] for i in range(4))
-    half = 0.5 * np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    half = 0.5 * heading(quaternion)
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
 

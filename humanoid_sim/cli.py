@@ -44,6 +44,8 @@ class ExitStatus(IntEnum):
     """It ran, and something failed, or is worse than it may be."""
     BAD_INPUT = 2
     """It did not run: what was given cannot be used, and a user can fix that."""
+    NO_ANSWER = 3
+    """A motor, or all of them, stayed silent."""
     INTERRUPTED = 130
     """Ctrl-C, as shells have it: 128 + SIGINT."""
 

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from humanoid_sim.cli import complain
+from humanoid_sim.cli import ExitStatus, complain
 
 __all__ = ["main"]
 
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         args=arguments,
         config=(tyro.conf.OmitSubcommandPrefixes,),
     )
-    from humanoid_sim.hardware.tools.bench import NOTHING_ANSWERS, SilentMotorError  # noqa: PLC0415
+    from humanoid_sim.hardware.tools.bench import SilentMotorError  # noqa: PLC0415
 
     module, _, name = _TOOLS[type(options).__name__].partition(":")
     tool: Callable[[Any], int] = getattr(importlib.import_module(module), name)
@@ -51,4 +51,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return tool(options)
     except SilentMotorError as error:
         complain(f"error: {error}")
-        return NOTHING_ANSWERS
+        return ExitStatus.NO_ANSWER

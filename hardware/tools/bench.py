@@ -26,8 +26,6 @@ from humanoid_sim.hardware.robstride.requests import Unreadable
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 __all__ = [
-    "NOTHING_ANSWERS",
-    "NOT_AS_EXPECTED",
     "EnabledMotor",
     "SilentMotorError",
     "channel_trouble",
@@ -44,10 +42,6 @@ __all__ = [
     "write_value",
 ]
 
-NOT_AS_EXPECTED = 1
-"""Exit status of a tool that worked, and what it found is wrong."""
-NOTHING_ANSWERS = 3
-"""Exit status where a motor, or all of them, stayed silent."""
 _ANY_MODEL = MOTORS["rs-00"]
 """Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
 _UNLIMITED = 200

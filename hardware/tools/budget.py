@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, bus_hints, parse_addresses
 from humanoid_sim.hardware.bus.frame import FRAME_BITS
 from humanoid_sim.hardware.robstride.parameters import report_interval
-from humanoid_sim.hardware.tools.bench import NOT_AS_EXPECTED, make_console, make_table
+from humanoid_sim.hardware.tools.bench import make_console, make_table
 from humanoid_sim.hardware.tools.options import Budget
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription
@@ -127,7 +128,7 @@ def budget(config: Budget) -> int:
     burst = max(bursts)
     print(_NO_BUFFER.format(queue=DEFAULT_QUEUE, burst=burst, wanted=max(4 * burst, 100)))
     # Without --channels it is enough that one of the two layouts fits.
-    return 0 if any(fits) else NOT_AS_EXPECTED
+    return 0 if any(fits) else ExitStatus.FAILED
 
 
 def _layouts(config: Budget, description: RobotDescription) -> list[Sequence[BusAddress | None]]:

@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from humanoid_sim.cli import complain
+from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import output_file
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
@@ -32,7 +32,7 @@ from humanoid_sim.hardware.calibration import (
 )
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import NOT_AS_EXPECTED, make_console, make_table, open_bench, silence
+from humanoid_sim.hardware.tools.bench import make_console, make_table, open_bench, silence
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
@@ -141,7 +141,7 @@ def calibrate(config: Calibrate) -> int:
     if missing:
         print(f"not calibrated yet: {', '.join(missing)}")
     unusable = any(result.verdict not in {Verdict.GOOD, Verdict.UNSWEPT} for result in results.values())
-    return NOT_AS_EXPECTED if unusable or silent else 0
+    return ExitStatus.FAILED if unusable or silent else 0
 
 
 def _chosen_joints(config: Calibrate, description: RobotDescription) -> list[int]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from rich.markup import escape
 
-from humanoid_sim.cli import complain
+from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
@@ -15,8 +15,6 @@ from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.tools.bench import (
-    NOT_AS_EXPECTED,
-    NOTHING_ANSWERS,
     channel_trouble,
     make_console,
     make_table,
@@ -66,7 +64,7 @@ def discover(config: Discover) -> int:
             trouble = f" ({troubles[i]})" if troubles[i] else ""
             complain(f"no motor answers on {address}{trouble}: ids {config.first} to {config.last} were asked")
     if not found:
-        return NOTHING_ANSWERS
+        return ExitStatus.NO_ANSWER
     missing = [
         f"{name} (motor {motor_id} on {addresses[channel]})"
         for (channel, motor_id), name in joints.items()
@@ -74,7 +72,7 @@ def discover(config: Discover) -> int:
     ]
     if missing:
         complain(f"missing: {', '.join(missing)}")
-    return NOT_AS_EXPECTED if missing else 0
+    return ExitStatus.FAILED if missing else 0
 
 
 def _firmware(channels: OpenChannels, found: _Found) -> dict[tuple[int, int], str]:

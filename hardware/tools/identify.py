@@ -7,14 +7,14 @@ import sys
 import time
 from collections.abc import Mapping
 
-from humanoid_sim.cli import complain
+from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError, known_names
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import Unreadable
-from humanoid_sim.hardware.tools.bench import NOT_AS_EXPECTED, EnabledMotor, open_bench, read_device_id
+from humanoid_sim.hardware.tools.bench import EnabledMotor, open_bench, read_device_id
 from humanoid_sim.hardware.tools.options import Identify
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import POSITION_RANGE
@@ -136,4 +136,4 @@ def _report(
         print(f"If {config.joint} did not go the way of a rising angle in the robot's model, its direction is wrong.")
     else:
         complain(f"warning: {config.joint} did not follow: raise --torque, or hold the arm's weight")
-    return 0 if has_moved and not others else NOT_AS_EXPECTED
+    return 0 if has_moved and not others else ExitStatus.FAILED

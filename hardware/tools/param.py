@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import assert_never
 
+from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.messages import SaveParameters
@@ -15,7 +16,6 @@ from humanoid_sim.hardware.robstride.parameters import (
     pack_value,
 )
 from humanoid_sim.hardware.tools.bench import (
-    NOT_AS_EXPECTED,
     command_motor,
     make_console,
     make_table,
@@ -78,7 +78,7 @@ def _get(config: Get) -> int:
         note = parameter.meaning if parameter.is_writable else f"{parameter.meaning} (read only)".strip()
         table.add_row(f"0x{parameter.index:04X}", parameter.name, shown(parameter, value), note)
     make_console().print(table)
-    return NOT_AS_EXPECTED if config.names and None in values else 0
+    return ExitStatus.FAILED if config.names and None in values else 0
 
 
 def _set(config: Set) -> int:

@@ -31,9 +31,9 @@ from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Disturbance, Suite
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["LOCAL", "Executor", "LocalExecutor", "Parcel", "Progress", "RayExecutor", "pack_case", "unpack_case"]
+__all__ = ["LOCAL", "Advance", "Executor", "LocalExecutor", "Parcel", "RayExecutor", "pack_case", "unpack_case"]
 
-Progress = Callable[[int], None]
+Advance = Callable[[int], None]
 """Told how many episodes have just ended."""
 
 LOCAL = "local"
@@ -48,7 +48,7 @@ class Executor(Protocol):
     """Runs episodes. Whoever it is, they are the same, bit for bit on machines of a kind."""
 
     def run(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, progress: Progress
+        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
         """Every case with every seed: case by case and, within one, seed by seed."""
         ...
@@ -62,13 +62,13 @@ class LocalExecutor:
     """That step physics; None for one per processor."""
 
     def run(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, progress: Progress
+        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
         """See `Executor.run`."""
         episodes: list[Episode] = []
         for case in cases:
             episodes += run_episodes(case, seeds, disturbance, threads=self.threads)
-            progress(len(seeds))
+            advance(len(seeds))
         return episodes
 
 
@@ -183,7 +183,7 @@ class RayExecutor:
             raise InputError(f"--ray: is '{address}', and no cluster answers there: {reason}") from None
 
     def run(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, progress: Progress
+        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
         """See `Executor.run`."""
         ray = self._ray
@@ -199,7 +199,7 @@ class RayExecutor:
         while pending:
             (done,), pending = ray.wait(pending, num_returns=1)
             results[done] = self._result(done)
-            progress(len(results[done]))
+            advance(len(results[done]))
         return [episode for reference in tasks for episode in results[reference]]
 
     def _result(self, reference: Any) -> list[Episode]:

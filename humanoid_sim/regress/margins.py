@@ -7,7 +7,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from humanoid_sim.regress.executors import Executor, Progress
+from humanoid_sim.regress.executors import Advance, Executor
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode, Margin, quantity
@@ -49,13 +49,13 @@ def disturbance_at(sweep: Sweep, level: float, pushes: Pushes | None, timestep: 
     return Disturbance(Randomisation(**by_axis[sweep.axis]))
 
 
-def measure_margins(cases: Sequence[PreparedCase], executor: Executor, progress: Progress) -> tuple[Margin, ...]:
+def measure_margins(cases: Sequence[PreparedCase], executor: Executor, advance: Advance) -> tuple[Margin, ...]:
     """Every sweep of a suite that has margins, for one policy.
 
     Args:
         cases: of the policy, one per case of the suite.
         executor: runs the episodes.
-        progress: told of the levels that are done.
+        advance: told of the levels that are done.
     """
     suite = cases[0].suite
     margins = suite.margins
@@ -76,7 +76,7 @@ def measure_margins(cases: Sequence[PreparedCase], executor: Executor, progress:
                 failure = reasons[0]
                 break
             limit = level
-        progress(len(sweep.levels))
+        advance(len(sweep.levels))
         found.append(
             Margin(
                 axis=sweep.name,

@@ -19,8 +19,7 @@ from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import detectable_changes, judge
-from humanoid_sim.regress.executors import LOCAL, Executor, LocalExecutor, RayExecutor
-from humanoid_sim.regress.executors import Progress as Advance
+from humanoid_sim.regress.executors import LOCAL, Advance, Executor, LocalExecutor, RayExecutor
 from humanoid_sim.regress.files import matching_baseline, read_baseline, write_json, write_junit
 from humanoid_sim.regress.margins import measure_margins
 from humanoid_sim.regress.options import RegressConfig, check_outputs
@@ -132,7 +131,7 @@ def run_policy(
     policy: TestedPolicy,
     executor: Executor,
     margins: bool = False,
-    progress: Advance = lambda _: None,
+    advance: Advance = lambda _: None,
 ) -> PolicyRun:
     """Every episode of a policy.
 
@@ -141,10 +140,10 @@ def run_policy(
         policy: the policy.
         executor: runs the episodes.
         margins: measure the robustness margins too.
-        progress: told how many episodes, or levels of margins, have ended.
+        advance: told how many episodes, or levels of margins, have ended.
     """
     suite = prepared.suite
-    episodes = executor.run(policy.cases, suite.seed_numbers, suite.disturbance, progress)
+    episodes = executor.run(policy.cases, suite.seed_numbers, suite.disturbance, advance)
     return PolicyRun(
         name=policy.name,
         source=policy.checkpoint.source,
@@ -152,7 +151,7 @@ def run_policy(
         suite=suite.name,
         case_digests=prepared.digests,
         episodes=tuple(episodes),
-        margins=measure_margins(policy.cases, executor, progress) if margins else (),
+        margins=measure_margins(policy.cases, executor, advance) if margins else (),
         batching=policy.policy.batching,
         versions={
             "humanoid_sim": __version__,

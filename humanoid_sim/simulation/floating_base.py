@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import mujoco
 import numpy as np
 
-from humanoid_sim.controllers.rotation import gravity_direction, multiply, rotate
+from humanoid_sim.controllers.rotation import gravity_direction, heading, multiply, rotate
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray
@@ -59,9 +59,7 @@ class BaseState:
     @property
     def yaw(self) -> FloatArray:
         """Shape (...), rad, heading: of the base's x axis in the horizontal plane, -π to π."""
-        w, x, y, z = (self.quaternion[..., i] for i in range(4))
-        yaw: FloatArray = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        return yaw
+        return heading(self.quaternion)
 
     @property
     def planar_velocity(self) -> FloatArray:

@@ -10,7 +10,7 @@ from policies import SAMPLE
 from regress_runs import episode, yaml_suite
 
 from humanoid_sim.regress.compare import compare_margins
-from humanoid_sim.regress.executors import LocalExecutor, Progress
+from humanoid_sim.regress.executors import Advance, LocalExecutor
 from humanoid_sim.regress.margins import disturbance_at, measure_margins
 from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Episode, Margin
@@ -32,7 +32,7 @@ class FailsBeyond:
         self.ran: list[tuple[str, tuple[int, ...]]] = []
 
     def run(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, progress: Progress
+        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
         self.ran += [(case.case.name, tuple(seeds)) for case in cases]
         return [self._episode(case, seed, disturbance) for case in cases for seed in seeds]
