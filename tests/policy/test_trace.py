@@ -100,7 +100,7 @@ def test_a_robots_model_tells_imu_and_anchor(tmp_path: Path) -> None:
     path = save_trace(tmp_path / "t.npz", run)
     robot = load_robot(str(mjcf))
     trace = read_trace(path, contract(), body_reader(robot, "left_thigh"))
-    state = trace.recorded.states[1]
+    state = trace.recorded.state(1)
     np.testing.assert_allclose(state.imu_angular_velocity, run.qvel[1, 3:6], atol=1e-12)
     np.testing.assert_allclose(state.extern["base_linear_velocity"].value, run.qvel[1, :3], atol=1e-12)
     pose = state.extern["anchor_pose"].value

@@ -17,7 +17,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.golden.samples import GoldenSamples, recorded_state
+from humanoid_sim.policy.golden.samples import GoldenSamples
 from humanoid_sim.policy.golden.trace import Recorded, Trace
 from humanoid_sim.policy.golden.verify import golden_problem, memory_fields, observe, recorded_wiring, samples_wiring
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -95,11 +95,11 @@ def _roll(wiring: PolicyWiring, recorded: Recorded) -> list[_Row]:
         FieldError: naming the step that the controller would refuse, and why.
     """
     rows: list[_Row] = []
-    memory = wiring.activate(recorded.states[0])
-    for k, (state, action) in enumerate(zip(recorded.states, recorded.action, strict=True)):
+    memory = wiring.activate(recorded.state(0))
+    for k, action in enumerate(recorded.action):
         entered = replace(memory, **memory_fields({name: table[k] for name, table in recorded.memory.items()}))
         try:
-            step, observed = observe(wiring, entered, state, action)
+            step, observed = observe(wiring, entered, recorded.state(k), action)
         except FieldError as error:
             raise FieldError(f"step {k}: {error}") from None
         rows.append(_Row(entered, step))
@@ -108,7 +108,8 @@ def _roll(wiring: PolicyWiring, recorded: Recorded) -> list[_Row]:
 
 
 def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, rows: list[_Row]) -> GoldenSamples:
-    states, reference = recorded.states, loaded.reference
+    state: dict[str, Any] = dict(recorded.arrays)
+    reference = loaded.reference
     frames = np.array([row.step.frame for row in rows], dtype=np.int64)
     tables = {} if checkpoint.motion is not None else dict(reference.terms)
     action_map = resolve_action(checkpoint.contract, recorded.joint_names)
@@ -116,11 +117,7 @@ def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, r
         origin="own",
         source="",
         joint_names=recorded.joint_names,
-        joint_position=np.stack([state.joint_position for state in states]),
-        joint_velocity=np.stack([state.joint_velocity for state in states]),
-        imu_quaternion=np.stack([state.imu_quaternion for state in states]),
-        imu_angular_velocity=np.stack([state.imu_angular_velocity for state in states]),
-        imu_linear_acceleration=np.stack([state.imu_linear_acceleration for state in states]),
+        **state,
         last_action=np.stack([row.memory.last_action for row in rows]),
         frame=frames,
         walked=np.array([row.memory.walked for row in rows]),
@@ -128,7 +125,7 @@ def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, r
         observation=np.stack([row.step.observation for row in rows]),
         action=recorded.action,
         target=action_command(action_map, recorded.action).position,
-        extern={name: np.stack([state.extern[name].value for state in states]) for name in states[0].extern},
+        extern=recorded.extern,
         history=_histories(rows),
         reference={name: np.asarray(table[reference.clamp(frames)]) for name, table in tables.items()},
         frame_count=reference.frame_count,
@@ -167,13 +164,13 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
     contract, steps = checkpoint.contract, _OWN_STEPS
     rng = np.random.default_rng(0)
     joints = len(contract.joint_names)
-    state = {
+    arrays = {
         "joint_position": contract.default_joint_pos + rng.normal(0.0, 0.2, (steps, joints)),
         "joint_velocity": rng.normal(0.0, 1.0, (steps, joints)),
     }
     quaternion = np.array([0.5, 0.1, -0.1, 0.8]) + rng.normal(0.0, 0.05, (steps, 4))
     quaternion /= np.sqrt((quaternion**2).sum(axis=1, keepdims=True))
-    state |= {
+    arrays |= {
         "imu_quaternion": quaternion,
         "imu_angular_velocity": rng.normal(0.0, 0.5, (steps, 3)),
         "imu_linear_acceleration": np.array([0.0, 0.0, 9.81]) + rng.normal(0.0, 1.0, (steps, 3)),
@@ -186,9 +183,8 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
     keys = loaded.extern.get("key_pressed")
     if keys is not None:
         live["key_pressed"] = rng.integers(0, 2, (steps, keys)).astype(np.float64)
-    states = tuple(recorded_state({**state, **live}, live, i) for i in range(steps))
     actions = rng.normal(0.0, 0.5, (steps, contract.action_count)).astype(np.float32)
-    return Recorded(contract.joint_names, states, actions)
+    return Recorded(contract.joint_names, arrays, live, actions)
 
 
 def _command_bounds(contract: PolicyContract) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import prod
 from types import MappingProxyType
@@ -17,7 +17,15 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 
-__all__ = ["GOLDEN_KEY", "GoldenSamples", "Origin", "decode_samples", "encode_samples", "recorded_state"]
+__all__ = [
+    "GOLDEN_KEY",
+    "STATE_ARRAYS",
+    "GoldenSamples",
+    "Origin",
+    "decode_samples",
+    "encode_samples",
+    "recorded_state",
+]
 
 GOLDEN_KEY = "humanoid_sim_golden"
 """Metadata key of the samples."""
@@ -49,7 +57,7 @@ _ARRAYS: Mapping[str, tuple[str, tuple[int | str, ...] | None]] = {
     "history": ("<f4", None),
 }
 """Of one sample, each array's type and shape; None: another check."""
-_STATE = tuple(_ARRAYS)[:5]
+STATE_ARRAYS = tuple(_ARRAYS)[:5]
 """What the robot reports beside the live inputs."""
 
 
@@ -125,8 +133,7 @@ class GoldenSamples:
 
     def state(self, i: int) -> MITState:
         """What the robot reported in sample i."""
-        arrays = {name: getattr(self, name) for name in _STATE}
-        return recorded_state({**arrays, **self.extern}, self.extern, i)
+        return recorded_state({name: getattr(self, name) for name in STATE_ARRAYS}, self.extern, i)
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -140,27 +147,15 @@ class GoldenSamples:
         return f"{len(self)} samples of the trainer's run ({self.source}){targets}"
 
 
-def recorded_state(arrays: Mapping[str, FloatArray], live: Iterable[str], i: int) -> MITState:
-    """What the robot reported in row i of a run.
-
-    Args:
-        arrays: `joint_position`, `joint_velocity`, `imu_quaternion`, `imu_angular_velocity` and the live inputs, each
-            with one row per step; where `imu_linear_acceleration` is not known, it is zero.
-        live: names of the live inputs.
-        i: the row.
-    """
+def recorded_state(arrays: Mapping[str, FloatArray], extern: Mapping[str, FloatArray], i: int) -> MITState:
+    """What the robot reported in row i of a run: `STATE_ARRAYS`, and live inputs; efforts are not recorded."""
     zeros = np.zeros(arrays["joint_position"].shape[1])
-    acceleration = arrays.get("imu_linear_acceleration")
     return MITState(
         time=0.0,
-        joint_position=arrays["joint_position"][i],
-        joint_velocity=arrays["joint_velocity"][i],
+        **{name: arrays[name][i] for name in STATE_ARRAYS},
         joint_effort=zeros,
         joint_age=zeros,
-        imu_quaternion=arrays["imu_quaternion"][i],
-        imu_angular_velocity=arrays["imu_angular_velocity"][i],
-        imu_linear_acceleration=np.zeros(3) if acceleration is None else acceleration[i],
-        extern={name: Extern(arrays[name][i], 0.0) for name in live},
+        extern={name: Extern(table[i], 0.0) for name, table in extern.items()},
     )
 
 

@@ -20,7 +20,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray, MITState
-from humanoid_sim.policy.golden.samples import recorded_state
+from humanoid_sim.policy.golden.samples import STATE_ARRAYS, recorded_state
 
 __all__ = ["BodyReader", "Recorded", "Trace", "read_trace"]
 
@@ -49,13 +49,19 @@ class Recorded:
     """The robot's side of a run, F policy steps one after the other from activation on, and what is known beside it."""
 
     joint_names: tuple[str, ...]
-    states: tuple[MITState, ...]
-    """F of them."""
+    arrays: Mapping[str, FloatArray]
+    """`STATE_ARRAYS` of the samples, one row per step."""
+    extern: Mapping[str, FloatArray]
+    """Live inputs by name, likewise."""
     action: npt.NDArray[np.float32]
     """Shape (F, m), raw."""
     memory: Mapping[str, npt.NDArray[np.floating | np.integer]] = field(default_factory=lambda: MappingProxyType({}))
     """`last_action`, `frame`, `walked`, `history`, `alignment`, one row per step, as far as the source gives them; what
     it does not follows from the steps before."""
+
+    def state(self, i: int) -> MITState:
+        """What the robot reported in step i."""
+        return recorded_state(self.arrays, self.extern, i)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,13 +111,14 @@ class _Reader:
         columns = [self.hinges(names).index(name) for name in joints]
         self.check_needs(known)
         target = self.optional("target", len(self.hinges(names)))
-        live = [name for name in _LIVE if name in known]
         known |= {name: known[name][:, columns] for name in ("joint_position", "joint_velocity")}
+        known.setdefault("imu_linear_acceleration", np.zeros((self.steps, 3)))
         return Trace(
             name=self.path.name,
             recorded=Recorded(
                 joint_names=joints,
-                states=tuple(recorded_state(known, live, i) for i in range(self.steps)),
+                arrays={name: known[name] for name in STATE_ARRAYS},
+                extern={name: known[name] for name in _LIVE if name in known},
                 action=action.astype(np.float32),
                 memory=self.memory(),
             ),
