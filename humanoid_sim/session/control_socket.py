@@ -17,6 +17,7 @@ from pathlib import Path
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
+from humanoid_sim.session.sources import IntentSource
 
 __all__ = ["ControlSocket", "running_sessions", "send_intent", "send_reactivate"]
 
@@ -47,8 +48,8 @@ def _folder() -> Path:
     return folder
 
 
-class ControlSocket:
-    """An `IntentSource` fed by `send_intent` and `send_reactivate`."""
+class ControlSocket(IntentSource):
+    """Fed by `send_intent` and `send_reactivate`."""
 
     def __init__(self, reactivation: Reactivation | None = None) -> None:
         """Open the socket of this process.
@@ -71,11 +72,6 @@ class ControlSocket:
         self._waiting: list[str] = []
         self._reactivation = reactivation
         self._reactivating: list[str] = []
-
-    @property
-    def finished(self) -> bool:
-        """A socket never ends a session."""
-        return False
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Answer the senders of the last tick, then take what has arrived since."""

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, VelocityCommand, velocity_key_help
+from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, IntentSource, VelocityCommand, velocity_key_help
 
 __all__ = ["KEYS", "REACTIVATE_KEY", "KeyReader", "Keyboard", "key_help"]
 
@@ -68,7 +68,7 @@ def key_help() -> str:
     return "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT"
 
 
-class Keyboard:
+class Keyboard(IntentSource):
     """Reads keys on a thread of its own and queues their intents. Restores the terminal on `close`."""
 
     def __init__(
@@ -106,11 +106,6 @@ class Keyboard:
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Intents of the keys pressed since the last call."""
         return self._queue.poll(time, output)
-
-    @property
-    def finished(self) -> bool:
-        """The keyboard never ends a session by itself: `q` asks the FSM to quit."""
-        return False
 
     def close(self) -> None:
         """Stop reading and give the terminal back as it was."""

@@ -41,7 +41,8 @@ class IntentSource(Protocol):
 
     @property
     def finished(self) -> bool:
-        """This source wants the session to end."""
+        """Whether this source wants the session to end; a source that never does need not say so."""
+        return False
 
 
 class RemoteSource(Protocol):
@@ -58,7 +59,7 @@ class ExternSource(Protocol):
         """The latest value of every term that was ever heard."""
 
 
-class IntentQueue:
+class IntentQueue(IntentSource):
     """Intents from other threads (a service, a user interface), handed over at the next tick."""
 
     def __init__(self) -> None:
@@ -72,11 +73,6 @@ class IntentQueue:
         """All queued intents."""
         # Only this side removes, and a deque's ends are atomic: no intent is lost between the two threads.
         return [self._pending.popleft() for _ in range(len(self._pending))]
-
-    @property
-    def finished(self) -> bool:
-        """A queue never ends a session."""
-        return False
 
 
 class RemoteInbox:
