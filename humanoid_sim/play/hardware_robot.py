@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
@@ -152,18 +152,7 @@ class _BringUp:
 
 def _figures(robot: RobstrideRobot) -> Mapping[str, Any]:
     statistics = robot.statistics
-    return {**_plain(statistics), "lines": list(statistics.lines())}
-
-
-def _plain(value: Any) -> Any:
-    """Data classes, mappings and tuples as what JSON knows."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
+    return {**msgspec.to_builtins(statistics, str_keys=True), "lines": list(statistics.lines())}
 
 
 class MeasuredPose:
