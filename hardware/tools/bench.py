@@ -36,6 +36,7 @@ __all__ = [
     "open_bench",
     "read_device_id",
     "read_value",
+    "require_up",
     "shown",
     "silence",
     "some_motors",
@@ -113,6 +114,17 @@ def channel_trouble(channels: OpenChannels, index: int) -> str:
     channel = channels.channels[index]
     events = (channel.recent(event, channels.opened) for event in (BusEvent.TX_FULL, BusEvent.DAMAGED))
     return channel.down or next((text for text in events if text), "")
+
+
+def require_up(channels: OpenChannels) -> None:
+    """Go no further on a channel that is down.
+
+    Raises:
+        RobotError: with the reason.
+    """
+    for source, channel in zip(channels.sources, channels.channels, strict=True):
+        if channel.down:
+            raise RobotError(f"{source}: {channel.down}")
 
 
 def silence(channels: OpenChannels, motor: int = 0, who: str = "") -> HumanoidSimError:

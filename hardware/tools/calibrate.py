@@ -32,7 +32,7 @@ from humanoid_sim.hardware.calibration import (
 )
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import make_console, make_table, open_bench, silence
+from humanoid_sim.hardware.tools.bench import make_console, make_table, open_bench, require_up, silence
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
@@ -91,6 +91,7 @@ class JointTracks:
             SilentMotorError: a motor has never been heard.
             RobotError: a channel is down.
         """
+        require_up(self._channels)
         found = self._channels.requests.poll_values(PARAMETERS["mechPos"], self.by_joint, _ANSWER_TIME)
         for i, position in found.items():
             self.by_joint[i].take(float(self._wiring.direction[i]) * position, now)

@@ -19,6 +19,7 @@ from humanoid_sim.hardware.tools.bench import (
     make_console,
     make_table,
     open_bench,
+    require_up,
     some_motors,
 )
 from humanoid_sim.hardware.tools.options import Discover
@@ -53,6 +54,7 @@ def discover(config: Discover) -> int:
         found: dict[tuple[int, int], set[bytes]] = {}
         for channel, reply in channels.requests.scan(range(config.first, config.last + 1), _LATE, config.wait):
             found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
+        require_up(channels)
         found = dict(sorted(found.items()))
         firmware = _firmware(channels, found) if config.firmware else None
         troubles = {i: channel_trouble(channels, i) for i in range(len(addresses))}

@@ -228,6 +228,15 @@ def test_status_3_where_a_motor_is_silent(run: Run, tmp_path: Path, monkeypatch:
     assert not path.exists()
 
 
+def test_a_channel_that_goes_down_ends_the_sweep(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "calibration.yaml"
+    channel = "virtual:bench-down"
+    with VirtualMotors(_LITE, [channel], faults=[Fault("bus_off", start=0.5)]):
+        status, _, complained = run("calibrate", channel, "--output", str(path), "--duration", "20")
+    assert (status, complained) == (2, f"error: {channel}: bus-off\n")
+    assert not path.exists()
+
+
 def test_a_motor_that_falls_silent_begins_its_sweep_anew() -> None:
     track = JointTrack()
     for time_heard, angle in ((0.0, -1.0), (0.1, 1.0), (0.9, 1.0)):

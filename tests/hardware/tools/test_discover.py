@@ -6,6 +6,9 @@ import pytest
 
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.usefixtures("lite_motors")
 
@@ -44,6 +47,13 @@ def test_status_1_where_a_joint_is_missing(run: Run) -> None:
     )
     assert status == 1
     assert complained == f"missing: right_wrist_pitch (motor 27 on {_CHANNEL})\n"
+
+
+def test_a_channel_that_is_down_is_an_error(run: Run) -> None:
+    channel = "virtual:bench-down"
+    with VirtualMotors(load_robot("lite"), [channel], faults=[Fault("bus_off", start=0.2)]):
+        status, printed, complained = run("discover", channel, "--last", "30")
+    assert (status, printed, complained) == (2, "", f"error: {channel}: bus-off\n")
 
 
 def test_a_channel_in_use_is_refused(run: Run) -> None:
