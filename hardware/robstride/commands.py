@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,7 @@ from humanoid_sim.hardware.robstride.messages import (
     Command,
     Enable,
     GetDeviceId,
+    HostCommand,
     Ignored,
     IgnoredReason,
     Malformed,
@@ -62,9 +63,23 @@ __all__ = [
 LARGEST_MOTOR_ID = 127
 VERSION_REQUEST = b"\x00\xc4"
 """First bytes of a stop frame that asks for the version instead."""
-_NOTHING = bytes(DATA_LENGTH)
 _COUNT = bytes(range(1, 9))
 """Data of a save; the first six bytes also precede the setting in types 23 to 25, whose last byte is free."""
+_TYPES: Mapping[type[HostCommand], tuple[FrameType, int]] = {
+    GetDeviceId: (FrameType.GET_DEVICE_ID, 0),
+    Enable: (FrameType.ENABLE, 0),
+    Stop: (FrameType.STOP, 0),
+    ReadVersion: (FrameType.STOP, 0),
+    SetZero: (FrameType.SET_ZERO, 1),
+    SetDeviceId: (FrameType.SET_DEVICE_ID, 0),
+    ReadParameter: (FrameType.READ_PARAMETER, DATA_LENGTH),
+    WriteParameter: (FrameType.WRITE_PARAMETER, DATA_LENGTH),
+    SaveParameters: (FrameType.SAVE_PARAMETERS, 0),
+    SetBaudRate: (FrameType.SET_BAUD_RATE, 7),
+    SetActiveReport: (FrameType.ACTIVE_REPORT, 7),
+    SetProtocol: (FrameType.SET_PROTOCOL, 7),
+}
+"""By command: its frame's type, and the bytes that a motor needs of it."""
 _MIT = struct.Struct(">HHHH")
 _INDEX = struct.Struct("<H")
 
@@ -80,11 +95,13 @@ def encode_command(command: Command, model: MotorModel, *, scale: Scale = Scale.
         return _encode_operation_control(command, model, scale)
     if not 0 <= command.host_id <= 0xFF:
         raise FieldError(f"{type(command).__name__}.host_id: is {command.host_id}, expected 0 to 255")
-    kind, data, high = _type_and_data(command)
+    kind, _ = _TYPES[type(command)]
+    high = command.new_id if isinstance(command, SetDeviceId) else 0
+    data = _data(command).ljust(DATA_LENGTH, b"\0")
     return Frame(join_identifier(kind, high, command.host_id, command.motor_id), data)
 
 
-def _check_id(field: str, command: Command, motor_id: int) -> None:
+def _check_id(field: str, command: Command | HostCommand, motor_id: int) -> None:
     if not 1 <= motor_id <= LARGEST_MOTOR_ID:
         raise FieldError(f"{type(command).__name__}.{field}: is {motor_id}, expected 1 to {LARGEST_MOTOR_ID}")
 
@@ -104,36 +121,26 @@ def _encode_operation_control(command: OperationControl, model: MotorModel, scal
     return Frame(FrameType.OPERATION_CONTROL << 24 | effort << 8 | command.motor_id, data)
 
 
-def _type_and_data(command: Command) -> tuple[FrameType, bytes, int]:  # noqa: PLR0911, PLR0912 - one case for each command
-    """Type, data and bits 23..16 of every command but type 1."""
+def _data(command: HostCommand) -> bytes:  # noqa: PLR0911 - one for each kind of data
+    """What a command's frame carries; the rest is zeros."""
     match command:
-        case GetDeviceId():
-            return FrameType.GET_DEVICE_ID, _NOTHING, 0
-        case Enable():
-            return FrameType.ENABLE, _NOTHING, 0
         case Stop():
-            return FrameType.STOP, bytes([command.clear_fault]).ljust(DATA_LENGTH, b"\0"), 0
+            return bytes([command.clear_fault])
         case ReadVersion():
-            return FrameType.STOP, VERSION_REQUEST.ljust(DATA_LENGTH, b"\0"), 0
+            return VERSION_REQUEST
         case SetZero():
-            return FrameType.SET_ZERO, b"\x01".ljust(DATA_LENGTH, b"\0"), 0
+            return b"\x01"
         case SetDeviceId():
             _check_id("new_id", command, command.new_id)
-            return FrameType.SET_DEVICE_ID, _NOTHING, command.new_id
         case ReadParameter():
-            return FrameType.READ_PARAMETER, _parameter_data(command, bytes(PAYLOAD_LENGTH)), 0
+            return _parameter_data(command, bytes(PAYLOAD_LENGTH))
         case WriteParameter():
-            return FrameType.WRITE_PARAMETER, _parameter_data(command, command.payload), 0
+            return _parameter_data(command, command.payload)
         case SaveParameters():
-            return FrameType.SAVE_PARAMETERS, _COUNT, 0
-        case SetActiveReport():
-            return FrameType.ACTIVE_REPORT, _COUNT[:6] + bytes([command.is_on, 0]), 0
-        case SetBaudRate():
-            return FrameType.SET_BAUD_RATE, _COUNT[:6] + bytes([command.baud_rate, 0]), 0
-        case SetProtocol():
-            return FrameType.SET_PROTOCOL, _COUNT[:6] + bytes([command.protocol, 0]), 0
-        case _:
-            raise AssertionError(command)
+            return _COUNT
+        case SetActiveReport(is_on=setting) | SetBaudRate(baud_rate=setting) | SetProtocol(protocol=setting):
+            return _COUNT[:6] + bytes([setting])
+    return b""
 
 
 def _parameter_data(command: ReadParameter | WriteParameter, payload: bytes) -> bytes:
@@ -185,19 +192,7 @@ def _decode_operation_control(
 
 _BAUD_RATES = frozenset(int(rate) for rate in BaudRate)
 _PROTOCOLS = frozenset(int(protocol) for protocol in Protocol)
-_LEAST_BYTES: dict[int, int] = {
-    FrameType.GET_DEVICE_ID: 0,
-    FrameType.ENABLE: 0,
-    FrameType.STOP: 0,
-    FrameType.SET_ZERO: 1,
-    FrameType.SET_DEVICE_ID: 0,
-    FrameType.SAVE_PARAMETERS: 0,
-    FrameType.READ_PARAMETER: DATA_LENGTH,
-    FrameType.WRITE_PARAMETER: DATA_LENGTH,
-    FrameType.SET_BAUD_RATE: 7,
-    FrameType.ACTIVE_REPORT: 7,
-    FrameType.SET_PROTOCOL: 7,
-}
+_LEAST_BYTES: dict[int, int] = dict(_TYPES.values())
 
 
 def _decode_other(  # noqa: PLR0911, PLR0912 - one case for each command

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
-from typing import Self, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import Self
 
 from rich import box
 from rich.console import Console
@@ -18,7 +18,7 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
-from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, OperationControl, Reply
+from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, OperationControl
 from humanoid_sim.hardware.robstride.motor_table import MotorGroup, Sample
 from humanoid_sim.hardware.robstride.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, Parameter
@@ -47,8 +47,6 @@ _ANY_MODEL = MOTORS["rs-00"]
 """Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
 _UNLIMITED = 200
 """Characters a line where no terminal says how many fit."""
-
-Answer = TypeVar("Answer")
 
 
 class SilentMotorError(HumanoidSimError):
@@ -137,13 +135,6 @@ def silence(channels: OpenChannels, motor: int = 0, who: str = "") -> HumanoidSi
     return SilentMotorError(f"{who or f'motor {motors.motor_id[motor]}'} does not answer on {source}{why}")
 
 
-def _require(channels: OpenChannels, motor: int, command: Command, accept: Callable[[Reply], Answer | None]) -> Answer:
-    found = channels.requests.ask({motor: [command]}, lambda _, reply: accept(reply))
-    if motor not in found:
-        raise silence(channels, motor)
-    return found[motor]
-
-
 def read_device_id(channels: OpenChannels, motor: int = 0) -> DeviceId:
     """Who a motor is.
 
@@ -152,7 +143,10 @@ def read_device_id(channels: OpenChannels, motor: int = 0) -> DeviceId:
         RobotError: its channel is down.
     """
     question = GetDeviceId(channels.requests.motors.motor_id[motor], host_id=channels.host_id)
-    return _require(channels, motor, question, lambda reply: reply if isinstance(reply, DeviceId) else None)
+    found = channels.requests.ask({motor: [question]}, lambda _, reply: reply if isinstance(reply, DeviceId) else None)
+    if motor not in found:
+        raise silence(channels, motor)
+    return found[motor]
 
 
 def command_motor(channels: OpenChannels, command: Command, motor: int = 0) -> Sample:
