@@ -11,7 +11,8 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import matrix
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.checks import (
+from humanoid_sim.prepare.conventions import Conventions, NamedMotion, body_orders, interpret, joint_orders
+from humanoid_sim.prepare.motion_fit import (
     BodyCheck,
     LimitExcess,
     RateCheck,
@@ -22,7 +23,6 @@ from humanoid_sim.prepare.checks import (
     orders_within_limits,
     worst_excess,
 )
-from humanoid_sim.prepare.conventions import Conventions, NamedMotion, body_orders, interpret, joint_orders
 from humanoid_sim.prepare.order_search import what_would_fit
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order

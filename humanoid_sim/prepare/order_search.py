@@ -14,8 +14,8 @@ import numpy as np
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.checks import Tolerance, check_bodies
 from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
+from humanoid_sim.prepare.motion_fit import Tolerance, check_bodies
 from humanoid_sim.prepare.skeleton import Hinge, Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
 

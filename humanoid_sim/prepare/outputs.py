@@ -16,8 +16,8 @@ from rich.table import Table
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, read_contract
-from humanoid_sim.prepare.checks import BodyCheck, LimitExcess, RateCheck, Tolerance
 from humanoid_sim.prepare.conventions import Conventions
+from humanoid_sim.prepare.motion_fit import BodyCheck, LimitExcess, RateCheck, Tolerance
 
 __all__ = ["Content", "MotionReport", "OutputFolder", "checkpoint_files", "print_report", "report_bytes"]
 

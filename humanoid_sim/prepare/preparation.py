@@ -16,11 +16,11 @@ from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.acceptance import accept
-from humanoid_sim.prepare.checks import Tolerance
 from humanoid_sim.prepare.conventions import choose_conventions
 from humanoid_sim.prepare.convert import convert, has_rate, resample
 from humanoid_sim.prepare.dataset_features import parse_roles
 from humanoid_sim.prepare.motion_files import read_csv, read_npz
+from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.outputs import (
     Content,
     MotionReport,

@@ -12,8 +12,8 @@ from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.prepare.acceptance import INVERSE, Findings, accept
-from humanoid_sim.prepare.checks import Tolerance
 from humanoid_sim.prepare.conventions import Conventions
+from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.simulation.kinematics import ForwardKinematics

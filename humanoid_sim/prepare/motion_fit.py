@@ -1,4 +1,4 @@
-"""What can be measured of a motion: how far its bodies, its frame rate and its joints are from what the robot has."""
+"""How well a motion fits a robot: how far its bodies, its frame rate and its joints are from what the robot has."""
 
 from __future__ import annotations
 

@@ -6,7 +6,8 @@ import pytest
 from motion_samples import FPS, joint_path, lite, state_of
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.checks import (
+from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
+from humanoid_sim.prepare.motion_fit import (
     Tolerance,
     check_bodies,
     check_rate,
@@ -14,7 +15,6 @@ from humanoid_sim.prepare.checks import (
     orders_within_limits,
     worst_excess,
 )
-from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
