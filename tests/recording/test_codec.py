@@ -119,3 +119,11 @@ def test_an_event_of_a_later_version_is_refused():
         decode_event(message[:-1] + b"c")
     with pytest.raises(CdrError):
         decode_event(message[:-1])
+
+
+def test_the_fields_that_came_with_the_second_format_stay_where_they_are():
+    event = encode_event(Event(1.5, "ab", EventKind.SUPPORT))
+    assert event.hex(" ") == "00 01 00 00 00 00 00 00 00 00 f8 3f 03 00 00 00 61 62 00 02"
+    plain, failed = (TickEncoder(3).encode(make_tick(40, policy_error=error)) for error in (None, "no"))
+    assert plain[-4:].hex(" ") == "00 00 00 00"
+    assert failed.removeprefix(plain[:-4]).hex(" ") == "01 00 00 00 03 00 00 00 6e 6f 00"
