@@ -6,6 +6,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+
+from humanoid_sim.messages import EventKind, Intent, Mode, SafetyLevel
 
 __all__ = [
     "CONTROL_MODE",
@@ -32,6 +35,13 @@ STANDBY_STATE = "humanoid_control_msgs/msg/StandbyState"
 SAFETY_STATUS = "humanoid_control_msgs/msg/SafetyStatus"
 EVENT = "humanoid_sim_msgs/msg/Event"
 TICK = "humanoid_sim_msgs/msg/Tick"
+
+
+def _constants(codes: Iterable[tuple[str, int]]) -> str:
+    return "".join(f"uint8 {name} = {int(code)}\n" for name, code in codes)
+
+
+_MODES = _constants((mode.name, mode) for mode in Mode)
 
 _DEFINITIONS = {
     "builtin_interfaces/Time": """\
@@ -91,15 +101,10 @@ float64[] effort
 float64[] stiffness
 float64[] damping
 """,
-    "humanoid_control_msgs/ControlMode": """\
+    "humanoid_control_msgs/ControlMode": f"""\
 std_msgs/Header header
 
-uint8 ZERO_TORQUE = 0
-uint8 DAMPING = 1
-uint8 STANDBY = 2
-uint8 LOCOMOTION = 3
-uint8 REMOTE = 4
-
+{_MODES}
 uint8 mode
 string controller_name
 string status_message
@@ -111,28 +116,18 @@ uint32 total_segments
 float64 progress
 bool is_finished
 """,
-    "humanoid_control_msgs/SafetyStatus": """\
+    "humanoid_control_msgs/SafetyStatus": f"""\
 std_msgs/Header header
 
-uint8 OK = 0
-uint8 WARNING = 1
-uint8 FAULT = 2
-uint8 CRITICAL = 3
-
+{_constants((level.name, level) for level in SafetyLevel)}
 uint8 level
 string source
 uint32 flags
 string message
 """,
-    "humanoid_sim_msgs/Event": """\
+    "humanoid_sim_msgs/Event": f"""\
 # Something that happened outside the ticks.
-uint8 NOTE = 0
-uint8 FRESH_START = 1
-uint8 SUPPORT = 2
-uint8 FAILURE = 3
-uint8 LOSS = 4
-uint8 ENDING = 5
-
+{_constants((kind.name, kind) for kind in EventKind)}
 float64 time    # s, robot's clock
 string text
 uint8 kind
@@ -180,21 +175,10 @@ string fallback
 string message
 bool is_bug
 """,
-    "humanoid_sim_msgs/Tick": """\
+    "humanoid_sim_msgs/Tick": f"""\
 # One tick of the control loop: everything it depended on and everything it decided, bit for bit.
-uint8 ZERO_TORQUE = 0
-uint8 DAMPING = 1
-uint8 STANDBY = 2
-uint8 LOCOMOTION = 3
-uint8 REMOTE = 4
-
-uint8 INTENT_DAMP = 0
-uint8 INTENT_LOAD_A = 1
-uint8 INTENT_LOAD_B = 2
-uint8 INTENT_START_LOCOMOTION = 3
-uint8 INTENT_START_REMOTE = 4
-uint8 INTENT_QUIT = 5
-
+{_MODES}
+{_constants((f"INTENT_{intent.name}", code) for code, intent in enumerate(Intent))}
 uint64 index
 float64 time                                # s, robot's clock
 float64 duration                            # s of wall time
