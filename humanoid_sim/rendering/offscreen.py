@@ -10,7 +10,6 @@ import math
 import textwrap
 import warnings
 from collections.abc import Callable
-from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -21,7 +20,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.backend import Choice, choose_backend, egl_works
 from humanoid_sim.rendering.painter import Painter
 
-__all__ = ["PoseRenderer", "Renderer", "make_camera", "make_renderer", "update_pose"]
+__all__ = ["PoseRenderer", "make_camera", "make_renderer", "update_pose"]
 
 _AZIMUTH = 155.0
 """Degrees. 180 looks along -x, straight at the face of a robot whose front is +x; 155 shows a little of its left."""
@@ -33,23 +32,9 @@ _failures: dict[str, str] = {}
 """Kinds of OpenGL that failed in this process. MuJoCo aborts when a context is asked for again after it failed once."""
 
 
-class Renderer(Protocol):
-    """Draws one model from one camera in one size."""
-
-    @property
-    def backend(self) -> str:
-        """What draws, and why: one line for a person."""
-
-    def render(self, data: mujoco.MjData) -> npt.NDArray[np.uint8]:
-        """The picture, shape (height, width, 3), RGB, of the poses in `data` (see `update_pose`)."""
-
-    def close(self) -> None:
-        """Release the context. May be called twice."""
-
-
 def make_renderer(
     model: mujoco.MjModel, width: int, height: int, camera: str | None = None, *, choice: Choice
-) -> Renderer:
+) -> _OpenGLRenderer | Painter:
     """A renderer that works: an OpenGL that cannot make a context gives way to the painter, and `backend` says so.
 
     The model's visual settings are adapted: its off-screen buffer to the picture, its quality to OSMesa's speed. The
@@ -98,7 +83,7 @@ class PoseRenderer:
         choose: Callable[[], Choice] = choose_backend,
     ) -> None:
         self._model_factory, self._view, self._choose = model_factory, (width, height, camera), choose
-        self._renderer: Renderer | None = None
+        self._renderer: _OpenGLRenderer | Painter | None = None
 
     def draw(self, qpos: FloatArray) -> npt.NDArray[np.uint8]:
         """The picture of a pose (nq,), shape (height, width, 3), RGB; of the last finite one, if this is not finite.
@@ -181,7 +166,10 @@ def _describe(error: Exception) -> str:
 
 
 class _OpenGLRenderer:
-    """`mujoco.Renderer`, but for any context: that one takes what `MUJOCO_GL` said when MuJoCo was imported."""
+    """`mujoco.Renderer`, but for any context: that one takes what `MUJOCO_GL` said when MuJoCo was imported.
+
+    Its members are the painter's.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, choice: Choice
