@@ -41,18 +41,18 @@ class Form:
     may_be_empty: bool = False
     """Of names."""
     choices: tuple[str, ...] = ()
-    key: str = ""
-    """Among the thirteen of a model's metadata; empty for a field that they do not tell."""
+    in_metadata: bool = False
+    """Whether it is one of the thirteen keys of a model's metadata."""
     is_required: bool = False
     """Whether some source has to state it; a kind of observation term may require another field."""
 
 
-def _choice(choices: Any, key: str = "") -> Form:
-    return Form("choice", choices=get_args(choices), key=key)
+def _choice(choices: Any, *, in_metadata: bool = False) -> Form:
+    return Form("choice", choices=get_args(choices), in_metadata=in_metadata)
 
 
-def _values(joints: str, key: str = "", minimum: float = -np.inf) -> Form:
-    return Form("values", joints, minimum, key=key, is_required=bool(key))
+def _stated_values(joints: str, minimum: float = -np.inf) -> Form:
+    return Form("values", joints, minimum, in_metadata=True, is_required=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,33 +103,33 @@ class PolicyContract:
     down.
     """
 
-    task_type: Annotated[TaskType, _choice(TaskType, "task_type")]
+    task_type: Annotated[TaskType, _choice(TaskType, in_metadata=True)]
     """Selects the layout of the motion reference."""
-    joint_names: Annotated[tuple[str, ...], Form("names", key="joint_names", is_required=True)]
+    joint_names: Annotated[tuple[str, ...], Form("names", in_metadata=True, is_required=True)]
     """The full articulation, n joints; the order of the per-joint arrays."""
-    action_joint_names: Annotated[tuple[str, ...], Form("names", "joint_names", key="action_joint_names")]
+    action_joint_names: Annotated[tuple[str, ...], Form("names", "joint_names", in_metadata=True)]
     """The m joints that the action drives, in its order; the others are pinned to position 0."""
-    joint_stiffness: Annotated[FloatArray, _values("joint_names", "joint_stiffness", minimum=0.0)]
+    joint_stiffness: Annotated[FloatArray, _stated_values("joint_names", minimum=0.0)]
     """Shape (n,), N·m/rad."""
-    joint_damping: Annotated[FloatArray, _values("joint_names", "joint_damping", minimum=0.0)]
+    joint_damping: Annotated[FloatArray, _stated_values("joint_names", minimum=0.0)]
     """Shape (n,), N·m·s/rad."""
-    default_joint_pos: Annotated[FloatArray, _values("joint_names", "default_joint_pos")]
+    default_joint_pos: Annotated[FloatArray, _stated_values("joint_names")]
     """Shape (n,), rad."""
-    observation: Annotated[Sequence[Term | str], Form("structure", key="observation_names", is_required=True)]
+    observation: Annotated[Sequence[Term | str], Form("structure", in_metadata=True, is_required=True)]
     """The flat observation, term by term; a plain name becomes the term with its usual conventions."""
-    command_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, key="command_names")]
+    command_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, in_metadata=True)]
     """Runtime command terms."""
-    action_scale: Annotated[FloatArray, _values("action_joint_names", "action_scale")]
+    action_scale: Annotated[FloatArray, _stated_values("action_joint_names")]
     """Shape (m,) or scalar, rad per unit of action."""
-    policy_dt: Annotated[float, Form("number", key="policy_dt", is_required=True)]
+    policy_dt: Annotated[float, Form("number", in_metadata=True, is_required=True)]
     """s"""
-    body_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, key="body_names")]
+    body_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, in_metadata=True)]
     """Bodies that the motion reference describes, b of them."""
-    dataset_repo_id: Annotated[str, Form("text", key="dataset_repo_id")] = ""
+    dataset_repo_id: Annotated[str, Form("text", in_metadata=True)] = ""
     """Where the default motion comes from; empty for none."""
-    lookahead_steps: Annotated[tuple[int, ...], Form("steps", key="lookahead_steps")] = ()
+    lookahead_steps: Annotated[tuple[int, ...], Form("steps", in_metadata=True)] = ()
     """Policy steps ahead of the present one that `target_keys_future` shows (piano)."""
-    action_offset: Annotated[FloatArray | None, _values("action_joint_names")] = None
+    action_offset: Annotated[FloatArray | None, Form("values", "action_joint_names")] = None
     """Shape (m,) or scalar, rad, added to the scaled action; None: the default pose of the driven joints."""
     action_clip: Annotated[float, Form("limit")] = float("inf")
     """Magnitude at which a raw action is clipped before it is scaled."""

@@ -17,7 +17,8 @@ from humanoid_sim.policy.readers.values import csv_field
 __all__ = ["METADATA_KEYS", "OWN_SOURCE", "is_own", "parse_metadata", "read_own", "write_metadata"]
 
 OWN_SOURCE = "metadata"
-_FIELDS = {form.key: name for name, form in FORMS.items() if form.key}
+_FIELDS = {name.replace("observation", "observation_names"): name for name, form in FORMS.items() if form.in_metadata}
+"""Key to field of the contract."""
 METADATA_KEYS = tuple(_FIELDS)
 _ONLY_HERE = ("task_type", "action_joint_names", "policy_dt", "dataset_repo_id", "lookahead_steps")
 
