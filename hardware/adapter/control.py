@@ -16,8 +16,7 @@ from humanoid_sim.hardware.adapter.wiring import AdapterSettings, Wiring
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.imu.interface import ImuReading
 from humanoid_sim.hardware.robstride.commands import OperationControlEncoder
-from humanoid_sim.hardware.robstride.enabling import set_reports, stop_motors
-from humanoid_sim.hardware.robstride.motor_table import mode_text
+from humanoid_sim.hardware.robstride.enabling import mode_text, set_reports, stop_motors
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, bounded_position
@@ -261,10 +260,10 @@ def disable(settings: AdapterSettings, channels: OpenChannels, reporting: Iterab
     return tuple(joints)
 
 
-def unconfirmed(settings: AdapterSettings, channels: OpenChannels | None, joints: Iterable[int]) -> str:
+def unconfirmed(settings: AdapterSettings, channels: OpenChannels | None, joints: Sequence[int]) -> str:
     """What to tell whoever stands next to motors that may still be enabled."""
-    samples = {} if channels is None else {i: channels.table.slots[i].sample for i in joints}
-    names = ", ".join(f"{settings.wiring.names[i]} ({mode_text(samples.get(i))})" for i in joints)
+    states = ["no status" if channels is None else mode_text(channels.table.slots[i]) for i in joints]
+    names = ", ".join(f"{settings.wiring.names[i]} ({state})" for i, state in zip(joints, states, strict=True))
     return (
         f"not confirmed to be disabled: {names}. Without commands their CAN timeout stops them after "
         f"{1000.0 * settings.can_timeout:g} ms; switch the power off before touching the robot"

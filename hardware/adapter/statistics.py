@@ -123,6 +123,6 @@ def gather_statistics(
         invalid_frames=sum(slot.invalid_frames for slot in slots),
         saturations={} if control is None else control.encoder.saturations,
         bounded={} if control is None else control.encoder.bounded,
-        temperature={names[slot.joint]: slot.sample.temperature for slot in slots if slot.sample},
+        temperature={names[slot.joint]: slot.sample.status.temperature for slot in slots if slot.sample},
         refused=0 if control is None else control.refused,
     )

@@ -12,7 +12,8 @@ from humanoid_sim.hardware.adapter.wiring import AdapterSettings
 from humanoid_sim.hardware.bus.channel import Channel
 from humanoid_sim.hardware.bus.events import BusEvent
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
-from humanoid_sim.hardware.robstride.motor_table import MotorSlot, MotorTable, Sample
+from humanoid_sim.hardware.robstride.messages import Status
+from humanoid_sim.hardware.robstride.motor_table import MotorSlot, MotorTable
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
 
@@ -102,7 +103,7 @@ class SafetyWatch:
         name = self._names[slot.joint]
         sample, alarm, report = slot.sample, slot.alarm, slot.report
         if sample is not None and alarm is not None and (alarm is sample or alarm.time >= recent):
-            yield from _alarm(name, alarm)
+            yield from _alarm(name, alarm.status)
         if report is not None and (report.faults or report.warnings):
             yield from _report(name, report.faults, report.warnings)
         if tracker.jumped[slot.joint]:
@@ -113,13 +114,13 @@ class SafetyWatch:
             yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", name
 
 
-def _alarm(name: str, sample: Sample) -> Iterator[_Finding]:
-    for fault in flag_names(sample.faults):
+def _alarm(name: str, status: Status) -> Iterator[_Finding]:
+    for fault in flag_names(status.faults):
         yield SafetyFlag.MOTOR_FAULT, fault, name
-    if sample.faults & StatusFault.MOTOR_OVERTEMPERATURE:
+    if status.faults & StatusFault.MOTOR_OVERTEMPERATURE:
         yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
-    if sample.mode is not MotorMode.RUN:
-        yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {sample.mode.name.lower()})", name
+    if status.mode is not MotorMode.RUN:
+        yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {status.mode.name.lower()})", name
 
 
 def _report(name: str, faults: FaultBit, warnings: WarningBit) -> Iterator[_Finding]:

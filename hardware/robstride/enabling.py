@@ -21,14 +21,15 @@ from humanoid_sim.hardware.robstride.messages import (
     ParameterReply,
     ReadParameter,
     SetActiveReport,
+    Status,
     Stop,
 )
-from humanoid_sim.hardware.robstride.motor_table import Sample, mode_text
+from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, fault_word, unpack_value
 from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
 
-__all__ = ["CAN_TIMEOUT", "enable_motors", "examine", "make_ready", "set_reports", "stop_motors"]
+__all__ = ["CAN_TIMEOUT", "enable_motors", "examine", "make_ready", "mode_text", "set_reports", "stop_motors"]
 
 CAN_TIMEOUT = 0.1
 """s without a command after which a motor stops by itself, unless somebody asks for another time."""
@@ -127,8 +128,8 @@ def stop_motors(requests: Requests, joints: Iterable[int], *, clear_faults: bool
     motor_id = requests.motors.motor_id
     commands = {i: [Stop(motor_id[i], clear_faults, host_id=requests.host_id)] for i in joints}
 
-    def is_done(sample: Sample) -> bool:
-        return sample.mode is MotorMode.RESET and not (clear_faults and sample.faults)
+    def is_done(status: Status) -> bool:
+        return status.mode is MotorMode.RESET and not (clear_faults and status.faults)
 
     confirmed = requests.until_status(commands, is_done)
     return tuple(i for i in commands if i not in confirmed)
@@ -145,7 +146,7 @@ def _stop_and_check(requests: Requests, joints: Sequence[int], checks: CheckList
 
     def faults(i: int) -> str:
         sample = slots[i].sample
-        status = () if sample is None else flag_names(sample.faults)
+        status = () if sample is None else flag_names(sample.status.faults)
         return ", ".join(dict.fromkeys([*status, *flag_names(FaultBit(words.get(i, 0)))]))
 
     if clears_faults:
@@ -156,7 +157,7 @@ def _stop_and_check(requests: Requests, joints: Sequence[int], checks: CheckList
         words.update(_fault_words(requests, faulty))
     for i in joints:
         if i in silent:
-            checks.problem(names[i], f"does not confirm that it is stopped ({mode_text(slots[i].sample)})")
+            checks.problem(names[i], f"does not confirm that it is stopped ({mode_text(slots[i])})")
         elif left := faults(i):
             checks.problem(names[i], f"faults do not clear: {left}" if clears_faults else f"reports {left}")
         if i not in words:
@@ -233,13 +234,13 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
     requests.received()
     deadline = time.monotonic() + _LONGEST
     while True:
-        running = [i for i in joints if slots[i].sample is not before[i] and _runs(slots[i].sample)]
+        running = [i for i in joints if slots[i].sample is not before[i] and _runs(slots[i])]
         confirmed = {i: found for i, found in confirmed.items() if i in running}
         if len(confirmed) == len(joints) or time.monotonic() > deadline:
             break
         for i in joints:  # one motor after the other: no other's frames between enable and limp
             motor_id, sample = motors.motor_id[i], before[i]
-            limp = OperationControl(motor_id, 0.0 if sample is None else sample.position, 0.0, 0.0, 0.0, 0.0)
+            limp = OperationControl(motor_id, 0.0 if sample is None else sample.status.position, 0.0, 0.0, 0.0, 0.0)
             commands: list[Command] = [limp]
             if i not in running:
                 commands += [Enable(motor_id, host_id=requests.host_id), limp]
@@ -250,7 +251,7 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
     for i in joints:
         name = motors.names[i]
         if i not in running:
-            checks.problem(name, f"was not enabled ({mode_text(slots[i].sample)})")
+            checks.problem(name, f"was not enabled ({mode_text(slots[i])})")
         elif i not in confirmed:
             checks.problem(name, "does not tell its CAN timeout after it was enabled")
         elif confirmed[i] != ticks:
@@ -269,5 +270,13 @@ def _listen(requests: Requests, asked: Sequence[int], confirmed: dict[int, float
         time.sleep(_POLL)
 
 
-def _runs(sample: Sample | None) -> bool:
-    return sample is not None and sample.mode is MotorMode.RUN and not sample.faults
+def _runs(slot: MotorSlot) -> bool:
+    return slot.sample is not None and slot.sample.status.mode is MotorMode.RUN and not slot.sample.status.faults
+
+
+def mode_text(slot: MotorSlot) -> str:
+    """What a motor's latest status says about mode and faults: `mode reset, undervoltage`."""
+    if slot.sample is None:
+        return "no status"
+    status = slot.sample.status
+    return ", ".join([f"mode {status.mode.name.lower()}", *flag_names(status.faults)])

@@ -15,21 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.robstride.fields import (
-    BROADCAST_ID,
-    FrameType,
-    Identifier,
-    MotorMode,
-    StatusFault,
-    flag_names,
-    split_identifier,
-)
+from humanoid_sim.hardware.robstride.fields import BROADCAST_ID, FrameType, Identifier, MotorMode, split_identifier
 from humanoid_sim.hardware.robstride.messages import DeviceId, FaultReport, Ignored, Malformed, Reply, Status
 from humanoid_sim.hardware.robstride.replies import decode_reply
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["MotorGroup", "MotorSlot", "MotorTable", "Note", "Readings", "Sample", "mode_text"]
+__all__ = ["MotorGroup", "MotorSlot", "MotorTable", "Note", "Readings", "Sample"]
 
 Inbox = Callable[[int, Reply, float], None]
 """Takes an answer to a request: the channel it came from, the answer, its time (s, robot's clock)."""
@@ -79,27 +71,11 @@ class MotorGroup:
 
 
 class Sample(NamedTuple):
-    """One status, motor frame."""
+    """A status and when it came."""
 
     time: float
     """s, robot's clock."""
-    position: float
-    """rad, within ±4π."""
-    velocity: float
-    """rad/s"""
-    effort: float
-    """N·m"""
-    temperature: float
-    """°C"""
-    mode: MotorMode
-    faults: StatusFault
-
-
-def mode_text(sample: Sample | None) -> str:
-    """What a status says about mode and faults: `mode reset, undervoltage`."""
-    if sample is None:
-        return "no status"
-    return ", ".join([f"mode {sample.mode.name.lower()}", *flag_names(sample.faults)])
+    status: Status
 
 
 class Note(NamedTuple):
@@ -239,16 +215,8 @@ class MotorTable:
             notes.strangers["unknown communication type"] += 1
 
     def _take_status(self, slot: MotorSlot, status: Status, time: float) -> None:
-        sample = Sample(
-            time,
-            status.position,
-            status.velocity,
-            status.effort,
-            status.temperature,
-            status.mode,
-            status.faults,
-        )
-        if sample.faults or sample.mode is not MotorMode.RUN:
+        sample = Sample(time, status)
+        if status.faults or status.mode is not MotorMode.RUN:
             slot.alarm = sample
         slot.sample = sample
         if status.is_report:
@@ -286,7 +254,13 @@ class MotorTable:
 
     def readings(self) -> Readings:
         """The latest status of every motor."""
-        return Readings(*np.array([(slot.sample or _UNHEARD)[:5] for slot in self.slots]).reshape(-1, 5).T)
+        rows = [_UNHEARD if (sample := slot.sample) is None else _row(sample) for slot in self.slots]
+        return Readings(*np.array(rows).reshape(-1, len(_UNHEARD)).T)
 
 
 _UNHEARD = (float("nan"),) * 5
+
+
+def _row(sample: Sample) -> tuple[float, ...]:
+    status = sample.status
+    return sample.time, status.position, status.velocity, status.effort, status.temperature

@@ -20,9 +20,10 @@ from humanoid_sim.hardware.robstride.messages import (
     ParameterReply,
     ReadParameter,
     Reply,
+    Status,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.motor_table import MotorGroup, MotorTable, Sample
+from humanoid_sim.hardware.robstride.motor_table import MotorGroup, MotorTable
 from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
 from humanoid_sim.robots.motors import MOTORS
 
@@ -135,8 +136,8 @@ class Requests:
             time.sleep(_POLL)
 
     def until_status(
-        self, commands: Mapping[int, Sequence[Command]], wanted: Callable[[Sample], bool]
-    ) -> dict[int, Sample]:
+        self, commands: Mapping[int, Sequence[Command]], wanted: Callable[[Status], bool]
+    ) -> dict[int, Status]:
         """Send each motor's commands until a status that came afterwards is as wanted.
 
         What counts is the state that a motor reports and not that it answers: a late status to an earlier command, or
@@ -145,7 +146,7 @@ class Requests:
         Returns:
             The status by joint; a motor that did not report it after any attempt is left out.
         """
-        found: dict[int, Sample] = {}
+        found: dict[int, Status] = {}
         for wait in _ANSWER_TIMES:
             missing = {joint: group for joint, group in commands.items() if joint not in found}
             if not missing:
@@ -157,8 +158,8 @@ class Requests:
                 time.sleep(_POLL)
                 for joint, old in before.items():
                     sample = self.table.slots[joint].sample
-                    if sample is not None and sample is not old and wanted(sample):
-                        found[joint] = sample
+                    if sample is not None and sample is not old and wanted(sample.status):
+                        found[joint] = sample.status
         return found
 
     def received(self) -> list[tuple[int, Reply]]:

@@ -18,8 +18,8 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
-from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, OperationControl
-from humanoid_sim.hardware.robstride.motor_table import MotorGroup, Sample
+from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, OperationControl, Status
+from humanoid_sim.hardware.robstride.motor_table import MotorGroup
 from humanoid_sim.hardware.robstride.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, Parameter
 from humanoid_sim.hardware.robstride.requests import Unreadable
@@ -149,7 +149,7 @@ def read_device_id(channels: OpenChannels, motor: int = 0) -> DeviceId:
     return found[motor]
 
 
-def command_motor(channels: OpenChannels, command: Command, motor: int = 0) -> Sample:
+def command_motor(channels: OpenChannels, command: Command, motor: int = 0) -> Status:
     """Send a command that is answered by a status; the status.
 
     Raises:
@@ -214,7 +214,7 @@ class EnabledMotor:
         self._old_timeout: float | None = None
         self.warnings: tuple[str, ...] = ()
         """What was found that did not keep it from being enabled, one line each."""
-        self.status: Sample | None = None
+        self.status: Status | None = None
         """The latest."""
 
     def __enter__(self) -> Self:
@@ -238,10 +238,11 @@ class EnabledMotor:
             self._stop()
             raise
         self.warnings = checks.warnings
-        self.status = channels.table.slots[self._motor].sample
+        sample = channels.table.slots[self._motor].sample
+        self.status = None if sample is None else sample.status
         return self
 
-    def command(self, position: float, velocity: float, stiffness: float, damping: float) -> Sample:
+    def command(self, position: float, velocity: float, stiffness: float, damping: float) -> Status:
         """Send a command in the motor frame: rad, rad/s, N·m/rad, N·m·s/rad; the status that follows.
 
         Raises:

@@ -93,10 +93,10 @@ def _set(config: Set) -> int:
         before = read_value(channels, parameter)
         write_value(channels, parameter, config.value)
         after = read_value(channels, parameter)
-        status = channels.table.slots[0].sample  # what the write was answered with
+        sample = channels.table.slots[0].sample  # what the write was answered with
     change = f"{shown(parameter, before)} -> {shown(parameter, after)}"
     print(f"{channels.requests.motors.names[0]}: {parameter.name} {change}, until power-off unless saved")
-    if status is not None and status.mode is MotorMode.RUN:
+    if sample is not None and sample.status.mode is MotorMode.RUN:
         print(f"motor {config.motor_id} is enabled")
     return 0
 

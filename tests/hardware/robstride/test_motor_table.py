@@ -199,9 +199,9 @@ def test_a_fault_between_two_readings_is_kept(table: MotorTable) -> None:
     _tell(table, _status(), 1.01)
     slot = table.slots[0]
     assert slot.sample is not None
-    assert slot.sample.faults == 0
+    assert slot.sample.status.faults == 0
     assert slot.alarm is not None
-    assert (slot.alarm.time, slot.alarm.faults) == (1.0, StatusFault.UNDERVOLTAGE)
+    assert (slot.alarm.time, slot.alarm.status.faults) == (1.0, StatusFault.UNDERVOLTAGE)
 
 
 def test_a_mode_other_than_run_is_an_alarm(table: MotorTable) -> None:

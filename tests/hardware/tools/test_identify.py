@@ -37,7 +37,7 @@ def _is_stopped_as_before(motor_id: int) -> bool:
         write_value(channels, PARAMETERS["zero_sta"], 0)
         sample = channels.table.slots[0].sample
         assert sample is not None
-        return read_value(channels, PARAMETERS["canTimeout"]) == 0 and sample.mode.name == "RESET"
+        return read_value(channels, PARAMETERS["canTimeout"]) == 0 and sample.status.mode.name == "RESET"
 
 
 def test_the_joint_moves_in_its_positive_direction_and_back(run: Run, lite_motors: VirtualMotors) -> None:

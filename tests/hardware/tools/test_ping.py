@@ -45,7 +45,7 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run: Run, lite_mo
         write_value(channels, PARAMETERS["zero_sta"], 0)
         sample = channels.table.slots[0].sample
         assert sample is not None
-        assert sample.mode.name == "RESET"
+        assert sample.status.mode.name == "RESET"
 
 
 def test_a_model_that_is_given_is_used(run: Run, lite_motors: VirtualMotors) -> None:
