@@ -37,15 +37,24 @@ class PlantState:
     qvel: FloatArray
     """Shape (nv,), generalised velocity."""
     acceleration: FloatArray | None = None
-    """Shape (nv,), of the physics step before: where the solver begins, and what the IMU feels. None: zeros."""
+    """Shape (nv,), of the physics step before, as the solver found it and begins with it again. None: zeros."""
     effort: FloatArray | None = None
     """Shape (n,), N·m, of the physics step before, which only reports show. None: zeros."""
+    felt: FloatArray | None = None
+    """Shape (nv,), of the physics step before, as the IMU feels it: `MujocoRobot.acceleration`. None: as the solver
+    found it."""
 
     @classmethod
     def of(cls, robot: MujocoRobot) -> PlantState:
         """A copy of a simulated robot's."""
         data, (state, _) = robot.data, robot.read()
-        return cls(data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy(), state.joint_effort)
+        return cls(
+            data.qpos.copy(),
+            data.qvel.copy(),
+            data.qacc_warmstart.copy(),
+            state.joint_effort,
+            robot.acceleration.copy(),
+        )
 
 
 class EpisodeRobot(MujocoRobot):
@@ -108,9 +117,10 @@ class EpisodeRobot(MujocoRobot):
         data.qpos[:], data.qvel[:] = start.qpos, start.qvel
         if start.acceleration is not None:
             data.qacc[:] = data.qacc_warmstart[:] = start.acceleration
+            self.acceleration[:] = start.acceleration if start.felt is None else start.felt
         position, velocity, effort = self._joint_sample()
         self._joint_line.restart(self._step, (position, velocity, effort if start.effort is None else start.effort))
-        self._body_line.restart(self._step, self._sensors.read(data))
+        self._body_line.restart(self._step, self._body_sample())
 
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """As `write`; nothing pushes it, and it does not stand still."""
@@ -125,7 +135,7 @@ class EpisodeRobot(MujocoRobot):
         if self._is_punctual:
             return self.state()
         position, velocity, effort = self._joint_sample()
-        felt = self._sensors.read(self.data)
+        felt = self._body_sample()
         return MITState(
             time=self.time,
             joint_position=position,

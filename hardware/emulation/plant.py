@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from humanoid_sim.errors import InputError, RobotError, known_names
@@ -134,7 +133,7 @@ class MotorPlant:
             joint_torque += self._hand_torque(self._hand)
         data.qfrc_applied[self._dof_index] = joint_torque
         with mujoco_silenced:  # `fault` tells of a bad state
-            mujoco.mj_step(self._plant.model, data)
+            self._plant.physics_step()
         self._sense()
 
     def fault(self) -> str:
@@ -188,7 +187,7 @@ class MotorPlant:
         effort[[self.description.joint_names.index(joint.name) for joint in self.joints]] = (
             self._direction * self.torque
         )
-        body = self._senses.read(plant.data)
+        body = self._senses.read(plant.data, plant.acceleration)
         return PlantTruth(
             time, plant.position.copy(), plant.velocity.copy(), effort, plant.data.qpos.copy(), body.imu, body.live
         )

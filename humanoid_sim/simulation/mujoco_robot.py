@@ -151,6 +151,11 @@ class MujocoRobot:
         return self._plant.data
 
     @property
+    def acceleration(self) -> FloatArray:
+        """Shape (nv,), of the latest physics step, live: what the IMU feels; see `Plant.acceleration`."""
+        return self._plant.acceleration
+
+    @property
     def control_period(self) -> float:
         """s, by which one `write` advances the simulation."""
         return self._control_period
@@ -214,7 +219,7 @@ class MujocoRobot:
         self._fault = ""
         self._state = None
         self._joint_line.restart(self._step, self._joint_sample())
-        self._body_line.restart(self._step, self._sensors.read(self._plant.data))
+        self._body_line.restart(self._step, self._body_sample())
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         """The state as it is seen at the present simulation time, and the simulator's safety status.
@@ -308,9 +313,12 @@ class MujocoRobot:
                 self._joint_line.push(self._step, self._joint_sample())
 
     def _sample(self) -> None:
-        self._body_line.push(self._step, self._sensors.read(self._plant.data))
+        self._body_line.push(self._step, self._body_sample())
         if self._samples_now:
             self._joint_line.push(self._step, self._joint_sample())
+
+    def _body_sample(self) -> BodySample:
+        return self._sensors.read(self._plant.data, self._plant.acceleration)
 
     def _joint_sample(self) -> _JointSample:
         return self._plant.position.copy(), self._plant.velocity.copy(), self._plant.effort.copy()

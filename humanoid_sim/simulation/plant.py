@@ -46,6 +46,12 @@ class Plant(ABC):
         self.data = mujoco.MjData(model)
         self.addresses = joint_addresses(model, description.joint_names)
         self._initial_position = np.array(description.initial_position)
+        damps = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+        self._is_damped = bool(damps and model.dof_damping.any())
+        self.acceleration: FloatArray = np.zeros(model.nv) if self._is_damped else self.data.qacc
+        """Shape (nv,), of the latest physics step: by how much it changed the velocity, over its length. MuJoCo's
+        `qacc` is another one where joints have damping of their own, which its Euler integrator adds implicitly."""
+        self._velocity_before = np.empty(model.nv)
         # Slices, where the joints are adjacent and in order, make views: nothing to gather at each physics step.
         self._qpos_index = _as_slice(self.addresses.qpos)
         self._dof_index = _as_slice(self.addresses.dof)
@@ -63,6 +69,16 @@ class Plant(ABC):
 
     @abstractmethod
     def _step(self, count: int) -> None: ...
+
+    def physics_step(self) -> None:
+        """One physics step under the forces that are applied now."""
+        if not self._is_damped:
+            mujoco.mj_step(self.model, self.data)
+            return
+        self._velocity_before[:] = self.data.qvel
+        mujoco.mj_step(self.model, self.data)
+        np.subtract(self.data.qvel, self._velocity_before, out=self.acceleration)
+        self.acceleration /= self.model.opt.timestep
 
     @property
     @abstractmethod
@@ -84,6 +100,7 @@ class Plant(ABC):
     def reset(self) -> None:
         """At rest in the initial position, no command in force, warnings cleared."""
         mujoco.mj_resetData(self.model, self.data)
+        self.acceleration[:] = 0.0
         self.data.qpos[self._qpos_index] = self._initial_position
 
     def fault(self) -> str:
@@ -128,13 +145,16 @@ class QfrcPlant(Plant):
         # Views into MuJoCo's arrays, or, if the joints are scattered there, copies to be renewed at every step.
         position, velocity, torque = self.position, self.velocity, self.effort
         # Each step is under the torque of its own state. This loop is most of what a control tick costs beyond MuJoCo.
-        for _ in range(count):
+        for remaining in range(count, 0, -1):
             if gathers:
                 position, velocity = self.position, self.velocity
             mit_torque(command, position, velocity, limit, out=torque, scratch=scratch)
             if gathers:
                 data.qfrc_applied[self._dof_index] = torque
-            mujoco.mj_step(model, data)
+            if remaining > 1:
+                mujoco.mj_step(model, data)
+            else:
+                self.physics_step()
 
 
 class AffinePlant(Plant):
@@ -158,7 +178,10 @@ class AffinePlant(Plant):
         return force
 
     def _step(self, count: int) -> None:
-        mujoco.mj_step(self.model, self.data, count)
+        if count > 1:
+            mujoco.mj_step(self.model, self.data, count - 1)
+        if count:
+            self.physics_step()
 
 
 def make_plant(

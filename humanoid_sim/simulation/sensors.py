@@ -62,9 +62,15 @@ class Imu:
             quaternion, rotation = self._orientation()
             self.constant = ImuSample(quaternion, np.zeros(3), -rotation.T @ model.opt.gravity)
 
-    def read(self, data: mujoco.MjData) -> ImuSample:
-        """The reading at the data's present `qpos` and `qvel`, with the acceleration of its latest physics step."""
-        return self.constant or self._compute(data.qpos, data.qvel, data.qacc)
+    def read(self, data: mujoco.MjData, acceleration: FloatArray | None = None) -> ImuSample:
+        """The reading at the data's present `qpos` and `qvel`.
+
+        Args:
+            data: of the model.
+            acceleration: shape (nv,), of the latest physics step, as `Plant.acceleration`; None for `qacc`, which is
+                the same where no joint of the model has damping of its own.
+        """
+        return self.constant or self._compute(data.qpos, data.qvel, data.qacc if acceleration is None else acceleration)
 
     def _compute(self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> ImuSample:
         model, data, twist = self._model, self._data, self._twist
@@ -133,8 +139,8 @@ class BodySensors:
         self._model, self._data = model, mujoco.MjData(model)
         self._anchor = model.body(anchor_body).id if anchor_body else None
 
-    def read(self, data: mujoco.MjData) -> BodySample:
-        """The reading at the data's present `qpos` and `qvel`."""
+    def read(self, data: mujoco.MjData, acceleration: FloatArray | None = None) -> BodySample:
+        """The reading at the data's present `qpos` and `qvel`; the acceleration is as `Imu.read` takes it."""
         live = {}
         if self._base_velocity is not None:
             live[BASE_LINEAR_VELOCITY] = data.qvel[self._base_velocity].copy()
@@ -143,4 +149,4 @@ class BodySensors:
             own.qpos[:] = data.qpos
             mujoco.mj_kinematics(self._model, own)
             live[ANCHOR_POSE] = np.concatenate([own.xpos[self._anchor], own.xquat[self._anchor]])
-        return BodySample(self._imu.read(data), live)
+        return BodySample(self._imu.read(data, acceleration), live)

@@ -11,6 +11,23 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.plant import Actuation, make_plant
 
 RobotFactory = Callable[..., RobotDescription]
+PENDULUM = """
+<mujoco>
+  <worldbody>
+    <body name="base">
+      <site name="imu"/>
+      <body name="upper">
+        <joint name="shoulder" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="1" contype="0" conaffinity="0"/>
+        <body name="lower" pos="0 0 -0.3">
+          <joint name="elbow" axis="0 1 0" armature="0.01"/>
+          <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.5" contype="0" conaffinity="0"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
 ACTUATIONS: tuple[Actuation, ...] = ("qfrc_applied", "affine")
 
 
@@ -174,6 +191,26 @@ def test_a_command_that_is_not_finite_is_a_fault(actuation: Actuation) -> None:
     plant.apply(MITCommand(zeros, zeros, effort, zeros, zeros))
     plant.step(10)
     assert plant.fault().endswith(" is not finite, or huge")
+
+
+@pytest.mark.parametrize("actuation", ACTUATIONS)
+@pytest.mark.parametrize("damping", ["", 'damping="0.4"'])
+def test_the_acceleration_is_the_change_of_velocity(
+    small_robot: RobotFactory, actuation: Actuation, damping: str
+) -> None:
+    """MuJoCo's `qacc` leaves out what the joints' own damping takes within the step."""
+    mjcf = PENDULUM.replace('name="elbow"', f'name="elbow" {damping}')
+    plant = make_plant(small_robot(mjcf), actuation=actuation)
+    command = random_command(small_robot(mjcf), np.random.default_rng(3))
+    plant.apply(command)
+    plant.step(4)
+    before = plant.velocity.copy()
+    plant.step(1)
+    change = (plant.velocity - before) / 0.001
+    np.testing.assert_allclose(plant.acceleration, change, rtol=0, atol=1e-9)
+    assert bool(np.abs(plant.data.qacc - change).max() > 0.1) is bool(damping)
+    plant.reset()
+    assert plant.acceleration.tolist() == [0.0, 0.0]
 
 
 def test_an_unknown_actuation() -> None:

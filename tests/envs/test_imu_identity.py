@@ -1,0 +1,173 @@
+"""The IMU wherever it is, on a robot whose inertia is turned: `play` and every environment measure the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+import yaml
+from onnx import TensorProto, helper, numpy_helper
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.envs import dm
+from humanoid_sim.envs.policy_env import PolicyEnv
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.messages import Mode
+from humanoid_sim.play import main
+from humanoid_sim.policy.readers.contract_yaml import parse_contract
+from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.recording.reader import open_recording
+
+STOOL = """
+<mujoco model="stool">
+  <compiler angle="degree"/>
+  <option timestep="0.001"/>
+  <default><geom friction="1" condim="3"/></default>
+  <worldbody>
+    <body name="trunk" pos="0 0 0.4">
+      <freejoint/>
+      <inertial pos="0.02 -0.03 0.05" euler="30 40 50" mass="6" diaginertia="0.05 0.11 0.14"/>
+      <geom type="box" size="0.15 0.1 0.05"/>
+      <site name="base_site" pos="0.1 0.05 -0.02" euler="10 -20 70"/>
+      <body name="head" pos="0.05 0 0.1">
+        <joint name="neck" axis="0 1 0.2" range="-60 60" damping="0.3" armature="0.01"/>
+        <inertial pos="0 0.01 0.08" euler="-20 70 10" mass="0.8" diaginertia="0.002 0.004 0.005"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.15" size="0.03"/>
+        <site name="head_site" pos="0.03 0.01 0.12" euler="40 10 -30"/>
+      </body>
+      <body name="left" pos="0 0.12 -0.05">
+        <joint name="left_hip" axis="0 1 0" range="-60 60" damping="0.2" armature="0.01"/>
+        <geom type="box" pos="0 0.03 -0.15" size="0.15 0.03 0.15" mass="1"/>
+      </body>
+      <body name="right" pos="0 -0.12 -0.05">
+        <joint name="right_hip" axis="0 1 0" range="-60 60" armature="0.01"/>
+        <geom type="box" pos="0 -0.03 -0.15" size="0.15 0.03 0.15" mass="1"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+JOINTS = ["neck", "left_hip", "right_hip"]
+FRAMES = ("trunk", "base_site", "head", "head_site")
+WIRING: dict[str, Any] = {
+    "joint_names": JOINTS,
+    "joint_stiffness": [10.0, 40.0, 40.0],
+    "joint_damping": [0.5, 2.0, 2.0],
+    "default_joint_pos": [0.1, 0.05, -0.05],
+    "observation": ["base_ang_vel", "imu_linear_acceleration", "imu_quaternion", "projected_gravity", "joint_pos"],
+    "action_scale": 0.5,
+    "policy_dt": 0.02,
+    "command_ranges": {"lin_vel_x": [-1, 1], "lin_vel_y": [-1, 1], "ang_vel_z": [-1, 1]},
+}
+WIDTH = 16
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, with the stool; the sockets of `play` go there too."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (tmp_path / "stool.xml").write_text(STOOL, encoding="utf-8")
+    return tmp_path
+
+
+def robot_with(frame: str) -> str:
+    """The stool with its IMU there; its path."""
+    hips = {"lower": -1.0, "upper": 1.0, "effort_limit": 50.0, "stiffness": 40.0, "damping": 2.0}
+    standby = {
+        "target_stiffness": [40.0] * 3,
+        "target_damping": [2.0] * 3,
+        "segment_durations": [0.2],
+        "pose_segments": [[0.1, 0.05, -0.05]],
+    }
+    document = {
+        "name": "stool",
+        "mjcf": "stool.xml",
+        "joints": [{"name": name, **hips} for name in JOINTS],
+        "initial_position": [0.1, 0.05, -0.05],
+        "imu": frame,
+        "base": {"type": "floating", "body": "trunk"},
+        "simulation": {"physics_timestep": 0.001, "control_frequency": 100},
+        "standby_controller_a": standby,
+        "standby_controller_b": standby,
+    }
+    Path("stool.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+    return "stool.yaml"
+
+
+def contract() -> PolicyContract:
+    return merge(parse_contract(WIRING, "test", "test"), "test")
+
+
+def actions(steps: int) -> np.ndarray:
+    return np.random.default_rng(1).normal(0.0, 0.6, (steps, 3)).astype(np.float32)
+
+
+def network() -> str:
+    weights = np.random.default_rng(0).normal(0.0, 0.05, (WIDTH, 3)).astype(np.float32)
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
+        "policy",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, WIDTH])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 3])],
+        [numpy_helper.from_array(weights, "weights")],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), "policy.onnx")
+    Path("contract.yaml").write_text(yaml.safe_dump(WIRING), encoding="utf-8")
+    return "policy.onnx"
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("actuation", ["affine", "qfrc_applied"])
+def test_environments_agree(folder: Path, frame: str, actuation: Any) -> None:
+    robot = robot_with(frame)
+    wired = contract()
+    options = {"joint_noise": 0.1, "velocity_noise": 0.5}
+    single = PolicyEnv(wired, robot, task="balance", actuation=actuation, **options)
+    theirs = dm.load("policy", contract=wired, robot=robot, task="balance", seed=3, actuation=actuation, **options)
+    vector = PolicyVectorEnv(2, wired, robot, task="balance", threads=1, **options)
+    observation, _ = single.reset(seed=3)
+    several, _ = vector.reset(seed=[7, 3])
+    np.testing.assert_allclose(several[1], observation, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(np.concatenate(list(theirs.reset().observation.values())), observation)
+    turned = 0.0
+    for action in actions(12):
+        observation, _, terminated, _, info = single.step(action)
+        assert not terminated, info
+        several, *_ = vector.step(np.stack([action, action]))
+        one = single.robot.truth()
+        batch = vector.simulation.truth()
+        turned = np.maximum(turned, np.abs(one.imu_angular_velocity))
+        for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
+            np.testing.assert_allclose(getattr(batch, name)[1], getattr(one, name), rtol=0, atol=1e-9, err_msg=name)
+        step = theirs.step(action)
+        np.testing.assert_array_equal(np.concatenate(list(step.observation.values())), observation)
+    assert np.all(turned > 0.05)  # about all three axes
+    vector.close()
+    single.close()
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_play_is_the_single_environment(folder: Path, frame: str) -> None:
+    robot = robot_with(frame)
+    path = network()
+    script = ("--script", "damp; load_a; wait; start_locomotion; hold 0.4; damp", "--record", "r.mcap")
+    main(["--viewer", "none", "--robot", robot, "--policy", path, *script])
+    ticks = [
+        tick
+        for tick in open_recording(folder / "r.mcap").ticks()
+        if tick.output.control_mode.mode is Mode.LOCOMOTION and tick.output.policy_step
+    ]
+    assert len(ticks) >= 20
+    env = PolicyEnv(path, robot, task="balance", actuation="qfrc_applied")
+    env.reset(options={"recording": "r.mcap"})
+    for tick in ticks:
+        state, step = env.robot.read()[0], tick.output.policy_step
+        assert step is not None
+        for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
+            assert getattr(state, name).tobytes() == getattr(tick.input.state, name).tobytes(), name
+        env.step(step.action)
+    env.close()
