@@ -10,7 +10,7 @@ from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.play.checks import Outputs, choose_outputs, refuse_conflicts
+from humanoid_sim.play.conflicts import Outputs, choose_outputs, refuse_conflicts
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy

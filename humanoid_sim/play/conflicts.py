@@ -1,4 +1,4 @@
-"""Options of `play` that are refused before anything is made: what excludes each other, and files not to replace."""
+"""Options of `play` that conflict, with one another or with files that exist: refused before anything is made."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from result import Result
 
 from humanoid_sim.assets import motion_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.play.checks import choose_outputs, refuse_conflicts
+from humanoid_sim.play.conflicts import choose_outputs, refuse_conflicts
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.session.inject import parse_injections
