@@ -29,6 +29,7 @@ __all__ = [
     "MITFields",
     "MITState",
     "affine_law",
+    "affine_torque",
     "bounded_position",
     "frozen_array",
     "mit_torque",
@@ -300,6 +301,13 @@ def affine_law(command: MITFields) -> tuple[FloatArray, FloatArray]:
     np.negative(command.stiffness, out=bias[..., 0])
     np.negative(command.damping, out=bias[..., 1])
     return bias, command.stiffness * command.position + command.damping * command.velocity + command.effort
+
+
+def affine_torque(
+    bias: FloatArray, ctrl: FloatArray, position: FloatArray, velocity: FloatArray, effort_limit: FloatArray
+) -> FloatArray:
+    """Torque of the affine form, saturated, shape (..., n), N·m: what an actuator makes of `affine_law`'s values."""
+    return np.clip(ctrl + bias[..., 0] * position + bias[..., 1] * velocity, -effort_limit, effort_limit)
 
 
 def bounded_position(

@@ -11,8 +11,8 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, MITCommand
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.floating_base import BaseState, support_in_mode
-from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
+from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.simulation.sensors import Imu
@@ -217,6 +217,23 @@ class TestSenses:
         assert sample.linear_acceleration == pytest.approx(data.sensordata[3:6], abs=1e-9)
         assert np.abs(sample.quaternion @ data.sensordata[6:]) == pytest.approx(1.0, abs=1e-12)
         assert np.abs(sample.linear_acceleration).max() > 0.1  # it spins
+
+
+def test_a_start_is_that_of_a_robot_turned_about_the_vertical(hopper: Path) -> None:
+    robot = load_robot(hopper)
+    model = build_model(robot, scene="floor")
+    pose = StartPose(model, robot, joint_addresses(model, robot.joint_names))
+    turned = MujocoRobot(robot, base_yaw=0.7)
+    assert pose.height == pytest.approx(float(base_of(turned).height), abs=1e-12)
+    qpos, qvel = pose.arrays(base_yaw=np.array(0.7))
+    np.testing.assert_allclose(qpos, turned.qpos, rtol=0, atol=1e-15)
+    assert not qvel.any()
+    joints, speeds = np.array([[0.1, 0.5], [0.2, 0.6]]), np.array([[1.0, 2.0], [3.0, 4.0]])
+    batch, moving = pose.arrays((2,), joint_position=joints, joint_velocity=speeds, base_yaw=np.array([0.7, 0.0]))
+    np.testing.assert_array_equal(batch[0, :7], qpos[:7])
+    addresses = joint_addresses(model, robot.joint_names)
+    np.testing.assert_array_equal(batch[:, addresses.qpos], joints)
+    np.testing.assert_array_equal(moving[:, addresses.dof], speeds)
 
 
 def test_base_state_in_words() -> None:

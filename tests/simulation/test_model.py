@@ -6,7 +6,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
+from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 
 RobotFactory = Callable[..., RobotDescription]
 
@@ -88,6 +88,25 @@ def test_joint_addresses_follow_names(small_robot: RobotFactory) -> None:
     assert addresses.dof.tolist() == [1, 0]
     with pytest.raises(InputError, match=r"^unknown joint 'knee'; known: free_wheel, hinge$"):
         joint_addresses(model, ("knee",))
+
+
+def test_body_ids_follow_names(small_robot: RobotFactory) -> None:
+    model = build_model(small_robot(), scene=False)
+    assert body_ids(model, ["lower", "base"]) == (model.body("lower").id, model.body("base").id)
+    with pytest.raises(InputError, match=r"^unknown body 'head'; known: base, upper, lower$"):
+        body_ids(model, ["lower", "head"])
+
+
+def test_an_edit_comes_last(small_robot: RobotFactory) -> None:
+    seen: list[str] = []
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        seen.extend(actuator.name for actuator in spec.actuators)
+        spec.body("lower").add_site(name="mark")
+
+    model = build_model(small_robot(), affine_actuators=True, scene=False, edit=edit)
+    assert seen == ["shoulder", "elbow"]
+    assert model.site("mark").bodyid[0] == model.body("lower").id
 
 
 def test_base_body_is_the_root_of_the_joints() -> None:

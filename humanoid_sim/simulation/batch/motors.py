@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.mit import FloatArray, MITCommand, affine_law
+from humanoid_sim.mit import FloatArray, MITCommand, affine_law, affine_torque
 from humanoid_sim.simulation.batch.counter_random import Words, uniforms
 from humanoid_sim.simulation.batch.physics import ModelPool
 from humanoid_sim.simulation.batch.randomisation import Randomisation
@@ -132,8 +132,7 @@ class BatchMotors:
 
     def torque(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
         """Shape (N, n), N·m, saturated, of the last of the physics steps, which began at this joint state."""
-        force = self._control[:, -1] + self._bias[:, :, 0] * position + self._bias[:, :, 1] * velocity
-        return np.clip(force, -self._limit, self._limit)
+        return affine_torque(self._bias, self._control[:, -1], position, velocity, self._limit)
 
     def _draw_jitter(self, step: IntArray) -> IntArray:
         if not self._jitter:

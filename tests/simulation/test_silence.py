@@ -1,0 +1,45 @@
+"""MuJoCo's one handler of warnings, lent to simulations."""
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from humanoid_sim.simulation.silence import mujoco_silenced
+
+
+def step_into_trouble() -> int:
+    """A position that is no number; returns how often MuJoCo has warned of it."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.qpos[0] = float("nan")
+    mujoco.mj_step(model, data)
+    return int(data.warning[mujoco.mjtWarning.mjWARN_BADQPOS].number)
+
+
+def test_nothing_is_written_and_warnings_still_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with mujoco_silenced:
+        assert step_into_trouble() == 1
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_last_to_leave_puts_back_the_handler() -> None:
+    heard: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        with mujoco_silenced:
+            with mujoco_silenced:
+                step_into_trouble()
+            step_into_trouble()
+        assert heard == []
+        step_into_trouble()
+        assert len(heard) == 1
+    finally:
+        mujoco.set_mju_user_warning(before)
