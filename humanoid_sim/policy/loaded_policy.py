@@ -12,10 +12,12 @@ from humanoid_sim.controllers.observation import ObservationLayout, resolve_obse
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.mit import EXTERN_WIDTHS
 from humanoid_sim.policy.motion import Motion
 
 __all__ = ["LoadedPolicy", "contract_layout", "load_policy"]
+
+_LIVE_KEYS = "key_pressed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +27,12 @@ class LoadedPolicy:
     contract: PolicyContract
     reference: MotionReference
     policy: Policy
-    estimates: bool = True
-    """Whether the robot knows its base's velocity and its anchor body's pose, as a simulation does."""
 
     @property
     def extern(self) -> Mapping[str, int]:
-        """Name and width of the live inputs: commands and estimates, and pressed keys, as wide as the goal keys."""
+        """Name and width of a simulation's live inputs: command, estimates, and pressed keys, as many as goal keys."""
         keys = self.reference.terms.get("target_keys")
-        widths = {name: width for name, width in EXTERN_WIDTHS.items() if self.estimates or name == VELOCITY_COMMAND}
-        return widths if keys is None else {**widths, "key_pressed": keys.shape[1]}
+        return EXTERN_WIDTHS if keys is None else {**EXTERN_WIDTHS, _LIVE_KEYS: keys.shape[1]}
 
     @property
     def layout(self) -> ObservationLayout:
@@ -49,7 +48,6 @@ def load_policy(
     *,
     source: str = "policy",
     motion_source: str = "motion",
-    estimates: bool = True,
 ) -> LoadedPolicy:
     """Bring a policy and its motion together.
 
@@ -60,13 +58,12 @@ def load_policy(
         observation_width: N as the model declares it; None if any will do.
         source: what to call the policy in messages.
         motion_source: what to call the motion.
-        estimates: as in `LoadedPolicy`.
 
     Raises:
         InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
     try:
-        loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy, estimates)
+        loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
         layout = loaded.layout
     except FieldError as error:
         raise InputError(f"{source}: {error}") from None
@@ -106,9 +103,6 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
     if motion.layout == "joints_bodies_w":
         return build_world_reference(contract, motion.frames, motion.joint_names, motion.body_names)
     return build_reference(contract, motion.frames)
-
-
-_LIVE_KEYS = "key_pressed"
 
 
 def contract_layout(contract: PolicyContract, observation_width: int | None = None) -> ObservationLayout:

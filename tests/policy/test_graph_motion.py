@@ -13,7 +13,9 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.policy.checkpoint import load_checkpoint, zero_policy
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import load_policy
@@ -220,8 +222,9 @@ def test_a_motion_without_what_the_policy_needs_is_refused() -> None:
 
 
 def test_a_robot_without_an_estimator_is_told_so() -> None:
-    with pytest.raises(InputError, match="'motion_anchor_ori_b' needs the robot's anchor pose"):
-        load_policy(contract(), zero_policy(2), Motion(**FILE), estimates=False)
+    loaded = load_policy(contract(), zero_policy(2), Motion(**FILE))
+    with pytest.raises(FieldError, match="'motion_anchor_ori_b' needs the robot's anchor pose"):
+        PolicyWiring(loaded.contract.joint_names, loaded.contract, loaded.reference, {VELOCITY_COMMAND: 3})
 
 
 def test_named_tensors_are_used(tmp_path: Path) -> None:
