@@ -12,41 +12,49 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.hardware.emulation.firmware import torque_limit
+from humanoid_sim.hardware.emulation.firmware import torque_limit, wrapped
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState
 from humanoid_sim.mit import FloatArray, mit_torque
 
-__all__ = ["RATED_RISE", "TIME_CONSTANT", "Drives", "MitTargets", "heat"]
+__all__ = ["RATED_RISE", "TIME_CONSTANT", "Drives", "heat"]
 
 
 class Drives:
-    """The motors' control loops side by side: arrays of shape (m,), motor frame. Follows what the firmwares decide."""
+    """The motors' control loops side by side: arrays of shape (m,), motor frame. Follows what the firmwares decide.
+
+    The MIT law's error is taken from the position as the motor reports it, that is wrapped: a motor that crosses the
+    end of the range sees its error jump by the whole range, which the manuals neither state nor exclude.
+    """
 
     def __init__(self, identities: Sequence[MotorIdentity]) -> None:
         """All motors without power, at the temperature of the room."""
         self._identities = tuple(identities)
         count = len(identities)
-        self._targets = MitTargets(np.array([identity.model.peak_torque for identity in identities]))
+        self.position, self.velocity, self.effort, self.stiffness, self.damping = np.zeros((5, count))
+        """The command in force, as of an `MITCommand`; a motor that does not run has gains and effort of zero."""
+        self._limit = np.array([identity.model.peak_torque for identity in identities])
         self._origin = np.zeros(count)
         self._range = np.array([identity.model.position for identity in identities])
         self._rated = np.array([identity.model.rated_torque for identity in identities])
-        self._position = np.empty(count)
+        self._torque, self._scratch = np.empty((2, count))
         self.rise = np.zeros(count)
         """Shape (m,), K above the room."""
 
     def follow(self, motor: int, state: MotorState) -> None:
         """Do from the next period on what a motor's firmware says."""
-        identity, targets = self._identities[motor], self._targets
+        identity, command = self._identities[motor], state.command
         self._origin[motor] = state.origin
-        targets.limit[motor] = torque_limit(identity, state)
-        targets.release(motor)
-        if state.is_running and state.command is not None:
-            command, factor = state.command, identity.firmware.gain_factor
-            targets.position[motor] = command.position
-            targets.velocity[motor] = command.velocity
-            targets.effort[motor] = command.effort
-            targets.stiffness[motor] = factor * command.stiffness
-            targets.damping[motor] = factor * command.damping
+        self._limit[motor] = torque_limit(identity, state)
+        if not state.is_running or command is None:
+            self.stiffness[motor] = self.damping[motor] = self.effort[motor] = 0.0
+            return
+        factor = identity.firmware.gain_factor
+        self.position[motor], self.velocity[motor], self.effort[motor] = (
+            command.position,
+            command.velocity,
+            command.effort,
+        )
+        self.stiffness[motor], self.damping[motor] = factor * command.stiffness, factor * command.damping
 
     def torque(self, shaft: FloatArray, velocity: FloatArray) -> FloatArray:
         """The torque of one period of the control loop.
@@ -58,42 +66,12 @@ class Drives:
         Returns:
             Shape (m,), N·m; a buffer that is valid until the next call.
         """
-        position = self._position
-        np.subtract(shaft, self._origin, out=position)
-        np.add(position, self._range, out=position)
-        np.mod(position, 2.0 * self._range, out=position)
-        np.subtract(position, self._range, out=position)
-        return self._targets.torque(position, velocity)
+        position = wrapped(shaft - self._origin, self._range)
+        return mit_torque(self, position, velocity, self._limit, out=self._torque, scratch=self._scratch)
 
     def warm(self, torque: FloatArray, duration: float) -> None:
         """Let the windings warm up, or cool down, for a time at a torque of shape (m,)."""
         self.rise = heat(self.rise, torque, self._rated, duration)
-
-
-class MitTargets:
-    """Targets and limits of several motors' MIT law, in the motor frame. A motor that does not run has gains of zero.
-
-    The error is taken from the position as the motor reports it, that is wrapped: a motor that crosses the end of the
-    range sees its error jump by the whole range, which the manuals neither state nor exclude.
-    """
-
-    def __init__(self, limits: FloatArray) -> None:
-        """`limits`: shape (m,), N·m, of each motor's torque."""
-        count = len(limits)
-        self.position, self.velocity, self.effort = np.zeros((3, count))
-        self.stiffness, self.damping = np.zeros((2, count))
-        self.limit = np.array(limits)
-        """Shape (m,), N·m."""
-        self._torque = np.empty(count)
-        self._scratch = np.empty(count)
-
-    def release(self, motor: int) -> None:
-        """No torque."""
-        self.stiffness[motor] = self.damping[motor] = self.effort[motor] = 0.0
-
-    def torque(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
-        """The law at wrapped positions and velocities of shape (m,); a buffer, N·m, valid until the next call."""
-        return mit_torque(self, position, velocity, self.limit, out=self._torque, scratch=self._scratch)
 
 
 RATED_RISE = 60.0

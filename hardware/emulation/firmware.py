@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.motor_state import (
@@ -57,6 +57,7 @@ from humanoid_sim.hardware.robstride.messages import (
 )
 from humanoid_sim.hardware.robstride.parameters import CanTimeout, RunMode, report_interval
 from humanoid_sim.hardware.robstride.replies import encode_reply
+from humanoid_sim.mit import FloatArray
 
 __all__ = ["Reaction", "advance", "next_time", "power_on", "receive", "status", "torque_limit", "wrapped"]
 
@@ -66,6 +67,9 @@ _MOST_VOLTAGE = 60.0
 _STILL = 0.05
 """rad/s below which a shaft that is driven with all its torque counts as stalled."""
 _LARGEST_ID = 127
+
+
+Angle = TypeVar("Angle", float, FloatArray)
 
 
 class Reaction(NamedTuple):
@@ -93,8 +97,8 @@ def power_on(identity: MotorIdentity, stored: Stored, sensed: Sensed) -> MotorSt
     return replace(state, origin=sensed.shaft - position, is_deaf=is_deaf)
 
 
-def wrapped(position: float, position_range: float) -> float:
-    """A position in [-range, range): feedback runs cyclically, it does not saturate."""
+def wrapped(position: Angle, position_range: Angle) -> Angle:
+    """A position in [-range, range), or an array of them: feedback runs cyclically, it does not saturate."""
     return (position + position_range) % (2.0 * position_range) - position_range
 
 

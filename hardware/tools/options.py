@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 import tyro
 
-__all__ = ["Budget", "Calibrate", "Discover", "Emulate", "Get", "Identify", "Param", "Ping", "Save", "Set"]
+__all__ = ["Budget", "Calibrate", "Discover", "Emulate", "Get", "Identify", "Param", "Ping", "Save", "Set", "Tool"]
 
 _Channel = Annotated[str, tyro.conf.Positional]
 """`can0`, or `interface:channel` for any interface of python-can."""
@@ -219,3 +219,6 @@ class Emulate:
     """Of the faults that happen by chance."""
     quiet: bool = False
     """Do not print what happens to the motors."""
+
+
+Tool: TypeAlias = Discover | Ping | Param | Calibrate | Identify | Budget | Emulate
