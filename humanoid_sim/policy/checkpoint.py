@@ -15,7 +15,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
-from humanoid_sim.policy.graph_motion import Progress, has_graph_motion, sweep_motion
+from humanoid_sim.policy.graph_motion import has_graph_motion, sweep_motion
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, first_line, read_header
@@ -82,7 +82,6 @@ def load_checkpoint(
     path: Path,
     contract_file: Path | None = None,
     robot_joints: tuple[str, ...] | None = None,
-    progress: Progress | None = None,
     *,
     verify: bool = True,
 ) -> Checkpoint:
@@ -92,7 +91,6 @@ def load_checkpoint(
         path: the model.
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
-        progress: told of each frame while a motion in the graph is read.
         verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
 
     Raises:
@@ -113,7 +111,7 @@ def load_checkpoint(
         raise InputError(f"{path}: the model fails on an observation of zeros: {first_line(error)}") from None
     if answer.shape != (contract.action_count,):
         raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
-    motion = sweep_motion(policy, contract, progress) if has_graph_motion(policy, contract) else None
+    motion = sweep_motion(policy, contract) if has_graph_motion(policy, contract) else None
     used = find_contract(path) if contract_file is None else contract_file
     checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
     if not verify:

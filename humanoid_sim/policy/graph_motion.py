@@ -13,10 +13,7 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
 from humanoid_sim.policy.readers.partial import PartialContract, assumed
 
-__all__ = ["Progress", "graph_conventions", "has_graph_motion", "sweep_motion"]
-
-Progress = Callable[[int], None]
-"""Told the number of frames that have been read so far."""
+__all__ = ["graph_conventions", "has_graph_motion", "sweep_motion"]
 
 _Frame = Callable[[int], npt.NDArray[np.float32] | None]
 _JOINTS = ("joint_pos", "joint_vel")
@@ -44,14 +41,13 @@ def has_graph_motion(policy: OnnxPolicy, contract: PolicyContract) -> bool:
     return policy.has_time_step and contract.task_type == "tracking" and names.issuperset(_JOINTS)
 
 
-def sweep_motion(policy: OnnxPolicy, contract: PolicyContract, progress: Progress | None = None) -> Motion:
+def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion:
     """Read the motion frame by frame, up to where the outputs stop changing.
 
     Args:
         policy: its outputs `joint_pos` and `joint_vel` are in the policy's joint order, `body_pos_w` and `body_quat_w`
             in the order of the contract's `body_names`; `ref_pos_xyz` and `ref_quat_xyzw` are of its anchor body.
         contract: of the policy; `reference_quaternion` says in which order the quaternions are.
-        progress: told after each frame.
 
     Returns:
         A motion of layout `joints_bodies_w`, float32 as the graph gives it, quaternions w x y z.
@@ -83,7 +79,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract, progress: Progres
             return None  # a graph that does not hold its last frame has none beyond it
         return _row(dict(zip(outputs, answer, strict=True)), contract, len(bodies), str(path))
 
-    rows = _rows(frame, str(path), progress)
+    rows = _rows(frame, str(path))
     try:
         return Motion(
             frames=np.stack(rows),
@@ -96,7 +92,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract, progress: Progres
         raise InputError(f"{path}: motion in its graph: {error}") from None
 
 
-def _rows(frame: _Frame, path: str, progress: Progress | None) -> list[npt.NDArray[np.float32]]:
+def _rows(frame: _Frame, path: str) -> list[npt.NDArray[np.float32]]:
     """All frames up to the first of those that stay the same for good."""
     rows: list[npt.NDArray[np.float32]] = []
     end = 0
@@ -107,8 +103,6 @@ def _rows(frame: _Frame, path: str, progress: Progress | None) -> list[npt.NDArr
         if rows and not _same(row, rows[-1]):
             end = len(rows)
         rows.append(row)
-        if progress is not None:
-            progress(len(rows))
         if len(rows) - end > _HELD and _is_end(frame, rows):
             return rows[: end + 1]
         if len(rows) >= _LONGEST:

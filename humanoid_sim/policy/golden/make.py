@@ -39,16 +39,13 @@ class _Row:
     step: PolicyStep
 
 
-def trainer_samples(
-    checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None, count: int = SAMPLE_COUNT
-) -> GoldenSamples:
+def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> GoldenSamples:
     """Samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
 
     Args:
         checkpoint: wired as it will be stamped.
         trace: of the run.
         motion: what the run followed, where the model does not carry it.
-        count: how many samples at most.
 
     Raises:
         InputError: the checkpoint's observation, action or targets differ from the trainer's; the line names the first
@@ -63,7 +60,7 @@ def trainer_samples(
     problem = golden_problem(checkpoint, whole)
     if problem:
         raise InputError(f"{checkpoint.source}: {problem}")
-    return _pick(whole, count)
+    return _pick(whole, SAMPLE_COUNT)
 
 
 def own_samples(checkpoint: Checkpoint, motion: Motion | None = None, count: int = SAMPLE_COUNT) -> GoldenSamples:
