@@ -18,7 +18,7 @@ __all__ = [
     "RobotFacts",
     "change_terms",
     "set_fields",
-    "set_term",
+    "term_edit",
     "terms_with",
 ]
 
@@ -81,13 +81,13 @@ def change_terms(contract: PolicyContract, change: Callable[[Term], Term]) -> Po
     return replace(contract, observation=tuple(change(term) for term in contract.terms))
 
 
-def set_term(names: tuple[str, ...], **options: Any) -> Change:
-    """A change that sets options of the named terms."""
+def term_edit(term: Term, title: str, about: str, explanation: str, **options: Any) -> Edit:
+    """Options of one term set anew. Name and cause are the term's name and what follows it: `title` with its space."""
 
     def change(contract: PolicyContract) -> PolicyContract:
-        return change_terms(contract, lambda term: replace(term, **options) if term.name in names else term)
+        return change_terms(contract, lambda other: replace(other, **options) if other.name == term.name else other)
 
-    return change
+    return Edit(f"{term.name}{title}", f"{term.name} {about}", explanation, change)
 
 
 def set_fields(**fields: Any) -> Change:

@@ -16,7 +16,7 @@ from humanoid_sim.doctor.edits import (
     RobotFacts,
     change_terms,
     set_fields,
-    set_term,
+    term_edit,
     terms_with,
 )
 
@@ -41,21 +41,16 @@ def _is_zero(term: Term) -> bool:
 def zeroed(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """A term that the contract feeds as zeros is fed in earnest, and the other way round."""
     for term in contract.terms:
-        cause = f"{term.name} zeroed"
         if not _is_zero(term):
-            yield Edit(
-                f"{term.name} fed as zeros",
-                cause,
-                f"the policy was trained with {term.name} zero",
-                set_term((term.name,), scale=0.0),
-            )
+            yield term_edit(term, " fed as zeros", "zeroed", f"the policy was trained with {term.name} zero", scale=0.0)
             continue
         for scale in contract.kind(term).scales:
-            yield Edit(
-                f"{term.name} fed" + (f", scaled by {scale:g}" if scale != 1.0 else ""),
-                cause,
+            yield term_edit(
+                term,
+                " fed" + (f", scaled by {scale:g}" if scale != 1.0 else ""),
+                "zeroed",
                 f"{term.name} is not zero: the policy was trained with it",
-                set_term((term.name,), scale=scale),
+                scale=scale,
             )
 
 
@@ -85,56 +80,50 @@ def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         if _is_zero(term):
             continue
         for scale in contract.kind(term).scales:
-            yield Edit(
-                f"{term.name} scaled by {scale:g}",
-                f"{term.name} scale",
-                f"{term.name} is multiplied by {scale:g}",
-                set_term((term.name,), scale=scale),
+            yield term_edit(
+                term, f" scaled by {scale:g}", "scale", f"{term.name} is multiplied by {scale:g}", scale=scale
             )
 
 
 def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """Signs, frames, quaternion order, and what joint positions and the last action are relative to."""
     for term in terms_with(contract, "sign"):
-        yield Edit(
-            f"{term.name} sign flipped",
-            f"{term.name} sign",
+        yield term_edit(
+            term,
+            " sign flipped",
+            "sign",
             f"{term.name} points the other way when the robot stands upright",
-            set_term((term.name,), scale=-np.asarray(term.scale)),
+            scale=-np.asarray(term.scale),
         )
     for term in terms_with(contract, "frame"):
         (other,) = term.others("frame")
-        yield Edit(
-            f"{term.name} in the {other} frame",
-            f"{term.name} frame",
-            f"{term.name} is given in the {other} frame",
-            set_term((term.name,), frame=other),
+        yield term_edit(
+            term, f" in the {other} frame", "frame", f"{term.name} is given in the {other} frame", frame=other
         )
     for term in terms_with(contract, "quaternion"):
         (other,) = term.others("quaternion")
-        yield Edit(
-            f"{term.name} {' '.join(other)}",
-            f"{term.name} order",
-            f"{term.name} is ordered {' '.join(other)}",
-            set_term((term.name,), quaternion=other),
+        yield term_edit(
+            term, f" {' '.join(other)}", "order", f"{term.name} is ordered {' '.join(other)}", quaternion=other
         )
     for term in terms_with(contract, "relative"):
         if contract.kind(term).task:
             continue  # the reference's: see `reference_conventions`
         is_relative = contract.kind(term).is_relative(term)
-        yield Edit(
-            f"{term.name} {'absolute' if is_relative else 'less the default pose'}",
-            f"{term.name} relative",
+        yield term_edit(
+            term,
+            f" {'absolute' if is_relative else 'less the default pose'}",
+            "relative",
             f"{term.name} is {'the joint angle itself' if is_relative else 'the angle less the default pose'}",
-            set_term((term.name,), relative=not is_relative),
+            relative=not is_relative,
         )
     for term in terms_with(contract, "form"):
         (other,) = term.others("form")
-        yield Edit(
-            f"{term.name} {other}",
-            f"{term.name} form",
+        yield term_edit(
+            term,
+            f" {other}",
+            "form",
             f"{term.name} is the network's output" + (" times the action scale" if other == "scaled" else " as it is"),
-            set_term((term.name,), form=other),
+            form=other,
         )
 
 
@@ -163,11 +152,12 @@ def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterat
         if not contract.kind(term).task:
             continue
         is_relative = contract.kind(term).is_relative(term)
-        yield Edit(
-            f"{term.name} {'absolute' if is_relative else 'less the default pose'}",
-            f"{term.name} relative",
+        yield term_edit(
+            term,
+            f" {'absolute' if is_relative else 'less the default pose'}",
+            "relative",
             f"the reference's joint positions are {'absolute' if is_relative else 'less the default pose'}",
-            set_term((term.name,), relative=not is_relative),
+            relative=not is_relative,
         )
     layouts = {
         "rows": "first two columns, row by row",
@@ -176,28 +166,23 @@ def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterat
     }
     for term in terms_with(contract, "layout"):
         for layout, title in layouts.items():
-            yield Edit(
-                f"{term.name}: {title}",
-                f"{term.name} layout",
-                f"{term.name} holds the rotation matrix's {title}",
-                set_term((term.name,), layout=layout),
+            yield term_edit(
+                term, f": {title}", "layout", f"{term.name} holds the rotation matrix's {title}", layout=layout
             )
     for term in terms_with(contract, "inverse"):
-        yield Edit(
-            f"{term.name} {'forward' if term.inverse else 'inverted'}",
-            f"{term.name} direction",
+        yield term_edit(
+            term,
+            f" {'forward' if term.inverse else 'inverted'}",
+            "direction",
             f"{term.name} is the "
             + ("reference seen from the robot" if term.inverse else "robot seen from the reference"),
-            set_term((term.name,), inverse=not term.inverse),
+            inverse=not term.inverse,
         )
     if not contract.requires("anchor_body"):
         return
     for body in robot.motion_bodies:
         yield Edit(
-            f"anchor body {body}",
-            "anchor body",
-            f"the anchor terms compare {body}",
-            set_fields(anchor_body=body),
+            f"anchor body {body}", "anchor body", f"the anchor terms compare {body}", set_fields(anchor_body=body)
         )
     yield Edit(
         "reference not aligned" if contract.align_reference else "reference aligned",

@@ -12,7 +12,7 @@ import hashlib
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import fields
 from pathlib import Path
 
 import msgspec
@@ -23,7 +23,7 @@ from humanoid_sim import __version__
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, Intent, TickInput, TickRecord
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.regress.episodes import Step, run_episodes
@@ -186,20 +186,6 @@ def _ticks(
 
 def _one(state: MITState, time: float) -> MITState:
     """The only robot of a batch, on the recording's clock."""
-
-    def first(values: FloatArray) -> FloatArray:
-        own: FloatArray = values[0]
-        return own
-
-    return replace(
-        state,
-        time=time,
-        joint_position=first(state.joint_position),
-        joint_velocity=first(state.joint_velocity),
-        joint_effort=first(state.joint_effort),
-        joint_age=first(state.joint_age),
-        imu_quaternion=first(state.imu_quaternion),
-        imu_angular_velocity=first(state.imu_angular_velocity),
-        imu_linear_acceleration=first(state.imu_linear_acceleration),
-        extern={name: Extern(first(live.value), time, live.timeout) for name, live in state.extern.items()},
-    )
+    own = {field.name: getattr(state, field.name)[0] for field in fields(state) if field.name not in ("time", "extern")}
+    live = {name: Extern(value.value[0], time, value.timeout) for name, value in state.extern.items()}
+    return MITState(time=time, **own, extern=live)
