@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import shutil
@@ -16,8 +17,11 @@ from rich.table import Table
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, read_contract
+from humanoid_sim.policy.motion import Motion
+from humanoid_sim.prepare.acceptance import Findings
 from humanoid_sim.prepare.conventions import Conventions
-from humanoid_sim.prepare.motion_fit import BodyCheck, LimitExcess, RateCheck, Tolerance
+from humanoid_sim.prepare.motion_fit import Tolerance
+from humanoid_sim.prepare.source_motion import SourceMotion
 
 __all__ = ["Content", "MotionReport", "OutputFolder", "checkpoint_files", "print_report", "report_bytes"]
 
@@ -109,63 +113,70 @@ def checkpoint_files(checkpoint: Checkpoint, path: Path) -> dict[str, Content]:
 class MotionReport:
     """Everything that `prepare` says about a motion."""
 
-    source: str
-    kind: str
-    sha256: str
-    """Of the source file; empty for a dataset."""
-    robot: str
+    source: SourceMotion
     policy: str
-    source_fps: float
-    source_frames: int
-    policy_dt: float
-    """s"""
-    frames: int
-    """In the motion file."""
-    resampled: bool
-    layout: str
+    conventions: Conventions
+    tolerance: Tolerance
+    found: Findings
+    motion: Motion
     bodies_from: str
     """Where the poses in the motion file come from."""
-    conventions: Conventions
-    method: str
-    """How joints and bodies were compared; empty if they could not be."""
-    tolerance: Tolerance
-    bodies: tuple[BodyCheck, ...] = ()
-    rate: RateCheck | None = None
-    beyond_limits: LimitExcess | None = None
-    notes: tuple[str, ...] = ()
+    resampled: bool
 
 
 def report_bytes(report: MotionReport) -> bytes:
     """The report as a JSON file: lengths in m, angles in rad."""
-    document = {**asdict(report), "verified": bool(report.method)}
+    source, found, motion = report.source, report.found, report.motion
+    file = Path(source.source)
+    document = {
+        "source": source.source,
+        "kind": source.kind,
+        "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "",
+        "robot": motion.robot,
+        "policy": report.policy,
+        "source_fps": source.fps,
+        "source_frames": source.frame_count,
+        "policy_dt": motion.policy_dt,
+        "frames": len(motion.frames),
+        "resampled": report.resampled,
+        "layout": motion.layout,
+        "bodies_from": report.bodies_from,
+        "conventions": asdict(report.conventions),
+        "method": found.method,
+        "tolerance": asdict(report.tolerance),
+        "bodies": [asdict(body) for body in found.bodies],
+        "rate": found.rate and asdict(found.rate),
+        "beyond_limits": found.beyond_limits and asdict(found.beyond_limits),
+        "notes": found.notes,
+        "verified": bool(found.method),
+    }
     return (json.dumps(document, indent=2) + "\n").encode()
 
 
 def print_report(console: Console, report: MotionReport) -> None:
     """The table for a person: lengths in mm, angles in degrees."""
-    read = report.conventions
-    seconds = (report.frames - 1) * report.policy_dt
-    table = Table(title=f"motion {escape(report.source)}", show_header=False, title_justify="left")
+    read, source, found, motion = report.conventions, report.source, report.found, report.motion
+    table = Table(title=f"motion {escape(source.source)}", show_header=False, title_justify="left")
     table.add_column(style="bold")
     table.add_column(overflow="fold")
     rows = {
-        "robot": f"{report.robot}, policy {report.policy}",
-        "source": f"{report.kind}, {report.source_frames} frames at {report.source_fps:g} per second",
-        "motion": f"{report.frames} frames at {1.0 / report.policy_dt:g} per second, {seconds:.2f} s, "
-        f"layout {report.layout}, poses from {report.bodies_from}" + (", resampled" if report.resampled else ""),
+        "robot": f"{motion.robot}, policy {report.policy}",
+        "source": f"{source.kind}, {source.frame_count} frames at {source.fps:g} per second",
+        "motion": f"{len(motion.frames)} frames at {1.0 / motion.policy_dt:g} per second, {motion.duration:.2f} s, "
+        f"layout {motion.layout}, poses from {report.bodies_from}" + (", resampled" if report.resampled else ""),
         "joints": _order(read.joint_names, read.joints_said_by),
         "bodies": _order(read.body_names, read.bodies_said_by),
         "quaternions": f"{read.quaternions} ({read.quaternions_said_by})",
         "frame rate": "joint velocities do not show it"
-        if report.rate is None
-        else f"joint velocities fit {report.rate.fps:.1f} per second, correlation {report.rate.correlation:.3f}",
+        if found.rate is None
+        else f"joint velocities fit {found.rate.fps:.1f} per second, correlation {found.rate.correlation:.3f}",
     }
     for name, text in rows.items():
         table.add_row(name, escape(text))
     console.print(table)
-    if report.bodies:
+    if found.bodies:
         console.print(_bodies(report))
-    for note in report.notes:
+    for note in found.notes:
         console.print(f"[yellow]note:[/] {escape(note)}")
 
 
@@ -175,14 +186,13 @@ def _order(names: tuple[str, ...], said_by: str) -> str:
 
 def _bodies(report: MotionReport) -> Table:
     tolerance = report.tolerance
-    title = (
-        f"bodies against {report.method}, tolerance {1e3 * tolerance.position:g} mm, {math.degrees(tolerance.angle):g}°"
-    )
+    limits = f"{1e3 * tolerance.position:g} mm, {math.degrees(tolerance.angle):g}°"
+    title = f"bodies against {report.found.method}, tolerance {limits}"
     table = Table(title=title, title_justify="left")
     table.add_column("body", no_wrap=True)
     for heading in ("mm rms", "max", "° rms", "max", "frame"):
         table.add_column(heading, justify="right")
-    for body in report.bodies:
+    for body in report.found.bodies:
         table.add_row(
             escape(body.name),
             f"{1e3 * body.position_rms:.2f}",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 import sys
@@ -13,7 +12,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.motion import Motion, motion_bytes
+from humanoid_sim.policy.motion import motion_bytes
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.acceptance import accept
 from humanoid_sim.prepare.conventions import choose_conventions
@@ -63,11 +62,11 @@ def prepare(options: PrepareOptions) -> int:
         return 0
     skeleton = Skeleton(description)
     source = _read(options, checkpoint, skeleton, console)
-    motion, report = _make(options, checkpoint, skeleton, source)
+    report = _make(options, checkpoint, skeleton, source)
     # The same check as `play` makes: terms, widths, bodies and rate.
-    checkpoint.following(motion, source.source)
+    checkpoint.following(report.motion, source.source)
     name = options.name or _name(options, source)
-    files: dict[str, Content] = {f"{name}.mcap": motion_bytes(motion), f"{name}.json": report_bytes(report)}
+    files: dict[str, Content] = {f"{name}.mcap": motion_bytes(report.motion), f"{name}.json": report_bytes(report)}
     outputs.refuse_existing(files)
     print_report(console, report)
     _write(outputs, files, checkpoint, path, console)
@@ -162,9 +161,7 @@ def _read_path(options: PrepareOptions, path: Path, roles: dict[str, str], skele
     return read_npz(path)
 
 
-def _make(
-    options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, source: SourceMotion
-) -> tuple[Motion, MotionReport]:
+def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, source: SourceMotion) -> MotionReport:
     """Check, resample and convert."""
     contract = checkpoint.contract
     tolerance = Tolerance(options.tolerance, math.radians(options.angle_tolerance))
@@ -185,33 +182,7 @@ def _make(
         )
     named = found.motion if same_rate else resample(found.motion, contract.policy_dt)
     motion, origin = convert(source.source, named, contract, skeleton)
-    report = MotionReport(
-        source=source.source,
-        kind=source.kind,
-        sha256=_digest(source.source),
-        robot=motion.robot,
-        policy=checkpoint.source,
-        source_fps=source.fps,
-        source_frames=source.frame_count,
-        policy_dt=contract.policy_dt,
-        frames=len(motion.frames),
-        resampled=not same_rate,
-        layout=motion.layout,
-        bodies_from=origin,
-        conventions=conventions,
-        method=found.method,
-        tolerance=tolerance,
-        bodies=found.bodies,
-        rate=found.rate,
-        beyond_limits=found.beyond_limits,
-        notes=found.notes,
-    )
-    return motion, report
-
-
-def _digest(source: str) -> str:
-    path = Path(source)
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    return MotionReport(source, checkpoint.source, conventions, tolerance, found, motion, origin, not same_rate)
 
 
 def _name(options: PrepareOptions, source: SourceMotion) -> str:
