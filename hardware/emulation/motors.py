@@ -64,15 +64,7 @@ class Motors:
             InputError: see `MotorPlant` and `motor_identities`.
         """
         self.identities = motor_identities(description, settings)
-        self.plant = MotorPlant(
-            description,
-            physics_timestep=settings.physics_timestep,
-            homing_offset=settings.homing_offset,
-            support=settings.support,
-            base_yaw=settings.base_yaw,
-            base_height=settings.base_height,
-            anchor_body=settings.anchor_body,
-        )
+        self.plant = MotorPlant(description, settings)
         self._settings = settings
         self._told = told
         self._drives = Drives(self.identities)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.errors import InputError, RobotError, known_names
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import JointDescription
@@ -56,32 +57,17 @@ class MotorPlant:
     Not thread-safe.
     """
 
-    def __init__(
-        self,
-        description: RobotDescription,
-        *,
-        physics_timestep: float | None = None,
-        homing_offset: Mapping[str, float] | None = None,
-        support: bool = True,
-        base_yaw: float = 0.0,
-        base_height: float | None = None,
-        anchor_body: str = "",
-    ) -> None:
+    def __init__(self, description: RobotDescription, settings: EmulationSettings) -> None:
         """Build the model, at rest in the initial position.
 
         Args:
             description: the robot.
-            physics_timestep: s; None for the description's.
-            homing_offset: rad, by joint: the shaft's angle where the joint is at 0; 0 for joints that are not named.
-            support: whether a floating base starts held.
-            base_yaw: rad; of a floating base.
-            base_height: m; of a floating base, None for the description's.
-            anchor_body: MJCF body whose pose is among the live inputs; empty for none.
+            settings: how its motors are assembled, and how it is held.
 
         Raises:
             InputError: the robot has no motor, an offset names no driven joint, or the MJCF does not fit.
         """
-        plant = make_plant(description, physics_timestep=physics_timestep)
+        plant = make_plant(description, physics_timestep=settings.physics_timestep)
         self._plant = plant
         self.description = description
         driven = [(i, joint) for i, joint in enumerate(description.joints) if joint.motor is not None]
@@ -90,7 +76,7 @@ class MotorPlant:
         self.joints: tuple[JointDescription, ...] = tuple(joint for _, joint in driven)
         """The driven joints, one per motor."""
         names = [joint.name for joint in self.joints]
-        offsets = dict(homing_offset or {})
+        offsets = settings.homing_offset
         for name in offsets:
             if name not in names:
                 raise InputError(f"homing_offset: {known_names('joint', name, names)}")
@@ -101,11 +87,13 @@ class MotorPlant:
         self._offset = np.array([offsets.get(name, 0.0) for name in names])
         self._base: FloatingBase | None = None
         if description.is_floating:
-            self._base = FloatingBase(plant.model, description, plant.data.qpos, yaw=base_yaw, height=base_height)
+            self._base = FloatingBase(
+                plant.model, description, plant.data.qpos, yaw=settings.base_yaw, height=settings.base_height
+            )
             self._base.place(plant.data)
-            if support:
+            if settings.support:
                 self._base.hold(plant.data)
-        self._senses = BodySensors(plant.model, description, anchor_body)
+        self._senses = BodySensors(plant.model, description, settings.anchor_body)
         self._damping = plant.model.dof_damping.copy()
         self._hand: FloatArray | None = None
         """Shape (m,), rad, joint frame: where a hand leads each joint; NaN for those that it leaves alone."""

@@ -28,7 +28,8 @@ class EmulationSettings:
     """What is emulated beside the robot description."""
 
     homing_offset: Mapping[str, float] = field(default_factory=dict)
-    """rad, motor frame, by joint: how the motors are assembled; 0 for joints that are not named."""
+    """rad, motor frame, by joint: the shaft's angle where the joint is at 0, as the motors are assembled; 0 for joints
+    that are not named."""
     firmware: Mapping[str, str] = field(default_factory=dict)
     """Versions such as `0.2.3.5`, by joint or by model; the newest for motors that are not named."""
     bitrate: float = 1_000_000.0

@@ -19,7 +19,7 @@ DIRECTION = np.array([joint.motor.direction for joint in LITE.joints if joint.mo
 
 
 def test_shafts_turn_as_the_calibration_says() -> None:
-    plant = MotorPlant(LITE, homing_offset={"left_elbow_pitch": 0.7})
+    plant = MotorPlant(LITE, EmulationSettings(homing_offset={"left_elbow_pitch": 0.7}))
     offset = np.where(np.array(LITE.joint_names) == "left_elbow_pitch", 0.7, 0.0)
     np.testing.assert_allclose(plant.shaft, DIRECTION * LITE.initial_position + offset, atol=1e-12)
     torque = 3.0 * DIRECTION
@@ -36,7 +36,7 @@ def test_shafts_turn_as_the_calibration_says() -> None:
 
 def test_an_offset_of_a_joint_that_is_not_driven_is_refused() -> None:
     with pytest.raises(InputError, match="homing_offset: unknown joint 'tail'"):
-        MotorPlant(LITE, homing_offset={"tail": 0.1})
+        MotorPlant(LITE, EmulationSettings(homing_offset={"tail": 0.1}))
 
 
 def _without_motors(names: tuple[str, ...]) -> RobotDescription:
@@ -46,11 +46,11 @@ def _without_motors(names: tuple[str, ...]) -> RobotDescription:
 
 def test_a_robot_without_motors_has_nothing_to_emulate() -> None:
     with pytest.raises(InputError, match="no joint has a motor"):
-        MotorPlant(_without_motors(LITE.joint_names))
+        MotorPlant(_without_motors(LITE.joint_names), EmulationSettings())
 
 
 def test_joints_without_a_motor_stay_passive() -> None:
-    plant = MotorPlant(_without_motors(LITE.joint_names[2:4]))
+    plant = MotorPlant(_without_motors(LITE.joint_names[2:4]), EmulationSettings())
     assert [joint.name for joint in plant.joints] == [*LITE.joint_names[:2], *LITE.joint_names[4:]]
     plant.step(np.ones(12))
     effort = plant.truth(0.0).joint_effort
@@ -82,7 +82,7 @@ def test_firmware_by_joint_beats_firmware_by_model() -> None:
 
 
 def test_a_hand_sweeps_one_joint_after_the_other_from_stop_to_stop() -> None:
-    plant = MotorPlant(LITE)
+    plant = MotorPlant(LITE, EmulationSettings())
     sweep = HandSweep(LITE, np.array(LITE.initial_position))
     reached = []
     for step in range(round((2.0 + 4.0) / plant.timestep)):
@@ -108,7 +108,7 @@ def test_the_sweep_goes_from_joint_to_joint_and_begins_again() -> None:
 
 
 def test_a_hand_on_what_is_no_joint_is_refused_and_one_that_lets_go_pulls_no_more() -> None:
-    plant = MotorPlant(LITE)
+    plant = MotorPlant(LITE, EmulationSettings())
     with pytest.raises(InputError, match="unknown joint 'tail'"):
         plant.lead({"tail": 1.0})
     plant.lead({"left_wrist_yaw": 1.0})
