@@ -60,17 +60,10 @@ def paired_ratio(
     speed: bool = False,
     prepare: Callable[[], object] = lambda: None,
 ) -> Row:
-    """Time `action` and `bare` in turn; the row is the median of their ratios.
+    """Time `action` and `bare` in turn; the row is the median of their ratios, after one pair that is not counted.
 
-    Args:
-        name: of the row.
-        action: what is measured.
-        bare: what it is measured against.
-        repetitions: pairs, after one that is not counted.
-        target: the largest ratio that is wanted.
-        describe: makes the row's detail from the median times in s of both.
-        speed: the ratio is that of speeds instead of times, and the target the least that is wanted.
-        prepare: is called before each of them, and not timed.
+    `describe` makes the row's detail from the median times in s of both; `prepare` is called before each, untimed.
+    With `speed` the ratio is that of speeds instead of times, and the target the least that is wanted.
     """
 
     def once(timed: Callable[[], object]) -> float:

@@ -62,7 +62,7 @@ def episode_motion(
         columns: numeric features, each (F, …).
         names: what the dataset calls the values of each feature, if it does.
         fps: of the dataset.
-        roles: features whose names are not the usual ones.
+        roles: features whose names are not the usual ones, by role.
         joint_names: of the robot.
 
     Raises:

@@ -89,12 +89,8 @@ def read_hub_dataset(
 ) -> SourceMotion:
     """One episode of a dataset on the hub; only its metadata and the file of that episode are fetched, and kept.
 
-    Args:
-        repo_id: user/name.
-        episode: index; None if there is only one.
-        roles: features whose names are not the usual ones, by role.
-        joint_names: of the robot.
-        timeout: s to wait for the hub.
+    The dataset's id is user/name; the episode an index, None if there is only one; `roles` has features whose names are
+    not the usual ones, by role. The hub is waited for `timeout` s.
 
     Raises:
         InputError: one line with the dataset and what is wrong with it.

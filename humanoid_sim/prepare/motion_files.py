@@ -118,12 +118,8 @@ def read_csv(
     x y z w, then the joint positions; of a robot with a fixed base the joint positions may be alone. With a header:
     columns by name, joints as the robot names them, base as `base_x … base_qw`, optionally `time` in s or `frame`.
 
-    Args:
-        path: the file.
-        joint_names: of the robot.
-        fps: frames per second; None if a column `time` gives it.
-        floating: the robot has a floating base, so its pose is needed.
-        quaternions: order of a headless file's quaternion; None for x y z w.
+    Frames per second are None where a column `time` gives them. A robot with a `floating` base needs its pose.
+    `quaternions` is the order of a headless file's; None for x y z w.
 
     Raises:
         InputError: one line with the file, the line and what is wrong with it.
