@@ -107,31 +107,12 @@ _LONGEST_DELAY = 1.0
 def suite_problems(suite: Suite) -> Iterator[str]:
     """What types cannot say, each as `place: what is wrong`."""
     yield from _case_problems(suite)
-    for place, value in (("seeds", suite.seeds), ("resamples", suite.resamples)):
-        if value < 2:
-            yield f"{place}: is {value}, expected at least 2"
-    if not 0 <= suite.first_seed < 2**31:
-        yield f"first_seed: is {suite.first_seed}, expected 0 to {2**31 - 1}"
-    if not 0.5 <= suite.confidence < 1.0:
-        yield f"confidence: is {suite.confidence:g}, expected 0.5 or more, and less than 1"
-    for place, number, at_least in (
-        ("settle", suite.settle, 0.0),
-        ("start.joint_position", suite.start.joint_position, 0.0),
-        ("start.joint_velocity", suite.start.joint_velocity, 0.0),
-    ):
-        if not at_least <= number < math.inf:
-            yield f"{place}: is {number:g}, expected a finite number >= {at_least:g}"
-    for place, positive in (
-        ("action_limit", suite.action_limit),
-        ("physics_timestep", suite.physics_timestep),
-        ("base_height", suite.base_height),
-        ("pushes.speed", None if suite.pushes is None else suite.pushes.speed),
-        ("pushes.interval", None if suite.pushes is None else suite.pushes.interval),
-    ):
-        if positive is not None and not 0.0 < positive < math.inf:
-            yield f"{place}: is {positive:g}, expected a finite number > 0"
-    yield from _tolerance_problems(suite)
-    yield from _margin_problems(suite)
+    yield from _name_problems(suite)
+    yield from _number_problems(suite)
+    for i, sweep in enumerate(() if suite.margins is None else suite.margins.sweeps):
+        problem = _level_problem(sweep)
+        if problem:
+            yield f"margins.sweeps[{i}].levels: is {list(sweep.levels)}, expected {problem}"
     try:
         drawn = suite.disturbance.randomisation
     except InputError as error:
@@ -167,42 +148,62 @@ def _case_problems(suite: Suite) -> Iterator[str]:
                 yield f"{place}.duration: expected more than settle ({suite.settle:g} s)"
 
 
-def _tolerance_problems(suite: Suite) -> Iterator[str]:
-    known = METRICS[suite.task]
+def _name_problems(suite: Suite) -> Iterator[str]:
+    """Metrics and cases that do not exist, and sweeps that are there twice."""
+    metrics, margins = METRICS[suite.task], suite.margins
     if not suite.tolerances:
-        yield f"tolerances: is empty, expected some of {', '.join(known)}"
-    for name, tolerance in suite.tolerances.items():
-        if name not in known:
-            yield f"tolerances: {known_names(f'{suite.task} metric', name, known)}"
-        for part, value in (("relative", tolerance.relative), ("absolute", tolerance.absolute)):
-            if not 0.0 <= value < math.inf:
-                yield f"tolerances.{name}.{part}: is {value:g}, expected a finite number >= 0"
-
-
-def _margin_problems(suite: Suite) -> Iterator[str]:
-    margins = suite.margins
+        yield f"tolerances: is empty, expected some of {', '.join(metrics)}"
+    limits = {} if margins is None else margins.limits
+    for place, names in (("tolerances", suite.tolerances), ("margins.limits", limits)):
+        for name in names:
+            if name not in metrics:
+                yield f"{place}: {known_names(f'{suite.task} metric', name, metrics)}"
     if margins is None:
         return
-    names = [case.name for case in suite.cases]
+    cases = [case.name for case in suite.cases]
     for name in margins.cases:
-        if name not in names:
-            yield f"margins.cases: {known_names('case', name, names)}"
-    if margins.seeds < 1:
-        yield f"margins.seeds: is {margins.seeds}, expected at least 1"
-    if not 0.0 <= margins.allowed_failures < 1.0:
-        yield f"margins.allowed_failures: is {margins.allowed_failures:g}, expected 0 or more, and less than 1"
-    for name, limit in margins.limits.items():
-        if name not in METRICS[suite.task]:
-            yield f"margins.limits: {known_names(f'{suite.task} metric', name, METRICS[suite.task])}"
-        if not 0.0 <= limit < math.inf:
-            yield f"margins.limits.{name}: is {limit:g}, expected a finite number >= 0"
-    for i, sweep in enumerate(margins.sweeps):
-        problem = _level_problem(sweep)
-        if problem:
-            yield f"margins.sweeps[{i}].levels: is {list(sweep.levels)}, expected {problem}"
+        if name not in cases:
+            yield f"margins.cases: {known_names('case', name, cases)}"
     sweeps = [sweep.name for sweep in margins.sweeps if sweep.levels]
     if len(set(sweeps)) < len(sweeps):
         yield "margins.sweeps: one is given twice"
+
+
+def _number_problems(suite: Suite) -> Iterator[str]:
+    """Numbers that are out of their ranges."""
+    margins, pushes = suite.margins, suite.pushes
+    counts = {"seeds": (suite.seeds, 2), "resamples": (suite.resamples, 2)}
+    shares = {"confidence": (suite.confidence, 0.5)}
+    numbers = {
+        "settle": suite.settle,
+        "start.joint_position": suite.start.joint_position,
+        "start.joint_velocity": suite.start.joint_velocity,
+    }
+    for name, tolerance in suite.tolerances.items():
+        numbers |= {f"tolerances.{name}.{part}": getattr(tolerance, part) for part in ("relative", "absolute")}
+    if margins is not None:
+        counts["margins.seeds"], shares["margins.allowed_failures"] = (
+            (margins.seeds, 1),
+            (margins.allowed_failures, 0.0),
+        )
+        numbers |= {f"margins.limits.{name}": limit for name, limit in margins.limits.items()}
+    positives = {name: getattr(suite, name) for name in ("action_limit", "physics_timestep", "base_height")}
+    if pushes is not None:
+        positives |= {"pushes.speed": pushes.speed, "pushes.interval": pushes.interval}
+    for place, (count, least) in counts.items():
+        if count < least:
+            yield f"{place}: is {count}, expected at least {least}"
+    if not 0 <= suite.first_seed < 2**31:
+        yield f"first_seed: is {suite.first_seed}, expected 0 to {2**31 - 1}"
+    for place, (share, at_least) in shares.items():
+        if not at_least <= share < 1.0:
+            yield f"{place}: is {share:g}, expected {at_least:g} or more, and less than 1"
+    for place, number in numbers.items():
+        if not 0.0 <= number < math.inf:
+            yield f"{place}: is {number:g}, expected a finite number >= 0"
+    for place, positive in positives.items():
+        if positive is not None and not 0.0 < positive < math.inf:
+            yield f"{place}: is {positive:g}, expected a finite number > 0"
 
 
 def _level_problem(sweep: Sweep) -> str:
