@@ -71,7 +71,7 @@ def prepare_motors(
 
 def _read_supply(channels: OpenChannels, checks: CheckList) -> None:
     """Show the supply voltage of each channel's motors."""
-    motors = channels.requests.motors
+    motors = channels.motors
     found = channels.requests.read(dict.fromkeys(range(motors.count), PARAMETERS["VBUS"]))
     for channel, source in enumerate(channels.sources):
         volts = [v for i in motors.on_channel(channel) if isinstance(v := found[i], float)]

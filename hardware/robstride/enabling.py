@@ -80,7 +80,7 @@ def examine(
     checks.refuse()
     if not takes_over:
         for joint, mode in channels.requests.read(dict.fromkeys(joints, _RUN_MODE)).items():
-            name = channels.requests.motors.names[joint]
+            name = channels.motors.names[joint]
             if isinstance(mode, Unreadable):
                 checks.problem(name, "does not tell its run_mode")
             elif mode != RunMode.OPERATION:

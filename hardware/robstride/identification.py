@@ -50,7 +50,7 @@ def identify(
     Returns:
         Unique ids and firmware versions by joint, of the motors that answered.
     """
-    motors = channels.requests.motors
+    motors = channels.motors
     ids = range(1, LARGEST_MOTOR_ID + 1) if asks_everyone else sorted({motors.motor_id[i] for i in joints})
     answers: Answers = defaultdict(set)
     for channel, reply in channels.requests.scan(ids, _QUIET):
@@ -80,7 +80,7 @@ def _dead_channel(channels: OpenChannels, channel: int) -> str:
     """What to look at when nobody answers on a channel."""
     interface = channels.channels[channel]
     events = [interface.down, *(interface.recent(event, channels.opened) for event in BusEvent)]
-    events += [channels.table.slots[i].invalid.text for i in channels.requests.motors.on_channel(channel)]
+    events += [channels.table.slots[i].invalid.text for i in channels.motors.on_channel(channel)]
     heard = "; ".join(dict.fromkeys(event for event in events if event))
     rate = BITRATE // 1_000_000
     question = f"no motor answers: are they powered, is the bus terminated, is it set to {rate} Mbit/s?"
@@ -127,7 +127,7 @@ def read_versions(requests: Requests, joints: Sequence[int]) -> dict[int, Firmwa
 def _check_versions(
     channels: OpenChannels, uids: Mapping[int, bytes], checks: CheckList, *, is_limp: bool
 ) -> dict[int, FirmwareVersion]:
-    motors = channels.requests.motors
+    motors = channels.motors
     note = checks.warn if is_limp else checks.problem
     versions = read_versions(channels.requests, list(uids))
     for joint in sorted(uids):

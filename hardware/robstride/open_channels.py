@@ -101,6 +101,11 @@ class OpenChannels:
         self.requests = Requests(motors, self.table, self.channels, self.host_id)
 
     @property
+    def motors(self) -> MotorGroup:
+        """That are talked to."""
+        return self.requests.motors
+
+    @property
     def intruders(self) -> tuple[tuple[str, str], ...]:
         """Channel and sign of every other host that commands these motors."""
         return tuple(

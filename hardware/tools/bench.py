@@ -127,12 +127,12 @@ def require_up(channels: OpenChannels) -> None:
 
 def silence(channels: OpenChannels, motor: int = 0, who: str = "") -> HumanoidSimError:
     """The error for a motor that does not answer, with what its channel says about why nothing comes back."""
-    motors, index = channels.requests.motors, channels.requests.motors.channel[motor]
+    index = channels.motors.channel[motor]
     source, trouble = channels.sources[index], channel_trouble(channels, index)
     if channels.channels[index].down:
         return RobotError(f"{source}: {trouble}")
     why = f" ({trouble})" if trouble else ""
-    return SilentMotorError(f"{who or f'motor {motors.motor_id[motor]}'} does not answer on {source}{why}")
+    return SilentMotorError(f"{who or f'motor {channels.motors.motor_id[motor]}'} does not answer on {source}{why}")
 
 
 def read_device_id(channels: OpenChannels, motor: int = 0) -> DeviceId:
@@ -142,7 +142,7 @@ def read_device_id(channels: OpenChannels, motor: int = 0) -> DeviceId:
         SilentMotorError: it does not answer.
         RobotError: its channel is down.
     """
-    question = GetDeviceId(channels.requests.motors.motor_id[motor], host_id=channels.host_id)
+    question = GetDeviceId(channels.motors.motor_id[motor], host_id=channels.host_id)
     found = channels.requests.ask({motor: [question]}, lambda _, reply: reply if isinstance(reply, DeviceId) else None)
     if motor not in found:
         raise silence(channels, motor)
@@ -183,7 +183,7 @@ def write_value(channels: OpenChannels, parameter: Parameter, value: float, moto
     found = _known(channels, channels.requests.write(parameter, {motor: value})[motor], motor)
     if found is None or not parameter.is_same(found, value):
         reads = "nothing" if found is None else f"{found:g}"
-        who = channels.requests.motors.names[motor]
+        who = channels.motors.names[motor]
         raise RobotError(f"{who}: {parameter.name} reads {reads} after {value:g} was written")
 
 
@@ -209,8 +209,8 @@ class EnabledMotor:
         self._channels = channels
         self._motor = motor
         self._is_limp = is_limp
-        self._motor_id = channels.requests.motors.motor_id[motor]
-        self._who = channels.requests.motors.names[motor]
+        self._motor_id = channels.motors.motor_id[motor]
+        self._who = channels.motors.names[motor]
         self._old_timeout: float | None = None
         self.warnings: tuple[str, ...] = ()
         """What was found that did not keep it from being enabled, one line each."""

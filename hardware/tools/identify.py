@@ -85,7 +85,7 @@ def _ask_for_leave(config: Identify, wiring: Wiring, joint: int, channels: OpenC
 
 def _positions(channels: OpenChannels) -> dict[int, float]:
     """`mechPos` of every motor that tells it, rad, motor frame, by joint."""
-    motors = range(channels.requests.motors.count)
+    motors = range(channels.motors.count)
     found = channels.requests.read(dict.fromkeys(motors, PARAMETERS["mechPos"]), (_ANSWER_TIME,))
     return {i: position for i, position in found.items() if not isinstance(position, Unreadable)}
 

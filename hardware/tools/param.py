@@ -73,7 +73,7 @@ def _get(config: Get) -> int:
     parameters = [_parameter(name, config.type) for name in config.names] or list(PARAMETERS.values())
     with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
         values = [read_value(channels, parameter) for parameter in parameters]
-    table = make_table("index", "name", "value", "", title=channels.requests.motors.names[0])
+    table = make_table("index", "name", "value", "", title=channels.motors.names[0])
     for parameter, value in zip(parameters, values, strict=True):
         note = parameter.meaning if parameter.is_writable else f"{parameter.meaning} (read only)".strip()
         table.add_row(f"0x{parameter.index:04X}", parameter.name, shown(parameter, value), note)
@@ -95,7 +95,7 @@ def _set(config: Set) -> int:
         after = read_value(channels, parameter)
         sample = channels.table.slots[0].sample  # what the write was answered with
     change = f"{shown(parameter, before)} -> {shown(parameter, after)}"
-    print(f"{channels.requests.motors.names[0]}: {parameter.name} {change}, until power-off unless saved")
+    print(f"{channels.motors.names[0]}: {parameter.name} {change}, until power-off unless saved")
     if sample is not None and sample.status.mode is MotorMode.RUN:
         print(f"motor {config.motor_id} is enabled")
     return 0
@@ -104,5 +104,5 @@ def _set(config: Set) -> int:
 def _save(config: Save) -> int:
     with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
         command_motor(channels, SaveParameters(config.motor_id, host_id=config.host_id))
-    print(f"{channels.requests.motors.names[0]}: saved")
+    print(f"{channels.motors.names[0]}: saved")
     return 0

@@ -38,7 +38,7 @@ def ping(config: Ping) -> int:
         motor_model(config.model)
     with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
         uid = read_device_id(channels).uid
-        print(f"{channels.requests.motors.names[0]}, unique id {uid.hex()}")
+        print(f"{channels.motors.names[0]}, unique id {uid.hex()}")
         _time_answers(channels, config)
         for name in _SHOWN:
             print(f"  {name:<13} {shown(PARAMETERS[name], read_value(channels, PARAMETERS[name]))}")
