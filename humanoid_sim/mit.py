@@ -258,6 +258,7 @@ def mit_torque(
     *,
     out: FloatArray | None = None,
     scratch: FloatArray | None = None,
+    lower: FloatArray | None = None,
 ) -> FloatArray:
     """Torque of the MIT law, saturated: `clip(K_p (q_cmd - q) + K_d (qd_cmd - qd) + tau_ff, ±effort_limit)`.
 
@@ -271,6 +272,7 @@ def mit_torque(
         effort_limit: N·m, positive, shape (n,) or scalar; infinity for none.
         out: shape (..., n), which gets the torque; None for a new array.
         scratch: shape (..., n), overwritten; None for a new array.
+        lower: shape (n,), `-effort_limit`, of a caller that keeps it.
 
     Returns:
         Shape (..., n), N·m, joint frame: `out` if it was given.
@@ -282,8 +284,7 @@ def mit_torque(
     np.add(torque, term, out=torque)
     np.add(torque, command.effort, out=torque)
     np.minimum(torque, effort_limit, out=torque)
-    np.negative(effort_limit, out=term)
-    np.maximum(torque, term, out=torque)
+    np.maximum(torque, np.negative(effort_limit, out=term) if lower is None else lower, out=torque)
     return torque
 
 

@@ -327,6 +327,8 @@ def test_buffers_take_the_same_bits(state, command):
     with np.errstate(all="ignore"):
         expected = mit_torque(command, position, velocity, 5.0)
         assert mit_torque(command, position, velocity, 5.0, out=out, scratch=scratch) is out
+        assert bits(out) == bits(expected)
+        mit_torque(command, position, velocity, 5.0, out=out, scratch=scratch, lower=np.full(3, -5.0))
     assert bits(out) == bits(expected)
 
 

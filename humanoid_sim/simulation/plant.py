@@ -120,6 +120,7 @@ class QfrcPlant(Plant):
     def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
         self._joint_count = description.joint_count
         self._limit = np.array(description.effort_limit)
+        self._lower = -self._limit
         self._scratch = np.empty(self._joint_count)
         super().__init__(model, description)
         self._is_contiguous = isinstance(self._qpos_index, slice) and isinstance(self._dof_index, slice)
@@ -140,7 +141,8 @@ class QfrcPlant(Plant):
         return applied
 
     def _step(self, count: int) -> None:
-        model, data, command, limit, scratch = self.model, self.data, self._command, self._limit, self._scratch
+        model, data, command, step = self.model, self.data, self._command, mujoco.mj_step
+        limit, lower, scratch = self._limit, self._lower, self._scratch
         gathers = not self._is_contiguous
         # Views into MuJoCo's arrays, or, if the joints are scattered there, copies to be renewed at every step.
         position, velocity, torque = self.position, self.velocity, self.effort
@@ -148,11 +150,11 @@ class QfrcPlant(Plant):
         for remaining in range(count, 0, -1):
             if gathers:
                 position, velocity = self.position, self.velocity
-            mit_torque(command, position, velocity, limit, out=torque, scratch=scratch)
+            mit_torque(command, position, velocity, limit, out=torque, scratch=scratch, lower=lower)
             if gathers:
                 data.qfrc_applied[self._dof_index] = torque
             if remaining > 1:
-                mujoco.mj_step(model, data)
+                step(model, data)
             else:
                 self.physics_step()
 
