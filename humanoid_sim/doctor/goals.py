@@ -60,7 +60,7 @@ class UprightGoal:
         return {}
 
 
-class VelocityGoal:
+class VelocityGoal(UprightGoal):
     """Walk at a commanded velocity without falling."""
 
     _SETTLED = 1.0
@@ -75,9 +75,9 @@ class VelocityGoal:
     """m, standard deviation."""
 
     def __init__(self, command: FloatArray, policy_dt: float) -> None:
+        super().__init__()
         self._command = command
         self._skip = round(self._SETTLED / policy_dt)
-        self._upright = UprightGoal()
         self._count = 0
         self._velocity = np.zeros(3)
         self._tilt = 0.0
@@ -91,7 +91,7 @@ class VelocityGoal:
         if self._count > self._skip:
             self._velocity += base.planar_velocity
             self._heights.append(float(base.height))
-        return self._upright.update(frame, state, base)
+        return super().update(frame, state, base)
 
     def parts(self) -> dict[str, float]:
         """See `Goal.parts`."""
@@ -168,7 +168,7 @@ class MotionGoal:
         }
 
 
-class BodiesGoal:
+class BodiesGoal(UprightGoal):
     """Follow the bodies of a motion that is given in the base's frame."""
 
     _POSITION = 0.1
@@ -177,13 +177,13 @@ class BodiesGoal:
     """rad"""
 
     def __init__(self, errors: TrackingErrors) -> None:
+        super().__init__()
         self._errors = errors
-        self._upright = UprightGoal()
 
     def update(self, frame: int, state: MITState, base: BaseState | None) -> str:
         """See `Goal.update`."""
         self._errors.update(frame, state.joint_position)
-        return self._upright.update(frame, state, base)
+        return super().update(frame, state, base)
 
     def parts(self) -> dict[str, float]:
         """See `Goal.parts`."""

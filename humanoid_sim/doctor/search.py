@@ -159,38 +159,27 @@ def _within(command: tuple[float, float, float], contract: PolicyContract) -> tu
 def search(examined: ExaminedPolicy, robot: RobotFacts, plan: Plan, ranking: Ranking, progress: Progress) -> None:
     """Try the whole space; `ranking` holds what is known whenever this is interrupted."""
     contract = examined.contract
-    stage = _Stage(TrialRunner(examined), progress)
+    runner = TrialRunner(examined)
+
+    def stage(
+        title: str, hypotheses: Sequence[Hypothesis], trials: tuple[Trial, ...], is_thorough: bool, into: Ranking
+    ) -> None:
+        # One after the other: most of a trial is Python's, so threads would only wait for each other.
+        for done, hypothesis in enumerate(hypotheses, 1):
+            outcomes = tuple(runner.run(hypothesis.contract, trial) for trial in trials)
+            into.add(Verdict(hypothesis, outcomes, is_thorough))
+            progress(title, done, len(hypotheses))
+
     unchanged, changed = present(contract), singles(contract, robot)
-    stage.run("single changes", [unchanged, *changed], plan.brief, False, ranking)
+    stage("single changes", [unchanged, *changed], plan.brief, False, ranking)
     promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
     chosen = [unchanged, *_with_rivals(promising[:_PROMOTED], ranking)]
-    stage.run("the best of them", chosen, plan.thorough, True, ranking)
+    stage("the best of them", chosen, plan.thorough, True, ranking)
     together = Ranking()
-    stage.run("pairs of changes", _pairs(contract, changed, ranking, plan.pairs), plan.brief, False, together)
+    stage("pairs of changes", _pairs(contract, changed, ranking, plan.pairs), plan.brief, False, together)
     best = [verdict.hypothesis for verdict in together.best()[:_PROMOTED_PAIRS]]
-    stage.run("the best pairs", best, plan.thorough, True, ranking)
+    stage("the best pairs", best, plan.thorough, True, ranking)
     ranking.is_complete = True
-
-
-@dataclass(frozen=True)
-class _Stage:
-    """Tries hypotheses one after the other. Most of a trial is Python's, so threads would only wait for each other."""
-
-    trials: TrialRunner
-    progress: Progress
-
-    def run(
-        self,
-        title: str,
-        hypotheses: Sequence[Hypothesis],
-        trials: tuple[Trial, ...],
-        is_thorough: bool,
-        ranking: Ranking,
-    ) -> None:
-        for done, hypothesis in enumerate(hypotheses, 1):
-            outcomes = tuple(self.trials.run(hypothesis.contract, trial) for trial in trials)
-            ranking.add(Verdict(hypothesis, outcomes, is_thorough))
-            self.progress(title, done, len(hypotheses))
 
 
 def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:

@@ -167,9 +167,8 @@ class AnchorErrors:
         pose = live.value
         if frame == 0 and self._align:
             self._alignment = self._reference.align(pose)
-        position, quaternion = self._reference.anchor(frame, self._alignment)
         joints = self._reference.term("reference_joint_pos", frame)
-        posed = pose_error(pose, position, quaternion)
+        posed = pose_error(pose, *self._reference.anchor(frame, self._alignment))
         error = np.array([np.abs(state.joint_position[self._order] - joints).mean(), posed.distance, posed.angle])
         self._sum += error
         np.maximum(self._largest, error, out=self._largest)

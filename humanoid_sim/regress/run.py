@@ -23,13 +23,7 @@ from humanoid_sim.regress.executors import LOCAL, Advance, Executor, LocalExecut
 from humanoid_sim.regress.files import matching_baseline, read_baseline, write_json, write_junit
 from humanoid_sim.regress.margins import measure_margins
 from humanoid_sim.regress.options import RegressConfig, check_outputs
-from humanoid_sim.regress.preparation import (
-    PreparedSuite,
-    TestedPolicy,
-    prepare_policy,
-    prepare_suite,
-    unique_names,
-)
+from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, prepare_policy, prepare_suite, unique_names
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.report import report_page, require_report
 from humanoid_sim.regress.results import PolicyRun, Results, SuiteInfo
