@@ -237,10 +237,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     def metric(self, name: str) -> MetricInfo:
         """The metric of that name; KeyError if there is none."""
-        for metric in self.metrics:
-            if metric.name == name:
-                return metric
-        raise KeyError(name)
+        return {metric.name: metric for metric in self.metrics}[name]
 
 
 def displayed_unit(unit: str) -> tuple[float, str]:

@@ -19,13 +19,12 @@ from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.suite import AXES, Suite, Sweep
+from humanoid_sim.simulation.batch.randomisation import LONGEST_DELAY
 from humanoid_sim.strict_yaml import read_yaml
 
 __all__ = ["chosen_suite", "load_suite", "shipped_suites"]
 
 _PLACE = re.compile(r"^(?P<problem>.*?)(?: - at `\$\.?(?P<place>.*?)`)?$", re.DOTALL)
-
-
 _CHOICES = {"task": tuple(METRICS), "axis": tuple(AXES)}
 """What is accepted where a suite may choose."""
 
@@ -100,10 +99,6 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
     return chosen
 
 
-_LONGEST_DELAY = 1.0
-"""s, of commands: as much as a batch of robots keeps."""
-
-
 def suite_problems(suite: Suite) -> Iterator[str]:
     """What types cannot say, each as `place: what is wrong`."""
     yield from _case_problems(suite)
@@ -120,8 +115,8 @@ def suite_problems(suite: Suite) -> Iterator[str]:
         return
     if drawn.mass[0] <= 0.0:
         yield f"randomisation: mass is {drawn.mass}, expected more than 0: there is no body without mass"
-    if drawn.command_jitter > _LONGEST_DELAY:
-        yield f"randomisation: command_jitter is {drawn.command_jitter:g}, expected at most {_LONGEST_DELAY:g} s"
+    if drawn.command_jitter > LONGEST_DELAY:
+        yield f"randomisation: command_jitter is {drawn.command_jitter:g}, expected at most {LONGEST_DELAY:g} s"
 
 
 def _case_problems(suite: Suite) -> Iterator[str]:
@@ -208,12 +203,12 @@ def _number_problems(suite: Suite) -> Iterator[str]:
 
 def _level_problem(sweep: Sweep) -> str:
     """What is expected of the levels instead, '' if nothing is."""
-    _, nominal = AXES[sweep.axis]
+    nominal = AXES[sweep.axis][1]
     away = [nominal, *sweep.levels]
     rises = all(a < b for a, b in pairwise(away))
     falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
     if not sweep.levels or not (rises or falls) or not all(map(math.isfinite, sweep.levels)):
         return f"finite numbers that lead away from {nominal:g}"
-    if sweep.axis in ("delay", "jitter") and max(sweep.levels) > _LONGEST_DELAY:
-        return f"at most {_LONGEST_DELAY:g} s"
+    if sweep.axis in ("delay", "jitter") and max(sweep.levels) > LONGEST_DELAY:
+        return f"at most {LONGEST_DELAY:g} s"
     return "masses > 0" if sweep.axis == "mass" and min(sweep.levels) <= 0.0 else ""

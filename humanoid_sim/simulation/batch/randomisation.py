@@ -15,13 +15,13 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.batch.counter_random import Words, uniforms
 
-__all__ = ["Randomisation", "Range", "vary_models"]
+__all__ = ["LONGEST_DELAY", "Randomisation", "Range", "vary_models"]
 
 Range = tuple[float, float]
 """Least and greatest of a uniform distribution."""
 
 _SAME: Range = (1.0, 1.0)
-_LONGEST_DELAY = 1.0
+LONGEST_DELAY = 1.0
 """s: all commands of that time are kept for every environment."""
 _STREAMS = {"mass": 1, "friction": 2, "joint_friction": 3, "stiffness": 4, "damping": 5, "command_delay": 6}
 """Stream of random numbers that each quantity is drawn from: what one is set to does not move the others."""
@@ -72,9 +72,9 @@ class Randomisation:
                 object.__setattr__(self, field.name, _checked_range(field.name, value))
             elif not _is_number(value) or not 0.0 <= value < math.inf:
                 raise InputError(f"randomisation: {field.name} is {value!r}, expected a finite number >= 0")
-        if self.command_delay[1] > _LONGEST_DELAY:
+        if self.command_delay[1] > LONGEST_DELAY:
             raise InputError(
-                f"randomisation: command_delay is {self.command_delay}, expected at most {_LONGEST_DELAY:g} s"
+                f"randomisation: command_delay is {self.command_delay}, expected at most {LONGEST_DELAY:g} s"
             )
 
     @classmethod
