@@ -109,11 +109,6 @@ class Fault:
         """The value, or the default of the kind."""
         return self.info.default if self.value is None else self.value
 
-    @property
-    def end(self) -> float:
-        """s, when it is over; infinity: never."""
-        return self.start + self.duration
-
     def __str__(self) -> str:
         """As it is written on the command line."""
         value = "" if self.value is None else f"={self.value:g}"

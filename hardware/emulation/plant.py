@@ -107,11 +107,6 @@ class MotorPlant:
         """Shape (m,), rad/s, motor frame. A buffer."""
         self._sense()
 
-    @property
-    def live_widths(self) -> Mapping[str, int]:
-        """Names and widths of the live inputs."""
-        return self._senses.widths
-
     def step(self, torque: FloatArray) -> None:
         """Advance physics by one step under these torques, shape (m,), N·m, motor frame."""
         data = self._plant.data

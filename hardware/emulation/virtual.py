@@ -63,11 +63,6 @@ class VirtualMotors(EmulatorHost):
             self._opened = opened.pop_all()
 
     @property
-    def live_widths(self) -> Mapping[str, int]:
-        """Names and widths of the truth's live inputs."""
-        return self._emulator.motors.plant.live_widths
-
-    @property
     def joints(self) -> tuple[str, ...]:
         """The driven joints, one per motor."""
         return tuple(joint.name for joint in self._emulator.motors.plant.joints)

@@ -107,8 +107,6 @@ class MotorSlot:
     """Answers to commands (type 2)."""
     reports: int = 0
     """Active reports (type 24)."""
-    announcements: int = 0
-    """Device ids."""
     commanded: int = 0
     """Operation control frames handed to the channel; written by the control thread."""
     acknowledged: int = 0
@@ -195,7 +193,6 @@ class MotorTable:
         elif isinstance(reply, Ignored):
             self._take_ignored(notes, slot, reply, parts, time)
         else:
-            slot.announcements += isinstance(reply, DeviceId)
             self._answer(channel, reply, time)
 
     def _answer(self, channel: int, reply: Reply, time: float) -> None:
