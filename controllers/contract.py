@@ -19,10 +19,11 @@ from humanoid_sim.controllers.terms import QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, frozen_array
 
-__all__ = ["FORMS", "Form", "HistoryLayout", "PhaseRule", "PolicyContract", "TaskType", "TensorNames"]
+__all__ = ["FORMS", "Form", "HistoryLayout", "ModelDamping", "PhaseRule", "PolicyContract", "TaskType", "TensorNames"]
 
 TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
+ModelDamping = Literal["undecided", "keep", "drop"]
 
 _OWNER = "PolicyContract"
 
@@ -135,6 +136,9 @@ class PolicyContract:
     """Magnitude at which a raw action is clipped before it is scaled."""
     position_clip: Annotated[FloatArray | None, Form("pairs", "action_joint_names")] = None
     """Shape (m, 2) or (1, 2), rad, least and greatest position that leaves as a command; None: any."""
+    model_joint_damping: Annotated[ModelDamping, _choice(ModelDamping)] = "undecided"
+    """What becomes of the damping that a robot's own model gives its joints, in simulation: it acts beside
+    `joint_damping`, or it is dropped. Undecided: it stays, and checks ask for a decision."""
     history_layout: Annotated[HistoryLayout, _choice(HistoryLayout)] = "per_term"
     """Of terms that show more than one step: each term's steps together, or each step's terms together."""
     command_ranges: Annotated[FloatArray | None, Form("axes")] = None

@@ -22,7 +22,7 @@ from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract_physics
 from humanoid_sim.session.sources import RemoteInbox
 from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.plant import Actuation
@@ -96,6 +96,8 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         period = 1.0 / frequency
         loaded = None if policy is None else read_policy(policy, motion, description.joint_names)
         anchor = "" if loaded is None else loaded.contract.anchor_body
+        if loaded is not None:
+            description = with_contract_physics(description, loaded.contract)
         self.robot = EpisodeRobot(description, control_period=period, actuation=actuation, anchor_body=anchor)
         live = {**self.robot.extern, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
         self.supervisor = build_supervisor(

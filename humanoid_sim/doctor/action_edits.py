@@ -13,7 +13,7 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.doctor.edits import STRONG_DOUBT, Change, Edit, RobotFacts, set_fields
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["action_scales", "default_poses", "gains", "rates"]
+__all__ = ["action_scales", "default_poses", "gains", "model_damping", "rates"]
 
 _SCALES = (1.0, 0.5, 0.25)
 _SCALE_FACTORS = (0.5, 2.0, 4.0)
@@ -70,6 +70,19 @@ def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     if robot.stiffness.any():
         text = f"{' and '.join(both)} are those of the robot's description"
         yield Edit("gains of the robot", "gains", text, _robot_gains(robot), STRONG_DOUBT)
+
+
+def model_damping(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
+    """The damping that the robot's model gives its joints does not belong beside the contract's, or does."""
+    if not robot.own_damping:
+        return
+    drops = contract.model_joint_damping != "drop"
+    yield Edit(
+        f"the model's joint damping {'dropped' if drops else 'kept'}",
+        "model joint damping",
+        f"the policy was trained {'without' if drops else 'with'} the joint damping of the robot's model",
+        set_fields(model_joint_damping="drop" if drops else "keep"),
+    )
 
 
 def rates(_: PolicyContract, __: RobotFacts) -> Iterator[Edit]:

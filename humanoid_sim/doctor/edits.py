@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -46,6 +46,8 @@ class RobotFacts:
     """Shape (n,), N·m·s/rad, likewise."""
     poses: dict[str, FloatArray] = field(default_factory=dict)
     """Poses of the robot by name, each of shape (n,), rad, its order."""
+    own_damping: Mapping[str, float] = field(default_factory=dict)
+    """N·m·s/rad by joint, that the robot's model has itself."""
     motion_bodies: tuple[str, ...] = ()
     """Bodies whose world poses the motion holds."""
 

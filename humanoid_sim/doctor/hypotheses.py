@@ -15,7 +15,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, rates
+from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, model_damping, rates
 from humanoid_sim.doctor.edits import Edit, RobotFacts
 from humanoid_sim.doctor.observation_edits import conventions, phases, reference_conventions, scales, zeroed
 from humanoid_sim.doctor.order_edits import history_orders, joint_orders, term_orders
@@ -34,6 +34,7 @@ _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = 
     history_orders,
     default_poses,
     gains,
+    model_damping,
     rates,
 )
 

@@ -105,7 +105,7 @@ class TrialRunner:
                 steps_per_period(contract.policy_dt, timestep)
             except InputError:
                 continue
-            key = (pose, contract.policy_dt, contract.anchor_body, trial.yaw, timestep)
+            key = (pose, contract.policy_dt, contract.anchor_body, contract.model_joint_damping, trial.yaw, timestep)
             robot = self._robots.get(key)
             if robot is None:
                 robot = self._robots[key] = self._build(contract, trial, timestep)

@@ -16,7 +16,7 @@ from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.inject import Injector, parse_injections
 from humanoid_sim.session.keyboard import key_help
@@ -86,6 +86,8 @@ def make_plan(config: PlayConfig) -> Plan:
     contract = policy.loaded.contract
     if Path(config.robot).suffix.lower() == ".xml":
         description = with_contract(description, contract)
+    else:
+        description = with_contract_physics(description, contract)
     control_period, notice = control_rate(config, description, contract.policy_dt)
     setup = _robot(config, description, control_period, contract.anchor_body)
     try:

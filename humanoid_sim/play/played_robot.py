@@ -14,7 +14,9 @@ from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.mjcf import own_joint_damping
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import support_in_mode
@@ -112,9 +114,10 @@ def simulated_robot(
         anchor_body=anchor_body,
     )
 
-    def stability(contract: PolicyContract) -> tuple[str, ...]:
+    def check_policy(contract: PolicyContract) -> tuple[str, ...]:
         gains = resolve_action(contract, description.joint_names)
-        return (robot.stability.check(gains.damping, "policy"),)
+        doubled = model_damping_findings(contract, own_joint_damping(description))
+        return robot.stability.check(gains.damping, "policy"), *map(str, doubled)
 
     return RobotSetup(
         robot,
@@ -122,7 +125,7 @@ def simulated_robot(
         qpos=lambda _: robot.qpos,
         model=lambda: build_model(description),
         simulated=True,
-        check_policy=stability,
+        check_policy=check_policy,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else None,
         notices=robot.warnings,
     )

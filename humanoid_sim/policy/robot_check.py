@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,6 +23,7 @@ __all__ = [
     "body_findings",
     "estimate_findings",
     "joint_findings",
+    "model_damping_findings",
     "motor_findings",
     "near_miss",
     "range_findings",
@@ -83,6 +84,32 @@ def joint_findings(contract: PolicyContract, description: RobotDescription) -> I
         if name not in meant_ones:
             message = f"'{description.name}' has it, the policy does not; its joints have to be the robot's"
             yield Finding("error", "joint_names", message, joint=name)
+
+
+def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -> Iterator[Finding]:
+    """Joints that the robot's model damps as well, beside the contract's K_d.
+
+    Args:
+        contract: of the policy.
+        own: N·m·s/rad by joint, as `humanoid_sim.robots.mjcf.own_joint_damping` gives it.
+    """
+    pairs: dict[tuple[float, float], list[str]] = {}
+    for name, damping in zip(contract.joint_names, contract.joint_damping.tolist(), strict=True):
+        if name in own:
+            pairs.setdefault((damping, own[name]), []).append(name)
+    if not pairs:
+        return
+    listed = "; ".join(f"{kd:g} + {model:g} for {', '.join(names)}" for (kd, model), names in pairs.items())
+    decision = contract.model_joint_damping
+    field, what = "model_joint_damping", f"the contract's K_d + the model's own damping, N·m·s/rad: {listed}"
+    if decision == "drop":
+        yield Finding("info", field, f"drop: simulations leave out the second number of {what}")
+    elif decision == "keep":
+        yield Finding("info", field, f"keep: both act: {what}")
+    else:
+        doubled = any(kd > 0.0 for kd, _ in pairs)
+        message = f"nobody decides, so both act: {what}; `{field}: keep` or `drop` in a contract.yaml decides"
+        yield Finding("warning" if doubled else "info", field, message)
 
 
 def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -> Iterator[Finding]:

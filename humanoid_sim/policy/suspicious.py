@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
@@ -32,9 +33,20 @@ _FACTORS = (1e-3, 1e3)
 """Beyond these a factor of an observation term is no change of units."""
 
 
-def suspicious_findings(contract: PolicyContract, description: RobotDescription | None = None) -> Iterator[Finding]:
-    """Look at the contract alone; the robot's own gains, if given, excuse the same ones in the contract."""
-    yield from _gains(contract, description)
+def suspicious_findings(
+    contract: PolicyContract,
+    description: RobotDescription | None = None,
+    own_damping: Mapping[str, float] = MappingProxyType({}),
+) -> Iterator[Finding]:
+    """Look at the contract alone.
+
+    Args:
+        contract: of the policy.
+        description: of the robot, whose own gains excuse the same ones in the contract.
+        own_damping: N·m·s/rad by joint, of the robot's model: where it is kept, it brakes a joint without K_d.
+    """
+    kept = () if contract.model_joint_damping == "drop" else tuple(own_damping)
+    yield from _gains(contract, description, kept)
     yield from _ratios(contract)
     yield from _rounding(contract)
     yield from _action(contract)
@@ -55,7 +67,9 @@ def suspicious_findings(contract: PolicyContract, description: RobotDescription 
             )
 
 
-def _gains(contract: PolicyContract, description: RobotDescription | None) -> Iterator[Finding]:
+def _gains(
+    contract: PolicyContract, description: RobotDescription | None, braked: Collection[str]
+) -> Iterator[Finding]:
     known = {} if description is None else {joint.name: joint for joint in description.joints}
     for field, unit, robots in (
         ("joint_stiffness", "N·m/rad", "stiffness"),
@@ -65,7 +79,7 @@ def _gains(contract: PolicyContract, description: RobotDescription | None) -> It
         for joint, value in zip(contract.joint_names, values, strict=True):
             if value == 0.0 and joint in contract.action_joint_names and field == "joint_stiffness":
                 yield Finding("error", field, "is 0: the action cannot move the joint", joint, 0.0)
-            elif value == 0.0 and field == "joint_damping":
+            elif value == 0.0 and field == "joint_damping" and joint not in braked:
                 yield Finding("warning", field, "is 0: nothing brakes the joint", joint, 0.0)
         if len(values) < _FEW or not (values == values[0]).all() or values[0] == 0.0:
             continue

@@ -28,6 +28,7 @@ from humanoid_sim.policy.robot_check import (
     body_findings,
     estimate_findings,
     joint_findings,
+    model_damping_findings,
     motor_findings,
     range_findings,
     rate_finding,
@@ -37,6 +38,7 @@ from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
+from humanoid_sim.robots.mjcf import own_joint_damping
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
 
@@ -128,7 +130,9 @@ def _findings(
     yield from range_findings(contract, description)
     if not joints:
         yield from _stability(contract, description, physics_timestep)
-    yield from suspicious_findings(contract, description)
+    own_damping = own_joint_damping(description)
+    yield from model_damping_findings(contract, own_damping)
+    yield from suspicious_findings(contract, description, own_damping)
     yield from estimate_findings(contract, hardware=hardware)
     if hardware:
         yield from rate_finding(contract, description)

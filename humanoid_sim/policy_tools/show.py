@@ -21,8 +21,10 @@ from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.policy.readers.partial import is_assumed
+from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.mjcf import own_joint_damping
 
 __all__ = ["make_console", "show"]
 
@@ -33,7 +35,8 @@ _PIPE_WIDTH = 150
 
 def show(options: Show) -> int:
     """Print a checkpoint's contract; exit status 1 if its golden vectors say that it is not wired as it was trained."""
-    joints = None if options.robot is None else load_robot(options.robot).joint_names
+    description = None if options.robot is None else load_robot(options.robot)
+    joints = None if description is None else description.joint_names
     checkpoint = load_checkpoint(options.checkpoint, options.contract, joints, verify=False)
     contract = checkpoint.contract
     try:
@@ -49,6 +52,8 @@ def show(options: Show) -> int:
     console.print(_joints(contract))
     console.print(_observation(contract, layout))
     console.print(_fields(contract))
+    for finding in () if description is None else model_damping_findings(contract, own_joint_damping(description)):
+        console.print(f"[yellow]{escape(str(finding))}[/yellow]", soft_wrap=True)
     assumed = [line for line in field_lines(contract) if is_assumed(line.source)]
     if assumed:
         listed = "; ".join(f"{line.name} {line.value}" for line in assumed)

@@ -19,7 +19,7 @@ from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
 
-__all__ = ["RobotDescription", "load_robot", "shipped_robots", "with_contract"]
+__all__ = ["RobotDescription", "load_robot", "shipped_robots", "with_contract", "with_contract_physics"]
 
 
 def shipped_robots() -> tuple[str, ...]:
@@ -133,8 +133,8 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
     """The description with the contract's gains, standing in the contract's default pose.
 
     The joints' K_p and K_d, both standby poses and their gains, the initial position, and the K_d of damping and of the
-    remote controller's passive hold become the contract's. A default pose beyond a joint's limit is moved to it, as the
-    joint's stop would.
+    remote controller's passive hold become the contract's, and so does what `with_contract_physics` takes from it. A
+    default pose beyond a joint's limit is moved to it, as the joint's stop would.
 
     Raises:
         InputError: the contract's joints are not the robot's.
@@ -157,7 +157,7 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         )
 
     return replace(
-        description,
+        with_contract_physics(description, contract),
         joints=tuple(
             replace(joint, stiffness=stiffness[i], damping=damping[i]) for i, joint in enumerate(description.joints)
         ),
@@ -167,6 +167,14 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         standby_controller_b=standby(description.standby_controller_b),
         remote_policy_controller=replace(description.remote_policy_controller, damping=damping),
     )
+
+
+def with_contract_physics(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
+    """The description simulated as the contract wants it: with the joints' own damping, or without it."""
+    if contract.model_joint_damping == "undecided":
+        return description
+    simulation = msgspec.structs.replace(description.simulation, joint_damping=contract.model_joint_damping)
+    return msgspec.structs.replace(description, simulation=simulation)
 
 
 def _floats(values: np.ndarray) -> tuple[float, ...]:

@@ -8,12 +8,13 @@ come from the policy's contract, see `humanoid_sim.robots.description`.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
@@ -26,7 +27,7 @@ from humanoid_sim.robots.schema import (
     StandbySettings,
 )
 
-__all__ = ["compile_spec", "describe_mjcf", "read_spec"]
+__all__ = ["compile_spec", "describe_mjcf", "own_joint_damping", "read_spec"]
 
 _UNNAMED = "MuJoCo Model"
 """The name that MuJoCo gives to a model that has none."""
@@ -117,6 +118,25 @@ def describe_mjcf(path: Path) -> RobotDescription:
         standby_controller_b=standby,
         remote_policy_controller=RemoteSettings(damping_scalar=0.0),
     )
+
+
+def own_joint_damping(description: RobotDescription) -> Mapping[str, float]:
+    """N·m·s/rad that the MJCF itself gives the robot's joints, by name; those without any are left out.
+
+    Raises:
+        InputError: the MJCF cannot be read, or lacks a joint.
+    """
+    path = description.mjcf_path
+    model = compile_spec(read_spec(path), path)
+    known = [model.joint(i).name for i in range(model.njnt)]
+    found = {}
+    for name in description.joint_names:
+        if name not in known:
+            raise InputError(f"{path}: {known_names('joint', name, known)}")
+        damping = float(model.dof_damping[model.jnt_dofadr[model.joint(name).id]])
+        if damping:
+            found[name] = damping
+    return found
 
 
 def _joints(model: mujoco.MjModel) -> list[int]:

@@ -114,6 +114,9 @@ class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     """Hz"""
     floor_height: Finite = 0.0
     """m, world frame, height of the floor that the scene adds."""
+    joint_damping: Literal["keep", "drop"] = "keep"
+    """What becomes of the damping that the MJCF itself gives the joints: it acts beside the commanded K_d, or it is 0.
+    A policy's contract may decide otherwise."""
 
 
 class HardwareSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

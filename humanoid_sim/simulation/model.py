@@ -43,9 +43,10 @@ def build_model(
     """The robot in a room, ready for the MIT law.
 
     The MJCF loses its own actuators, the sensors tied to them, and its keyframes: they would fight the law, or no
-    longer fit. Joint and effort limits are the description's. Euler integration, and no automatic reset of a bad state.
-    Joints that the MJCF has and the description does not stay passive. Whatever else the MJCF says about contacts and
-    the solver stays as it is. A floating base gets a support, see `humanoid_sim.simulation.floating_base`.
+    longer fit. Joint and effort limits are the description's, which also says whether joints keep damping of their own.
+    Euler integration, and no automatic reset of a bad state. Joints that the MJCF has and the description does not stay
+    passive. Whatever else the MJCF says about contacts and the solver stays as it is. A floating base gets a support,
+    see `humanoid_sim.simulation.floating_base`.
 
     Args:
         description: the robot.
@@ -75,7 +76,7 @@ def build_model(
     if edit is not None:
         edit(spec)
     model = compile_spec(spec, description.mjcf_path)
-    _set_limits(model, description)
+    _set_joints(model, description)
     return model
 
 
@@ -177,8 +178,8 @@ def _force_limit(effort_limit: float) -> dict[str, Any]:
     return {"forcelimited": mujoco.mjtLimited.mjLIMITED_TRUE, "forcerange": [-effort_limit, effort_limit]}
 
 
-def _set_limits(model: mujoco.MjModel, description: RobotDescription) -> None:
-    """Set on the compiled model, where angles are radians: a spec that reads degrees would shrink them unnoticed.
+def _set_joints(model: mujoco.MjModel, description: RobotDescription) -> None:
+    """Limits and damping, on the compiled model, where angles are radians: a spec in degrees would shrink them.
 
     The joint's own force range goes: the law saturates at the description's effort limit, in both of its forms.
     """
@@ -188,3 +189,5 @@ def _set_limits(model: mujoco.MjModel, description: RobotDescription) -> None:
         if model.jnt_limited[i]:
             model.jnt_range[i] = joint.lower, joint.upper
         model.jnt_actfrclimited[i] = 0
+        if description.simulation.joint_damping == "drop":
+            model.dof_damping[model.jnt_dofadr[i]] = 0.0

@@ -190,3 +190,11 @@ def test_two_mistakes_are_undone_by_a_pair() -> None:
     wrong = fields(anchor_body="pelvis")(term("actions", form="scaled")(right))
     found = [pair.causes for pair in pairs(wrong, singles(wrong, FACTS)) if same_contract(pair.contract, right)]
     assert found == [("actions form", "anchor body")]
+
+
+def test_the_models_own_damping_is_a_hypothesis_where_there_is_one() -> None:
+    assert not any("model's joint damping" in hypothesis.name for hypothesis in singles(walker(), FACTS))
+    robot = replace(FACTS, own_damping={"left_hip": 0.5})
+    assert named(singles(walker(), robot), "the model's joint damping dropped").model_joint_damping == "drop"
+    dropped = replace(walker(), model_joint_damping="drop")
+    assert named(singles(dropped, robot), "the model's joint damping kept").model_joint_damping == "keep"

@@ -98,15 +98,15 @@ def robot_with(frame: str) -> str:
     return "stool.yaml"
 
 
-def contract() -> PolicyContract:
-    return merge(parse_contract(WIRING, "test", "test"), "test")
+def contract(**fields: Any) -> PolicyContract:
+    return merge(parse_contract({**WIRING, **fields}, "test", "test"), "test")
 
 
 def actions(steps: int) -> np.ndarray:
     return np.random.default_rng(1).normal(0.0, 0.6, (steps, 3)).astype(np.float32)
 
 
-def network() -> str:
+def network(**fields: Any) -> str:
     weights = np.random.default_rng(0).normal(0.0, 0.05, (WIDTH, 3)).astype(np.float32)
     graph = helper.make_graph(
         [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
@@ -116,7 +116,7 @@ def network() -> str:
         [numpy_helper.from_array(weights, "weights")],
     )
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), "policy.onnx")
-    Path("contract.yaml").write_text(yaml.safe_dump(WIRING), encoding="utf-8")
+    Path("contract.yaml").write_text(yaml.safe_dump({**WIRING, **fields}), encoding="utf-8")
     return "policy.onnx"
 
 
@@ -171,3 +171,30 @@ def test_play_is_the_single_environment(folder: Path, frame: str) -> None:
             assert getattr(state, name).tobytes() == getattr(tick.input.state, name).tobytes(), name
         env.step(step.action)
     env.close()
+
+
+@pytest.mark.parametrize(
+    ("decision", "own", "says"),
+    [
+        ({}, [0.3, 0.2, 0.0], "nobody decides, so both act"),
+        ({"model_joint_damping": "keep"}, [0.3, 0.2, 0.0], "keep: both act"),
+        ({"model_joint_damping": "drop"}, [0.0, 0.0, 0.0], "drop: simulations leave out the second number of"),
+    ],
+)
+def test_damping_of_the_model_is_what_the_contract_says(
+    folder: Path, decision: dict[str, str], own: list[float], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = robot_with("trunk")
+    path = network(**decision)
+    single, vector = PolicyEnv(path, robot), PolicyVectorEnv(2, path, robot, threads=1)
+    for model in (single.robot.model, vector.simulation.model(1)):
+        assert [model.dof_damping[model.joint(name).dofadr[0]] for name in JOINTS] == own
+    single.close()
+    vector.close()
+    main(["--viewer", "none", "--record", "r.mcap", "--robot", robot, "--policy", path, "--script", "damp"])
+    out = capsys.readouterr().out
+    (note,) = (line for line in out.splitlines() if line.startswith("note: model_joint_damping: "))
+    assert says in note
+    assert "N·m·s/rad: 0.5 + 0.3 for neck; 2 + 0.2 for left_hip" in note
+    recorded = open_recording(folder / "r.mcap").header.documents["robot"]
+    assert f'"joint_damping":"{decision.get("model_joint_damping", "keep")}"' in recorded

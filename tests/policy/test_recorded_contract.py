@@ -59,6 +59,7 @@ TRACKER = replace(
         "joint_vel",
     ),
     anchor_body="chest",
+    model_joint_damping="drop",
 )
 
 

@@ -6,7 +6,7 @@ import pytest
 from findings import found
 from trainer import JOINTS, contract
 
-from humanoid_sim.policy.robot_check import body_findings, joint_findings, near_miss
+from humanoid_sim.policy.robot_check import body_findings, joint_findings, model_damping_findings, near_miss
 from humanoid_sim.robots.description import RobotDescription
 
 
@@ -62,3 +62,27 @@ def test_bodies_of_the_motion() -> None:
     assert "has 'left_foot_link'" in found(findings, "error", "body_names").message
     assert "has 'torso_link'" in found(findings, "error", "anchor_body").message
     assert "is not among body_names" in found(findings, "warning", "anchor_body").message
+
+
+OWN = {"left_hip": 0.5, "right_hip": 0.5, "left_knee": 2.0}
+PAIRS = "1.5 + 0.5 for left_hip, right_hip; 3 + 2 for left_knee"
+
+
+def test_damping_of_the_model_beside_the_contracts() -> None:
+    wiring = contract(joint_damping=[1.5, 1.5, 3.0, 3.0])
+    finding = found(model_damping_findings(wiring, OWN), "warning", "model_joint_damping")
+    assert str(finding) == (
+        "model_joint_damping: nobody decides, so both act: the contract's K_d + the model's own damping, N·m·s/rad: "
+        f"{PAIRS}; `model_joint_damping: keep` or `drop` in a contract.yaml decides"
+    )
+    for decision in ("keep", "drop"):
+        decided = contract(joint_damping=[1.5, 1.5, 3.0, 3.0], model_joint_damping=decision)
+        assert PAIRS in found(model_damping_findings(decided, OWN), "info", "model_joint_damping").message
+    assert tuple(model_damping_findings(wiring, {})) == ()
+    assert tuple(model_damping_findings(wiring, {"tail": 1.0})) == ()
+
+
+def test_damping_of_the_model_alone_is_no_warning() -> None:
+    wiring = contract(joint_damping=[0.0, 1.5, 3.0, 3.0])
+    message = found(model_damping_findings(wiring, {"left_hip": 0.5}), "info", "model_joint_damping").message
+    assert "0 + 0.5 for left_hip;" in message

@@ -92,3 +92,11 @@ def test_the_robots_own_gains_are_not_suspicious(lite: RobotDescription) -> None
     findings = suspicious_findings(lite_contract(lite), lite)
     assert [finding for finding in findings if finding.field.startswith("joint_")] == []
     assert found(suspicious_findings(lite_contract(lite)), "info", "joint_stiffness").value == 50.0
+
+
+def test_a_joint_that_the_model_brakes() -> None:
+    wiring = {"joint_damping": [1.5, 0.0, 2.0, 2.1]}
+    braked = tuple(suspicious_findings(contract(**wiring), own_damping={"right_hip": 0.3}))
+    assert not any("nothing brakes" in finding.message for finding in braked)
+    dropped = suspicious_findings(contract(**wiring, model_joint_damping="drop"), own_damping={"right_hip": 0.3})
+    assert "nothing brakes" in found(dropped, "warning", "joint_damping", "right_hip").message

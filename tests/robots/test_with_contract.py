@@ -62,3 +62,9 @@ def test_another_robots_contract_is_refused_by_name() -> None:
         "lite_biped: joint_names of the policy do not match the robot's joints: the robot lacks tail; "
         "the policy lacks right_ankle_roll"
     )
+
+
+@pytest.mark.parametrize(("decision", "kept"), [("undecided", "keep"), ("keep", "keep"), ("drop", "drop")])
+def test_what_becomes_of_the_models_own_damping(decision: str, kept: str) -> None:
+    robot = with_contract(ROBOT, contract(ROBOT.joint_names, model_joint_damping=decision))
+    assert robot.simulation.joint_damping == kept

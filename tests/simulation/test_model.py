@@ -152,3 +152,14 @@ def test_a_model_that_vanished(small_robot: RobotFactory) -> None:
     robot.mjcf_path.unlink()
     with pytest.raises(InputError, match=r"no such file, expected the robot's MJCF model$"):
         build_model(robot)
+
+
+@pytest.mark.parametrize(("decision", "hinge"), [("keep", 0.7), ("drop", 0.0)])
+def test_the_joints_own_damping(small_robot: RobotFactory, decision: str, hinge: float) -> None:
+    """Of the robot's joints: what else the MJCF damps stays as it is."""
+    mjcf = WITH_ACTUATORS.replace('name="hinge"', 'name="hinge" damping="0.7"')
+    mjcf = mjcf.replace('name="free_wheel"', 'name="free_wheel" damping="0.2"')
+    simulation = {"physics_timestep": 0.001, "joint_damping": decision}
+    model = build_model(small_robot(mjcf, ("hinge",), simulation=simulation))
+    assert model.dof_damping[model.joint("hinge").dofadr[0]] == hinge
+    assert model.dof_damping[model.joint("free_wheel").dofadr[0]] == 0.2
