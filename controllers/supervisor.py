@@ -47,7 +47,7 @@ class _Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Result:
-    """What one controller gave in this tick, found sound."""
+    """What one controller gave in this tick, after validation."""
 
     memory: Any
     command: MITCommand

@@ -56,7 +56,7 @@ class ExitStatus(IntEnum):
 
 
 def run_program(program: Callable[[Sequence[str] | None], int], arguments: Sequence[str] | None = None) -> int:
-    """Run a program; what its user can mend becomes one line on stderr and exit status 2.
+    """Run a program; what its user can fix becomes one line on stderr and exit status 2.
 
     An output that cannot be written is one line and status 1; a reader that has left it (`| head`) is status 1 alone.
     """
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("usage: humanoid-sim <verb> [options]\n")
         for verb, purpose in VERBS.items():
             print(f"  {verb:<14} {purpose}")
-        print("\n'humanoid-sim <verb> --help' tells the rest.")
+        print("\n'humanoid-sim <verb> --help' covers the rest.")
         return 0 if words else ExitStatus.BAD_INPUT
     if words[0] == "--version":
         from humanoid_sim import __version__  # noqa: PLC0415 - only for this option

@@ -21,7 +21,7 @@ def failing(error: BaseException) -> int:
 
 
 @pytest.mark.parametrize("error", [InputError("x.onnx: is empty"), RobotError("can0: joint 3 is silent")])
-def test_what_a_user_can_mend_is_one_line_and_status_2(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_user_can_fix_is_one_line_and_status_2(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
     assert failing(error) == 2
     assert capsys.readouterr() == ("", f"error: {error}\n")
 

@@ -201,7 +201,7 @@ class Emulate:
     robot: str = "lite"
     """A shipped robot's name, or its YAML file."""
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A fault on purpose, KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name or CAN id, times in s:
+    """A fault to inject, KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name or CAN id, times in s:
     `over_temperature:left_elbow_pitch@5+2`, `lost=0.2`, `silent:14`. May be repeated."""
     firmware: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A firmware, JOINT=VERSION or MODEL=VERSION, such as `rs-02=0.2.2.11`. May be repeated; else the newest."""

@@ -66,7 +66,7 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
     """Print the best of every cause, and what the first would have you write."""
     best = ranking.best()
     table = Table(
-        title="by time up, then by quality (smaller is better); changes that are seldom the cause stand back",
+        title="by time up, then by quality (smaller is better); unlikely causes rank lower",
         title_justify="left",
     )
     table.add_column("", justify="right")

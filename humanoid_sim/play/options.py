@@ -24,7 +24,7 @@ class PlayConfig:
     """Motion to follow: an .mcap file, or the name of a sample motion. Default with the sample policy: wave."""
     again: str | None = None
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
-    with the same motion or command. Options that are given count more than the recording's."""
+    with the same motion or command. Options override the recording's."""
     robot: str = "lite"
     """A shipped robot (lite, lite_neck, lite_biped), or the path of a robot's YAML file or of an MJCF."""
     command: str = "0,0,0"
@@ -73,7 +73,7 @@ class PlayConfig:
     pose: Literal["a", "b"] = "a"
     """Standby pose to walk through when the FSM is driven automatically."""
     inject: tuple[str, ...] = ()
-    """Faults on purpose, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
+    """Faults to inject, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
     pace: Literal["auto", "realtime", "fast"] = "auto"
     """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
     video: str = "auto"

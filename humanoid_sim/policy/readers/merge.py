@@ -165,7 +165,7 @@ def agreed(field: str, first: Given, second: Given) -> Given | None:
 
     Numbers agree if they are equal, or if one is the other rounded to the digits with which its source writes it. Then
     the more precise one is taken, and its source says so. A copy of fewer than three decimals counts as rounded only if
-    it still has two digits that mean something: 40.2 for 40.179, but not 0.2 for 0.25.
+    it still has two significant digits: 40.2 for 40.179, but not 0.2 for 0.25.
     """
     if field in _BY_MEANING:
         meaning = _BY_MEANING[field]
