@@ -19,11 +19,22 @@ from humanoid_sim.controllers.terms import QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, frozen_array
 
-__all__ = ["FORMS", "Form", "HistoryLayout", "ModelDamping", "PhaseRule", "PolicyContract", "TaskType", "TensorNames"]
+__all__ = [
+    "FORMS",
+    "Form",
+    "HistoryLayout",
+    "ModelDamping",
+    "PhaseRule",
+    "PolicyContract",
+    "Speed",
+    "TaskType",
+    "TensorNames",
+]
 
 TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
 ModelDamping = Literal["undecided", "keep", "drop"]
+Speed = Literal["command", "planar", "forward"]
 
 _OWNER = "PolicyContract"
 
@@ -70,8 +81,8 @@ class TensorNames:
 class PhaseRule:
     """The gait clock of policies that observe one: an angle per foot, and how it moves from one step to the next."""
 
-    period: float
-    """s of one gait cycle."""
+    period: float | None = None
+    """s of one gait cycle; None: `frequency` says how fast it is."""
     offsets: FloatArray = field(default_factory=lambda: np.array([0.0, np.pi]))
     """Shape (k,), rad, of the k feet at activation."""
     advance_first: bool = True
@@ -82,11 +93,24 @@ class PhaseRule:
     """rad, shown for every foot while standing; None: sine and cosine are both 0."""
     standing_restarts: bool = True
     """Walking on starts from the offsets again; false: the clock runs on while the robot stands."""
+    frequency: FloatArray | None = None
+    """Shape (p, 2), speeds that are commanded, ascending, and the gait cycles per second, Hz, at each: linear between
+    them, constant beyond; None: 1 / period, whatever is commanded."""
+    speed: Speed = "command"
+    """What `frequency` goes by: the magnitude of (vx, vy, yaw rate), of (vx, vy), or of vx."""
 
     def __post_init__(self) -> None:
         owner = "PhaseRule"
         set_field = object.__setattr__
-        set_field(self, "period", number(owner, "period", self.period, above=True))
+        if (self.period is None) == (self.frequency is None):
+            both = "neither is given" if self.period is None else "both are given"
+            raise FieldError(f"{owner}.period: {both}, expected a period, or a frequency for each speed")
+        if self.period is not None:
+            set_field(self, "period", number(owner, "period", self.period, above=True))
+        if self.frequency is not None:
+            set_field(self, "frequency", self._checked_frequency(self.frequency))
+        if self.speed not in get_args(Speed):
+            raise FieldError(f"{owner}.speed: is {self.speed!r}, expected one of {', '.join(get_args(Speed))}")
         offsets = frozen_array(owner, "offsets", self.offsets)
         if offsets.ndim != 1 or not offsets.size or not np.isfinite(offsets).all():
             raise FieldError(f"{owner}.offsets: is {self.offsets}, expected one finite angle per foot")
@@ -94,6 +118,15 @@ class PhaseRule:
         set_field(self, "standing_threshold", number(owner, "standing_threshold", self.standing_threshold))
         if self.standing_value is not None:
             set_field(self, "standing_value", number(owner, "standing_value", self.standing_value, minimum=-np.inf))
+
+    @staticmethod
+    def _checked_frequency(value: Any) -> FloatArray:
+        table = frozen_array("PhaseRule", "frequency", value)
+        is_table = table.ndim == 2 and table.shape[1] == 2 and len(table) > 0 and bool(np.isfinite(table).all())
+        if not is_table or not (np.diff(table[:, 0]) > 0.0).all() or not (table[:, 1] > 0.0).all():
+            accepted = "[speed, Hz] once or more, speeds ascending, frequencies > 0"
+            raise FieldError(f"PhaseRule.frequency: is {table.tolist()}, expected {accepted}")
+        return table
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -240,11 +240,33 @@ def advance_phase(
         `walked` of the next step, shape (...), and the phase to show now, shape (..., k), rad in [-π, π), or the
         standing value; NaN where that is None.
     """
-    step = 2.0 * np.pi * policy_dt / rule.period
     magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
+    step: FloatArray | float
+    if rule.period is None:
+        step = 2.0 * np.pi * policy_dt * _gait_frequency(rule, command, magnitude)
+    else:
+        step = 2.0 * np.pi * policy_dt / rule.period
     standing = magnitude < rule.standing_threshold
     moved = np.asarray(walked) + step
     shown = moved if rule.advance_first else np.asarray(walked)
     phase = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
     phase = np.where(standing[..., None], np.nan if rule.standing_value is None else rule.standing_value, phase)
     return np.where(standing & rule.standing_restarts, 0.0, moved), phase
+
+
+def _gait_frequency(rule: PhaseRule, command: FloatArray, magnitude: FloatArray) -> FloatArray:
+    """Shape (...), Hz, of commands of shape (..., 3) and this magnitude; a batch has the same bits as its robots."""
+    assert rule.frequency is not None  # a rule has it, or a period
+    speeds, hertz = rule.frequency[:, 0], rule.frequency[:, 1]
+    if len(speeds) == 1:
+        return np.broadcast_to(hertz[0], magnitude.shape)
+    match rule.speed:
+        case "forward":
+            magnitude = np.abs(command[..., 0])
+        case "planar":
+            magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2)
+    within = np.clip(magnitude, speeds[0], speeds[-1])
+    below = np.clip(np.searchsorted(speeds, within, side="right") - 1, 0, len(speeds) - 2)
+    share = (within - speeds[below]) / (speeds[below + 1] - speeds[below])
+    interpolated: FloatArray = hertz[below] + share * (hertz[below + 1] - hertz[below])
+    return interpolated

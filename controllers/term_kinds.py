@@ -245,7 +245,13 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
     ),
     TermKind("sin_phase", "sine of the gait phase of each foot", values.phase(np.sin), requires="phase"),
     TermKind("cos_phase", "cosine of the gait phase of each foot", values.phase(np.cos), requires="phase"),
-    TermKind("gait_phase", "sines, then cosines of the gait phase", values.phase(np.sin, np.cos), requires="phase"),
+    TermKind(
+        "gait_phase",
+        "sines, then cosines of the gait phase",
+        values.phase(np.sin, np.cos),
+        names=("gait_phase", "phase"),
+        requires="phase",
+    ),
     TermKind(
         "imu_linear_acceleration",
         "acceleration of the IMU, m/s²",

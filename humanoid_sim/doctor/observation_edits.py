@@ -139,7 +139,7 @@ def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
             replace(rule, advance_first=not rule.advance_first),
         ),
     }
-    for period in _PERIODS:
+    for period in _PERIODS if rule.period is not None else ():
         changes[f"gait period {period:g} s"] = ("gait period", replace(rule, period=period))
     for name, (cause, changed) in changes.items():
         doubt = STRONG_DOUBT if cause == "gait period" else DOUBT

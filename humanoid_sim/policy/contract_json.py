@@ -15,15 +15,15 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contract
 from humanoid_sim.policy.readers.merge import build_contract
-from humanoid_sim.policy.readers.partial import Given, PartialContract, is_assumed, is_stated
+from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract, is_assumed, is_stated
 
-__all__ = ["STAMP_KEY", "decode", "encode", "plain_value", "read_stamp"]
+__all__ = ["STAMP_KEY", "STAMP_SOURCE", "decode", "encode", "plain_value", "read_stamp"]
 
 STAMP_KEY = "humanoid_sim_contract"
 """Metadata key under which a stamped checkpoint carries its contract."""
 
 _VERSION = 1
-_SOURCE = "stamp"
+STAMP_SOURCE = "stamp"
 
 
 def encode(contract: PolicyContract) -> str:
@@ -65,9 +65,9 @@ def decode(text: str, where: str) -> PolicyContract:
     provenance = document.pop("provenance", {})
     if not isinstance(provenance, dict) or not all(isinstance(source, str) for source in provenance.values()):
         raise InputError(f"{where}: provenance is {provenance!r}, expected a mapping from fields to texts")
-    stated, *surplus = parse_contract(document, where, _SOURCE)
-    if surplus:
-        raise InputError(f"{where}: contract has overrides, expected its fields alone")
+    stated, *surplus = parse_contract(document, where, STAMP_SOURCE)
+    if surplus or stated.ignores:
+        raise InputError(f"{where}: contract has overrides or sources to ignore, expected its fields alone")
     return replace(build_contract(stated.fields, stated.terms, where), provenance=provenance)
 
 
@@ -80,7 +80,7 @@ def read_stamp(text: str, where: str) -> PartialContract:
     stated: dict[str, Given] = {}
     assumed: dict[str, Given] = {}
     for name, value in _fields(contract):
-        origin = contract.provenance.get(name, _SOURCE)
+        origin = _origin(contract, name)
         (stated if is_stated(origin) else assumed)[name] = Given(value, origin)
     terms: dict[str, dict[str, Given]] = {}
     assumed_terms: dict[str, Given] = {}
@@ -93,14 +93,24 @@ def read_stamp(text: str, where: str) -> PartialContract:
             if is_assumed(origin):
                 assumed_terms[field.name] = Given(value, origin)
             elif origin or _plain(value) != _plain(getattr(usual, field.name)):
-                terms[term.name][field.name] = Given(value, origin or _SOURCE)
-    return PartialContract(_SOURCE, stated, terms, assumed, assumed_terms)
+                terms[term.name][field.name] = Given(value, origin or STAMP_SOURCE)
+    return PartialContract(STAMP_SOURCE, stated, terms, assumed, assumed_terms)
+
+
+def _origin(contract: PolicyContract, name: str) -> str:
+    """Where a field is from; a clock that was stamped as a whole is from one source."""
+    whole = contract.provenance.get("phase", STAMP_SOURCE) if name.startswith("phase.") else STAMP_SOURCE
+    is_apart = name.startswith("phase.") and any(field.startswith("phase.") for field in contract.provenance)
+    return contract.provenance.get(name, NOT_STATED if is_apart else whole)
 
 
 def _fields(contract: PolicyContract) -> Iterator[tuple[str, Any]]:
     """The fields as sources give them: names of terms alone, tensors one by one."""
     for name in FORMS:
-        if name != "tensors":
+        if name == "phase" and contract.phase is not None:
+            for field in fields(PhaseRule):
+                yield f"phase.{field.name}", getattr(contract.phase, field.name)
+        elif name != "tensors":
             yield name, contract.observation_names if name == "observation" else getattr(contract, name)
     for field in fields(TensorNames):
         value, name = getattr(contract.tensors, field.name), f"tensors.{field.name}"

@@ -17,6 +17,7 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.contract_json import encode
 from humanoid_sim.policy.readers.partial import NOT_STATED, is_assumed
+from humanoid_sim.policy.readers.values import shown
 
 __all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "term_lines"]
 
@@ -106,6 +107,8 @@ def field_lines(contract: PolicyContract) -> list[FieldLine]:
         if name not in ("tensors", "observation"):
             value = _value(name, getattr(contract, name), contract)
             lines.append(FieldLine(name, value, contract.provenance.get(name, NOT_STATED)))
+        if name == "phase":
+            lines += _phase_lines(contract)
     lines.append(
         FieldLine("observation", f"{len(contract.terms)} terms", contract.provenance.get("observation", NOT_STATED))
     )
@@ -116,6 +119,17 @@ def field_lines(contract: PolicyContract) -> list[FieldLine]:
         if value or name in contract.provenance:
             lines.append(FieldLine(name, value or "by its place", contract.provenance.get(name, NOT_STATED)))
     return lines
+
+
+def _phase_lines(contract: PolicyContract) -> Iterator[FieldLine]:
+    """The parts of the gait clock that are not from where the clock is, one line for each source."""
+    parts: dict[str, list[str]] = {}
+    for field in fields(PhaseRule) if contract.phase is not None else ():
+        source = contract.provenance.get(f"phase.{field.name}", "")
+        if source not in ("", contract.provenance.get("phase")):
+            parts.setdefault(source, []).append(f"{field.name} {shown(getattr(contract.phase, field.name))}")
+    for source, values in parts.items():
+        yield FieldLine("phase", ", ".join(values), source)
 
 
 def _option_lines(contract: PolicyContract) -> Iterator[FieldLine]:
@@ -169,7 +183,11 @@ def _value(name: str, value: Any, contract: PolicyContract) -> str:
 def _phase(rule: PhaseRule) -> str:
     offsets = ", ".join(f"{offset:.3g}" for offset in rule.offsets)
     standing = f", standing below {rule.standing_threshold:g}" if rule.standing_threshold else ""
-    return f"period {rule.period:g} s, feet at {offsets} rad{standing}"
+    pace = f"period {rule.period:g} s"
+    if rule.frequency is not None:
+        pace = ", ".join(f"{hertz:g} Hz at {speed:g}" for speed, hertz in rule.frequency)
+        pace += {"command": " of the command", "planar": " m/s", "forward": " m/s forwards"}[rule.speed]
+    return f"{pace}, feet at {offsets} rad{standing}"
 
 
 def _ranges(ranges: FloatArray) -> str:

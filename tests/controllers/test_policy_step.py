@@ -289,6 +289,30 @@ def test_standing_may_have_no_phase():
     assert np.isnan(phases(rule, [STAND])).all()
 
 
+def test_the_pace_of_a_clock_may_follow_the_command():
+    rule = PhaseRule(offsets=[0.0], frequency=[[0.2, 1.0], [1.0, 2.0]], speed="forward")
+    step = 2 * np.pi * 0.02
+    for vx, hertz in ((0.0, 1.0), (0.2, 1.0), (-0.6, 1.5), (1.0, 2.0), (3.0, 2.0)):
+        np.testing.assert_allclose(phases(rule, [np.array([vx, 5.0, 5.0])]), [[hertz * step]])
+    planar = PhaseRule(offsets=[0.0], frequency=[[0.0, 1.0], [5.0, 2.0]], speed="planar")
+    np.testing.assert_allclose(phases(planar, [np.array([3.0, 4.0, 9.0])]), [[2.0 * step]])
+    whole = PhaseRule(offsets=[0.0], frequency=[[0.0, 1.0], [6.0, 2.0]])
+    np.testing.assert_allclose(phases(whole, [np.array([1.0, 2.0, 2.0])]), [[1.5 * step]])
+    constant = PhaseRule(offsets=[0.0], frequency=[[0.0, 1.25]])
+    assert phases(constant, [WALK] * 3) == phases(PhaseRule(0.8, [0.0]), [WALK] * 3)
+
+
+def test_clocks_of_another_pace_each_have_the_bits_of_one_alone():
+    rule = PhaseRule(frequency=[[0.1, 1.1], [0.4, 1.3], [1.3, 1.9]], standing_threshold=0.1)
+    rng = np.random.default_rng(4)
+    commands, walked = rng.uniform(-1.0, 1.0, (200, 3)), rng.uniform(0.0, 9.0, 200)
+    moved, shown = advance_phase(rule, walked, commands, 0.02)
+    for i in range(200):
+        one_moved, one_shown = advance_phase(rule, walked[i], commands[i], 0.02)
+        assert moved[i].tobytes() == np.asarray(one_moved).tobytes()
+        assert shown[i].tobytes() == one_shown.tobytes()
+
+
 def test_the_clocks_of_a_batch_are_those_of_its_robots():
     rule = PhaseRule(0.8, standing_threshold=0.1)
     commands, walked = np.stack([WALK, STAND]), np.array([1.0, 2.0])
@@ -307,6 +331,17 @@ def test_the_clocks_of_a_batch_are_those_of_its_robots():
         ({"offsets": [np.nan]}, r"offsets: is \[nan\], expected one finite angle per foot"),
         ({"standing_threshold": -1.0}, "standing_threshold: is -1.0"),
         ({"standing_value": np.inf}, "standing_value: is inf"),
+        ({"period": None}, "period: neither is given, expected a period, or a frequency for each speed"),
+        ({"frequency": [[0.0, 1.0]]}, "period: both are given"),
+        (
+            {"period": None, "frequency": [[1.0, 1.0], [0.5, 2.0]]},
+            r"frequency: is \[\[1.0, 1.0\], \[0.5",
+        ),
+        (
+            {"period": None, "frequency": [[0.0, 0.0]]},
+            r"frequency: is \[\[0.0, 0.0\]\], expected \[speed, Hz\]",
+        ),
+        ({"speed": "backward"}, "speed: is 'backward', expected one of command, planar, forward"),
     ],
 )
 def test_what_is_wrong_with_a_phase_rule_is_named(changes, message):

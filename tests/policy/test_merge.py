@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
-from humanoid_sim.policy.readers.merge import agreed, merge
-from humanoid_sim.policy.readers.partial import Given, PartialContract
+from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.readers.partial import PartialContract
 from humanoid_sim.policy.readers.partial import given as from_source
 
 MODEL = "policy.onnx"
@@ -61,7 +59,8 @@ def test_every_field_says_where_it_comes_from() -> None:
 def test_two_sources_that_contradict_each_other_are_both_shown() -> None:
     assert refusal(source(), *yaml(policy_dt=0.04)) == (
         "policy_dt: 0.02 in metadata contradicts 0.04 in contract.yaml; "
-        "if one of them is wrong, write the right one under override: in a contract.yaml"
+        "if one of them is wrong, write the right one under override: in a contract.yaml, "
+        "or leave out a source that is wrong as a whole with ignore:"
     )
 
 
@@ -73,8 +72,29 @@ def test_of_two_lists_the_first_place_that_differs_is_shown() -> None:
 
 def test_the_order_of_terms_decides() -> None:
     assert refusal(source(), *yaml(observation=["joint_pos", "base_ang_vel", "actions"])).startswith(
-        "observation: [base_ang_vel, joint_pos, actions] in metadata contradicts [joint_pos, base_ang_vel, actions] in"
+        "observation: the order differs: at place 0 base_ang_vel in metadata contradicts joint_pos in contract.yaml; if"
     )
+
+
+def test_of_two_observations_the_terms_that_differ_are_shown() -> None:
+    other = source({"observation": ("base_ang_vel", "twist", "joint_pos_rel", "last_action", "phase")}, "deploy.yaml")
+    lacking = source({**WHOLE, "observation": ("base_ang_vel", "base_lin_vel", "joint_pos", "actions", "phase")})
+    assert refusal(lacking, other).startswith(
+        "observation: base_lin_vel only in metadata; twist only in deploy.yaml; if one of them is wrong, write"
+    )
+
+
+def test_the_kind_of_a_term_counts_in_the_comparison() -> None:
+    metadata = source({**WHOLE, "observation": ("joint_pos", "clock")})
+    deploy = source({"observation": ("joint_pos_rel", "gait_phase")}, "deploy.yaml")
+    assert refusal(metadata, deploy).startswith("observation: clock only in metadata; gait_phase only in deploy.yaml;")
+    named = yaml(terms={"clock": {"kind": "gait_phase"}}, phase={"period": 0.6})
+    assert merge([metadata, deploy, *named], MODEL).observation_names == ("joint_pos", "clock")
+
+
+def test_a_command_means_in_both_sources_what_the_command_names_say() -> None:
+    metadata = source({**WHOLE, "observation": ("command",), "command_names": ("motion",)})
+    assert merge([metadata, *yaml(observation=["motion_command"])], MODEL).observation_names == ("command",)
 
 
 def test_options_of_a_term_contradict_each_other() -> None:
@@ -92,6 +112,17 @@ def test_an_override_wins_and_says_so() -> None:
     assert contract.terms[1].relative is False
     assert float(contract.terms[1].scale) == 2.0
     assert contract.provenance["observation.joint_pos.scale"] == "contract.yaml override"
+
+
+def test_an_override_decides_between_two_other_sources() -> None:
+    deploy = source({"policy_dt": 0.04, "observation": ("joint_pos",)}, "deploy.yaml", joint_pos={"scale": 3.0})
+    metadata = source(joint_pos={"scale": 1.0})
+    assert refusal(metadata, deploy).startswith("policy_dt: 0.02 in metadata contradicts 0.04 in deploy.yaml; ")
+    overrides = {"policy_dt": 0.05, "observation": ["actions", "joint_pos"], "terms": {"joint_pos": {"scale": 2.0}}}
+    contract = merge([metadata, deploy, *yaml(override=overrides)], MODEL)
+    assert (contract.policy_dt, contract.observation_names) == (0.05, ("actions", "joint_pos"))
+    assert float(contract.terms[1].scale) == 2.0
+    assert contract.provenance["observation"] == "contract.yaml override"
 
 
 def test_an_override_does_not_hide_that_others_contradict_each_other_elsewhere() -> None:
@@ -186,47 +217,6 @@ def test_places_need_a_robot() -> None:
     # Three places of a robot that has only these joints: the gaps stand for joints that it lacks.
     gaps = source({**WHOLE, "joint_places": (7, 2)}, "deploy.yaml", "joint_names")
     assert merge([gaps], MODEL, ("knee", "hip")).joint_names == ("hip", "knee")
-
-
-def rounded(values: Any, decimals: int) -> Given:
-    return Given(np.round(values, decimals), "coarse", decimals)
-
-
-@given(st.lists(st.floats(-200.0, 200.0), min_size=1, max_size=5).map(np.array), st.integers(3, 6))
-def test_a_rounded_copy_agrees_and_the_precise_one_wins(values: np.ndarray, decimals: int) -> None:
-    fine = Given(values, "fine")
-    for pair in ((fine, rounded(values, decimals)), (rounded(values, decimals), fine)):
-        both = agreed("joint_stiffness", *pair)
-        assert both is not None
-        np.testing.assert_allclose(both.value, values, rtol=1e-9)
-        if not np.allclose(values, np.round(values, decimals), rtol=1e-9, atol=0.0):
-            assert both.source == "fine (coarse has it rounded)"
-
-
-@given(st.lists(st.floats(1.0, 200.0), min_size=1, max_size=5).map(np.array), st.sampled_from([0.6, 1.0, 3.0]))
-def test_what_is_off_by_more_than_rounding_contradicts(values: np.ndarray, steps: float) -> None:
-    values = np.round(values, 3)
-    # With fewer decimals the other one could itself be a rounded copy: 64.09 of 64.089.
-    assert agreed("joint_stiffness", Given(values, "a", 3), Given(values + 1e-3 * steps, "b", 4)) is None
-
-
-@pytest.mark.parametrize(
-    ("coarse", "fine", "agree"),
-    [
-        (40.2, 40.179238471, True),
-        (2.6, 2.557889765, True),
-        (0.55, 0.547546, True),
-        (0.35, 0.548, False),
-        (0.2, 0.25, False),
-        (0.3, 0.25, False),
-        (1.0, 1.04, False),
-        (14.0, 14.25, False),
-        (100.0, 99.098, False),
-    ],
-)
-def test_few_digits_count_as_rounding_only_if_they_mean_something(coarse: float, fine: float, agree: bool) -> None:
-    assert (agreed("action_scale", Given(coarse, "a"), Given(fine, "b")) is not None) is agree
-    assert (agreed("action_scale", Given(fine, "b"), Given(coarse, "a")) is not None) is agree
 
 
 def test_one_number_for_all_agrees_with_a_list_of_it() -> None:

@@ -10,7 +10,9 @@ import pytest
 import yaml
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers.contract_yaml import parse_contract
 from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 
 ROBOT = ("a", "b", "c", "d")
@@ -70,6 +72,35 @@ def test_a_gait_phase_brings_its_rule(tmp_path: Path) -> None:
     assert rule.period == 0.6
     assert rule.offsets.tolist() == [0.0]
     assert rule.advance_first
+
+
+def test_a_gait_phase_implies_that_its_clock_shows_nothing_while_the_robot_stands(tmp_path: Path) -> None:
+    made = contract(tmp_path)
+    rule = made.phase
+    assert (rule.standing_threshold, rule.standing_value, rule.standing_restarts) == (0.1, None, False)
+    assert made.provenance["phase"] == "deploy.yaml"
+    assert assumptions(made)[-1] == (
+        "phase: offsets [0], standing_threshold 0.1, standing_value none, standing_restarts false, "
+        "advance_first true: assumed (Unitree)"
+    )
+
+
+def test_what_is_stated_of_the_clock_comes_before_what_a_gait_phase_implies(tmp_path: Path) -> None:
+    stated = parse_contract({"phase": {"standing_threshold": 0.0}}, "contract.yaml", "contract.yaml")
+    made = merge([read_deploy(written(tmp_path / "deploy.yaml")), *stated], "policy.onnx", ROBOT)
+    assert (made.phase.period, made.phase.standing_threshold) == (0.6, 0.0)  # type: ignore[union-attr]
+    assert made.provenance["phase.standing_threshold"] == "contract.yaml"
+
+
+def test_a_clock_without_a_period_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"the contract lacks phase\.period; "):
+        contract(tmp_path, observations=observations(gait_phase={"params": {}}))
+
+
+def test_without_a_clock_nothing_is_assumed_of_one(tmp_path: Path) -> None:
+    made = contract(tmp_path, observations={"joint_pos_rel": None})
+    assert made.phase is None
+    assert not [name for name in made.provenance if name.startswith("phase.")]
 
 
 def test_commands(tmp_path: Path) -> None:

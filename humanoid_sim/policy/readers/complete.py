@@ -53,6 +53,10 @@ def missing_fields(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
     missing = [name for name, form in FORMS.items() if form.is_required and name not in known]
     required = {kind.requires for kind in _kinds(known, terms)}
     missing += [name for name in FORMS if name in required and name not in known]
+    if "phase" in missing and any(name.startswith("phase.") for name in known):
+        missing.remove("phase")
+        if "phase.period" not in known and "phase.frequency" not in known:
+            missing.append("phase.period")
     if "observation" in known and "command" in known["observation"].value and not _value(known, "command_names"):
         missing.append("command_names")
     return missing

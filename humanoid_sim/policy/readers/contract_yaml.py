@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
@@ -50,7 +51,13 @@ def _struct(name: str, *members: _Field, base: type[msgspec.Struct] = msgspec.St
 def _members(owner: type) -> list[_Field]:
     """The fields of a dataclass as YAML has them; those with a default may be left out."""
     hints = get_type_hints(owner)
-    plain = {FloatArray: list[float], FloatArray | float: Numbers, bool | None: bool, tuple[str, ...] | None: list[str]}
+    plain = {
+        FloatArray: list[float],
+        FloatArray | float: Numbers,
+        FloatArray | None: list[Pair] | None,
+        bool | None: bool,
+        tuple[str, ...] | None: list[str],
+    }
     members: list[_Field] = []
     for field in dataclasses.fields(owner):
         kind = plain.get(hints[field.name], hints[field.name])
@@ -93,8 +100,13 @@ ContractFields = _struct(
     ("terms", dict[str, dict[str, Any]] | UnsetType, UNSET),
 )
 """Every field of a `PolicyContract`, each of which may be left out."""
-ContractFile = _struct("ContractFile", ("override", ContractFields | UnsetType, UNSET), base=ContractFields)
-"""A whole file: fields that have to agree with the other sources, and fields that override them."""
+ContractFile = _struct(
+    "ContractFile",
+    ("override", ContractFields | UnsetType, UNSET),
+    ("ignore", list[str] | UnsetType, UNSET),
+    base=ContractFields,
+)
+"""A whole file: fields that have to agree with the other sources, fields that override them, sources to leave out."""
 
 
 def find_contract(checkpoint: Path) -> Path | None:
@@ -124,8 +136,8 @@ def parse_contract(document: Any, where: str, source: str) -> list[PartialContra
         InputError: as `read_contract_file`.
     """
     file = dict(_set_fields(_convert({} if document is None else document, ContractFile, where, "")))
-    override = file.pop("override", None)
-    partials = [_partial(file, where, source, overrides=False)]
+    override, ignored = file.pop("override", None), tuple(file.pop("ignore", ()))
+    partials = [replace(_partial(file, where, source, overrides=False), ignores=ignored)]
     if override is not None:
         partials.append(_partial(dict(_set_fields(override)), where, f"{source} override", overrides=True))
     return partials
@@ -137,8 +149,10 @@ def _partial(section: dict[str, Any], where: str, source: str, *, overrides: boo
     prefix = "override." if overrides else ""
     options_by_term = section.pop("terms", {})
     for name, value in section.items():
-        if name == "tensors":
-            fields |= {f"tensors.{key}": Given(text, source) for key, text in _set_fields(value)}
+        if name in _BY_PART and value is not None:
+            parts = {key: _number_or_array(part) for key, part in _set_fields(value)}
+            _check_phase(parts if name == "phase" else {}, f"{where}: {prefix}")
+            fields |= {f"{name}.{key}": Given(part, source) for key, part in parts.items()}
             continue
         try:
             fields[name] = Given(_value(name, value), source)
@@ -153,6 +167,18 @@ def _partial(section: dict[str, Any], where: str, source: str, *, overrides: boo
                 raise InputError(f"{where}: {prefix}terms.{term_name}.{option}: is given in observation as well")
             terms[term_name][option] = given
     return PartialContract(source, fields, terms, overrides=overrides)
+
+
+_BY_PART = ("tensors", "phase")
+"""Structures each field of which may come from another source."""
+
+
+def _check_phase(parts: dict[str, Any], where: str) -> None:
+    """Refuse what no gait clock can have; the period may still come from another source."""
+    try:
+        PhaseRule(**({} if "frequency" in parts else {"period": 1.0}) | parts)
+    except FieldError as error:
+        raise InputError(f"{where}phase.{str(error).partition('.')[2]}") from None
 
 
 def _convert(document: Any, struct: type[msgspec.Struct], where: str, place: str) -> msgspec.Struct:
@@ -199,8 +225,6 @@ def _value(name: str, value: Any) -> Any:
             value = np.array(value, dtype=np.float64).reshape(-1, 2)
         case "names" | "steps":
             value = tuple(value)
-        case "structure":
-            value = PhaseRule(**dict(_set_fields(value)))
     return _number_or_array(value)
 
 

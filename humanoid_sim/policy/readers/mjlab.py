@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers import values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
 
-__all__ = ["MJLAB_SOURCE", "is_mjlab", "read_mjlab"]
+__all__ = ["GAIT_CLOCK", "MJLAB_SOURCE", "is_mjlab", "read_mjlab"]
 
 MJLAB_SOURCE = "mjlab metadata"
 
@@ -27,6 +29,16 @@ _FIELDS = {
     "anchor_body_name": "anchor_body",
 }
 """Key of the metadata to field of the contract."""
+GAIT_CLOCK: Mapping[str, Any] = MappingProxyType(
+    {
+        "phase.offsets": np.zeros(1),
+        "phase.standing_threshold": 0.1,
+        "phase.standing_value": None,
+        "phase.standing_restarts": False,
+    }
+)
+"""What mjlab's term `phase` implies, and Unitree's deployment of it: one clock, which runs on while the robot stands;
+while |(vx, vy, yaw rate)| is below the threshold sine and cosine are both 0."""
 _SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
 _HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flatten_history_dim"
 
@@ -51,9 +63,15 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
         MJLAB_SOURCE,
         fields,
         _terms(metadata, names, where),
-        assumed=assumed("mjlab", {"policy_dt": 0.02, "reference_quaternion": "wxyz"}),
+        assumed=assumed("mjlab", {"policy_dt": 0.02, "reference_quaternion": "wxyz"} | _clock(names)),
         assumed_terms=assumed("mjlab", {"scale": 1.0, "history": 1}),
     )
+
+
+def _clock(names: Sequence[str]) -> dict[str, Any]:
+    """In training, the first observation shows the clock as it starts."""
+    has_clock = any(term_kind(name).requires == "phase" for name in names)
+    return {**GAIT_CLOCK, "phase.advance_first": False} if has_clock else {}
 
 
 def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dict[str, dict[str, Given]]:

@@ -54,6 +54,8 @@ class PartialContract:
     """Options of every term, likewise."""
     overrides: bool = False
     """Beats the other sources instead of having to agree with them."""
+    ignores: tuple[str, ...] = ()
+    """Other sources that are not to be read."""
 
 
 def given(source: str, values: Mapping[str, Any]) -> dict[str, Given]:

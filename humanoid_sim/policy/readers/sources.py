@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import InputError
-from humanoid_sim.policy.contract_json import STAMP_KEY, decode, read_stamp
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.policy.contract_json import STAMP_KEY, STAMP_SOURCE, decode, read_stamp
 from humanoid_sim.policy.graph_motion import graph_conventions
-from humanoid_sim.policy.metadata import METADATA_KEYS, is_own, read_own, write_metadata
+from humanoid_sim.policy.metadata import METADATA_KEYS, OWN_SOURCE, is_own, read_own, write_metadata
 from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contract_file
-from humanoid_sim.policy.readers.holosoma import is_holosoma, read_holosoma
+from humanoid_sim.policy.readers.holosoma import HOLOSOMA_SOURCE, is_holosoma, read_holosoma
 from humanoid_sim.policy.readers.merge import merge
-from humanoid_sim.policy.readers.mjlab import is_mjlab, read_mjlab
+from humanoid_sim.policy.readers.mjlab import MJLAB_SOURCE, is_mjlab, read_mjlab
 from humanoid_sim.policy.readers.partial import PartialContract, is_assumed
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 from humanoid_sim.policy.readers.values import shown
 
 __all__ = ["assemble_contract", "assumptions", "metadata_contract"]
 
-_DIALECTS = ((is_mjlab, read_mjlab), (is_holosoma, read_holosoma))
-"""Of trainers that write into a model's metadata: whether it is there, and what it says. A new dialect is a module, and
-a line here or below."""
+_DIALECTS = ((MJLAB_SOURCE, is_mjlab, read_mjlab), (HOLOSOMA_SOURCE, is_holosoma, read_holosoma))
+"""Of trainers that write into a model's metadata: their name, whether it is there, and what it says. A new dialect is a
+module, and a line here or below."""
 _SIDE_FILES = ((find_deploy, read_deploy),)
 """Of trainers that write a file beside the model: where it is, and what it says."""
 
@@ -38,7 +39,7 @@ def assemble_contract(
 ) -> PolicyContract:
     """The contract of a checkpoint, from everything that speaks about it.
 
-    A stamped checkpoint is complete by itself, so a `deploy.yaml` beside it is not read; a `contract.yaml` always is.
+    A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
 
     Args:
         path: the checkpoint.
@@ -50,25 +51,38 @@ def assemble_contract(
     Raises:
         InputError: if a source is malformed, if two contradict each other, or if something is missing.
     """
-    partials = metadata_contract(metadata, str(path))
+    chosen = find_contract(path) if contract_file is None else contract_file
+    by_hand = [] if chosen is None else read_contract_file(chosen)
+    sources = _metadata_sources(metadata, str(path))
     for find, read in () if STAMP_KEY in metadata else _SIDE_FILES:
         beside = find(path)
         if beside is not None:
-            partials.append(read(beside))
-    chosen = find_contract(path) if contract_file is None else contract_file
-    if chosen is not None:
-        partials += read_contract_file(chosen)
-    return merge([*partials, graph_conventions(outputs)], str(path), robot_joints)
+            sources[beside.name] = partial(read, beside)
+    ignored = {name for source in by_hand for name in source.ignores}
+    for name in ignored:
+        if name not in sources:
+            raise InputError(f"{chosen}: ignore: {known_names('source', name, sources)}")
+    partials = [read() for name, read in sources.items() if name not in ignored]
+    return merge([*partials, *by_hand, graph_conventions(outputs)], str(path), robot_joints)
 
 
 def metadata_contract(metadata: Mapping[str, str], where: str) -> list[PartialContract]:
     """What a model's metadata says, in whichever dialect it is; an empty list if it says nothing."""
+    return [read() for read in _metadata_sources(metadata, where).values()]
+
+
+def _metadata_sources(metadata: Mapping[str, str], where: str) -> dict[str, Callable[[], PartialContract]]:
+    """By its name each dialect that the metadata has, to be read."""
     if STAMP_KEY in metadata:
-        _check_stamp(metadata, where)
-        return [read_stamp(metadata[STAMP_KEY], where)]
+        return {STAMP_SOURCE: lambda: _stamp(metadata, where)}
     if is_own(metadata):
-        return [read_own(metadata, where)]
-    return [read(metadata, where) for is_spoken, read in _DIALECTS if is_spoken(metadata)]
+        return {OWN_SOURCE: partial(read_own, metadata, where)}
+    return {name: partial(read, metadata, where) for name, is_spoken, read in _DIALECTS if is_spoken(metadata)}
+
+
+def _stamp(metadata: Mapping[str, str], where: str) -> PartialContract:
+    _check_stamp(metadata, where)
+    return read_stamp(metadata[STAMP_KEY], where)
 
 
 def _check_stamp(metadata: Mapping[str, str], where: str) -> None:
@@ -88,12 +102,16 @@ def assumptions(contract: PolicyContract) -> tuple[str, ...]:
     """What no source states and a dialect implies, one line each: `policy_dt 0.02: assumed (mjlab)`."""
     lines: dict[str, None] = {}
     terms = {term.name: term for term in contract.terms}
+    clock: dict[str, list[str]] = {}
     for name, source in contract.provenance.items():
         if not is_assumed(source):
             continue
         if name.startswith("observation."):  # the same for every term, and told once
             term, _, option = name.removeprefix("observation.").rpartition(".")
             lines[f"{option} of observation terms {shown(getattr(terms[term], option))}: {source}"] = None
-        else:
+        elif name.startswith("phase."):
+            part = name.removeprefix("phase.")
+            clock.setdefault(source, []).append(f"{part} {shown(getattr(contract.phase, part))}")
+        elif name != "phase":
             lines[f"{name} {shown(getattr(contract, name))}: {source}"] = None
-    return tuple(lines)
+    return (*lines, *(f"phase: {', '.join(parts)}: {source}" for source, parts in clock.items()))

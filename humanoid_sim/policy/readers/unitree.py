@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.contract import PhaseRule
+from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.errors import FieldError, InputError, one_line
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
+from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
 from humanoid_sim.policy.readers.values import cut, is_number, pair_of_numbers, plain_numbers
 from humanoid_sim.strict_yaml import read_yaml
@@ -44,6 +46,8 @@ def read_deploy(path: Path) -> PartialContract:
     fields = {name: Given(value, path.name) for name, value in reader.fields().items()}
     terms = {name: given(path.name, options) for name, options in reader.terms.items()}
     implied = assumed("Unitree", {"reference_quaternion": "wxyz"})
+    if any(term_kind(name).requires == "phase" for name in reader.terms):
+        implied |= assumed("Unitree", {**GAIT_CLOCK, "phase.advance_first": True})
     # Without `joint_ids_map` the joints are in the robot's own order.
     return PartialContract(path.name, fields, terms, implied | given(path.name, {"joint_places": slice(None)}))
 
@@ -162,9 +166,9 @@ class _Reader:
         if ids is not None and ids != slice(None):
             options["joint_places"] = self._chosen(ids, f"{where}.params.asset_cfg.joint_ids")
         self.terms[name] = options
-        if name == "gait_phase" and params.get("period") is not None:
+        if term_kind(name).requires == "phase" and params.get("period") is not None:
             try:
-                return {"phase": PhaseRule(self._number(params["period"], f"{where}.params.period"), [0.0])}  # type: ignore[arg-type]
+                return {"phase.period": PhaseRule(self._number(params["period"], f"{where}.params.period")).period}
             except FieldError as error:
                 raise InputError(f"{self.path}: {where}.params.{str(error).removeprefix('PhaseRule.')}") from None
         return {}

@@ -134,6 +134,8 @@ def _items(text: str) -> list[str]:
 
 def shown(value: Any, width: int = 60) -> str:
     """A value as a person would write it, in at most `width` characters."""
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "true", False: "false"}[value]
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple) and all(isinstance(item, str | float | int) for item in value):
