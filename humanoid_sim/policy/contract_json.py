@@ -81,6 +81,8 @@ def read_stamp(text: str, where: str) -> PartialContract:
     assumed: dict[str, Given] = {}
     for name, value in _fields(contract):
         origin = _origin(contract, name)
+        if name.startswith("phase.") and origin == NOT_STATED:
+            continue  # the clock has it by itself
         (stated if is_stated(origin) else assumed)[name] = Given(value, origin)
     terms: dict[str, dict[str, Given]] = {}
     assumed_terms: dict[str, Given] = {}
