@@ -20,7 +20,7 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import own_joint_damping
+from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 from humanoid_sim.simulation.model import build_model
 
 __all__ = ["ExaminedPolicy", "breadth_first", "load_examined", "robot_facts"]
@@ -142,7 +142,7 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
         effort_limit=description.effort_limit,
         stiffness=description.stiffness,
         damping=description.damping,
-        own_damping=own_joint_damping(description),
+        own_damping=own_joint_damping(bare_model(description), description),
         poses={"the robot's initial position": np.array(description.initial_position)},
         motion_bodies=motion.body_names if motion is not None and motion.layout == "joints_bodies_w" else (),
     )

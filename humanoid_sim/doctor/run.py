@@ -15,7 +15,7 @@ from humanoid_sim.doctor.report import is_healthy, print_ranking, ranking_docume
 from humanoid_sim.doctor.search import Ranking, make_plan, search
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy_tools.show import make_console
-from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.description import load_robot, with_imu
 from humanoid_sim.session.sources import parse_velocity
 
 __all__ = ["doctor"]
@@ -32,7 +32,11 @@ def doctor(config: DoctorConfig) -> int:
     """
     _check(config)
     examined = load_examined(
-        config.checkpoint, load_robot(config.robot), config.contract, config.motion, base_height=config.base_height
+        config.checkpoint,
+        with_imu(load_robot(config.robot), config.imu_site),
+        config.contract,
+        config.motion,
+        base_height=config.base_height,
     )
     plan = make_plan(
         examined.contract,

@@ -70,6 +70,7 @@ _SIMULATION_ONLY = (
     "actuation",
     "base_height",
     "command_delay",
+    "imu_site",
     "physics_timestep",
     "state_delay",
     "state_sampling",

@@ -27,6 +27,8 @@ class PlayConfig:
     with the same motion or command. Options override the recording's."""
     robot: str = "lite"
     """A shipped robot (lite, lite_neck, lite_biped), or the path of a robot's YAML file or of an MJCF."""
+    imu_site: str | None = None
+    """Site or body of the robot's MJCF that is its IMU, in simulation. Default: the robot's; of an MJCF its gyro's."""
     command: str = "0,0,0"
     """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks."""
     yaw: float = 0.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
@@ -16,7 +15,7 @@ from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics, with_imu
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.inject import Injector, parse_injections
 from humanoid_sim.session.keyboard import key_help
@@ -79,12 +78,12 @@ def make_plan(config: PlayConfig) -> Plan:
     injections = parse_injections(config.inject)
     steps: Sequence[ScriptStep] | None = None if config.script is None else parse_script(config.script)
     refuse_conflicts(config, steps or (), injections)
-    description = load_robot(config.robot)
+    description = with_imu(load_robot(config.robot), config.imu_site)
     clock = RobotClock()
     injector = Injector(injections, clock)
     policy = choose_policy(config, description, injector.policy)
     contract = policy.loaded.contract
-    if Path(config.robot).suffix.lower() == ".xml":
+    if description.has_no_gains:
         description = with_contract(description, contract)
     else:
         description = with_contract_physics(description, contract)

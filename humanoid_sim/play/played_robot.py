@@ -16,7 +16,8 @@ from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.mjcf import own_joint_damping
+from humanoid_sim.robots.imu import imu_line
+from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import support_in_mode
@@ -114,9 +115,12 @@ def simulated_robot(
         anchor_body=anchor_body,
     )
 
+    bare = bare_model(description)
+    imu = (f"IMU: {imu_line(bare, description)}; --imu-site takes another",) if description.is_floating else ()
+
     def check_policy(contract: PolicyContract) -> tuple[str, ...]:
         gains = resolve_action(contract, description.joint_names)
-        doubled = model_damping_findings(contract, own_joint_damping(description))
+        doubled = model_damping_findings(contract, own_joint_damping(bare, description))
         return robot.stability.check(gains.damping, "policy"), *map(str, doubled)
 
     return RobotSetup(
@@ -127,5 +131,5 @@ def simulated_robot(
         simulated=True,
         check_policy=check_policy,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else None,
-        notices=robot.warnings,
+        notices=(*imu, *robot.warnings),
     )

@@ -116,6 +116,7 @@ _REPEATED = (
     "policy",
     "contract",
     "robot",
+    "imu_site",
     "command",
     "yaw",
     "base_height",

@@ -42,6 +42,8 @@ class Check:
     """ONNX file."""
     robot: str
     """Shipped robot (lite, lite_biped), YAML file or MJCF."""
+    imu_site: str | None = None
+    """The site or body of the robot's MJCF that is its IMU. Default: the robot's; of an MJCF its gyro's site."""
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     hardware: bool = False

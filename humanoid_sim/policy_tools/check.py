@@ -37,8 +37,9 @@ from humanoid_sim.policy.robot_check import (
 from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
-from humanoid_sim.robots.mjcf import own_joint_damping
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_imu
+from humanoid_sim.robots.imu import imu_line
+from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
 
@@ -53,7 +54,7 @@ _PLURALS: dict[Severity, str] = {"error": "error(s)", "warning": "warning(s)", "
 
 def check(options: Check) -> int:
     """Print the findings; exit status 1 if there is an error among them."""
-    description = load_robot(options.robot)
+    description = with_imu(load_robot(options.robot), options.imu_site)
     findings = check_checkpoint(
         options.checkpoint,
         description,
@@ -130,8 +131,11 @@ def _findings(
     yield from range_findings(contract, description)
     if not joints:
         yield from _stability(contract, description, physics_timestep)
-    own_damping = own_joint_damping(description)
+    model = bare_model(description)
+    own_damping = own_joint_damping(model, description)
     yield from model_damping_findings(contract, own_damping)
+    if description.is_floating:
+        yield Finding("info", "imu", imu_line(model, description))
     yield from suspicious_findings(contract, description, own_damping)
     yield from estimate_findings(contract, hardware=hardware)
     if hardware:

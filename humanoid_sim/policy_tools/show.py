@@ -24,7 +24,7 @@ from humanoid_sim.policy.readers.partial import is_assumed
 from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.mjcf import own_joint_damping
+from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 
 __all__ = ["make_console", "show"]
 
@@ -52,7 +52,11 @@ def show(options: Show) -> int:
     console.print(_joints(contract))
     console.print(_observation(contract, layout))
     console.print(_fields(contract))
-    for finding in () if description is None else model_damping_findings(contract, own_joint_damping(description)):
+    for finding in (
+        ()
+        if description is None
+        else model_damping_findings(contract, own_joint_damping(bare_model(description), description))
+    ):
         console.print(f"[yellow]{escape(str(finding))}[/yellow]", soft_wrap=True)
     assumed = [line for line in field_lines(contract) if is_assumed(line.source)]
     if assumed:

@@ -19,7 +19,7 @@ from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
 
-__all__ = ["RobotDescription", "load_robot", "shipped_robots", "with_contract", "with_contract_physics"]
+__all__ = ["RobotDescription", "load_robot", "shipped_robots", "with_contract", "with_contract_physics", "with_imu"]
 
 
 def shipped_robots() -> tuple[str, ...]:
@@ -167,6 +167,11 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         standby_controller_b=standby(description.standby_controller_b),
         remote_policy_controller=replace(description.remote_policy_controller, damping=damping),
     )
+
+
+def with_imu(description: RobotDescription, frame: str | None) -> RobotDescription:
+    """The description with its IMU at another site or body of its MJCF; None: as it is."""
+    return description if frame is None else msgspec.structs.replace(description, imu=frame)
 
 
 def with_contract_physics(description: RobotDescription, contract: PolicyContract) -> RobotDescription:

@@ -16,6 +16,7 @@ import numpy as np
 
 from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.files import regular_file
+from humanoid_sim.robots.imu import find_imu
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
     BaseSettings,
@@ -27,7 +28,7 @@ from humanoid_sim.robots.schema import (
     StandbySettings,
 )
 
-__all__ = ["compile_spec", "describe_mjcf", "own_joint_damping", "read_spec"]
+__all__ = ["bare_model", "compile_spec", "describe_mjcf", "own_joint_damping", "read_spec"]
 
 _UNNAMED = "MuJoCo Model"
 """The name that MuJoCo gives to a model that has none."""
@@ -66,7 +67,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 def describe_mjcf(path: Path) -> RobotDescription:
     """Describe the robot in an MJCF file.
 
-    The IMU is the site of the base's gyro sensor, else a site of the base named like an IMU, else the base itself.
+    The IMU is what `humanoid_sim.robots.imu.find_imu` finds.
 
     Raises:
         InputError: not an MJCF, one without hinge joints, or without the names by which joints and base are found.
@@ -110,7 +111,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
             for i, joint in enumerate(joints)
         ),
         initial_position=pose,
-        imu=_imu(model, base),
+        imu=find_imu(model, base)[0],
         base=BaseSettings(type="floating", body=model.body(base).name) if is_floating else BaseSettings(),
         simulation=_simulation(model, is_floating),
         damping_controller=DampingSettings(damping_scalar=0.0),
@@ -120,23 +121,34 @@ def describe_mjcf(path: Path) -> RobotDescription:
     )
 
 
-def own_joint_damping(description: RobotDescription) -> Mapping[str, float]:
-    """N·m·s/rad that the MJCF itself gives the robot's joints, by name; those without any are left out.
+def bare_model(description: RobotDescription) -> mujoco.MjModel:
+    """The robot's MJCF as it is, compiled.
 
     Raises:
-        InputError: the MJCF cannot be read, or lacks a joint.
+        InputError: it cannot be read, or lacks a joint, or the IMU, of the description.
     """
     path = description.mjcf_path
     model = compile_spec(read_spec(path), path)
     known = [model.joint(i).name for i in range(model.njnt)]
-    found = {}
     for name in description.joint_names:
         if name not in known:
             raise InputError(f"{path}: {known_names('joint', name, known)}")
-        damping = float(model.dof_damping[model.jnt_dofadr[model.joint(name).id]])
-        if damping:
-            found[name] = damping
-    return found
+    frames = [model.site(i).name for i in range(model.nsite)] + [model.body(i).name for i in range(1, model.nbody)]
+    if description.imu not in frames:
+        known = [name for name in frames if name]
+        raise InputError(f"{path}: imu of '{description.name}': {known_names('site or body', description.imu, known)}")
+    return model
+
+
+def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
+    """N·m·s/rad that the MJCF itself gives the robot's joints, by name; those without any are left out.
+
+    Args:
+        model: from `bare_model`.
+        description: the robot.
+    """
+    damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
+    return {name: value for name, value in damping.items() if value}
 
 
 def _joints(model: mujoco.MjModel) -> list[int]:
@@ -202,19 +214,6 @@ def _actuator_limit(model: mujoco.MjModel, actuator: int) -> float:
         gain = abs(float(model.actuator_gainprm[actuator, 0]))
         limit = min(limit, gain * float(np.abs(model.actuator_ctrlrange[actuator]).max()))
     return gear * limit
-
-
-def _imu(model: mujoco.MjModel, base: int) -> str:
-    sites = [i for i in range(model.nsite) if model.site_bodyid[i] == base and model.site(i).name]
-    gyros = [
-        int(model.sensor_objid[i]) for i in range(model.nsensor) if model.sensor_type[i] == mujoco.mjtSensor.mjSENS_GYRO
-    ]
-    named = [site for site in sites if "imu" in model.site(site).name.lower()]
-    for site in (*[site for site in sites if site in gyros], *named):
-        name: str = model.site(site).name
-        return name
-    body: str = model.body(base).name
-    return body
 
 
 def _simulation(model: mujoco.MjModel, is_floating: bool) -> SimulationSettings:

@@ -207,6 +207,11 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         return self.base.type == "floating"
 
     @property
+    def has_no_gains(self) -> bool:
+        """Whether no joint has K_p or K_d, as of a robot read from its MJCF: they are the policy's."""
+        return not any(joint.stiffness or joint.damping for joint in self.joints)
+
+    @property
     def lower(self) -> FloatArray:
         """Shape (n,), rad, read-only: lower position limits."""
         return _read_only([joint.lower for joint in self.joints])

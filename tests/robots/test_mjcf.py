@@ -1,6 +1,7 @@
 """Robots described by nothing but their MJCF."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
@@ -9,7 +10,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.robots.mjcf import own_joint_damping
+from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -157,7 +158,12 @@ def test_what_is_no_robot_is_refused_in_one_line(tmp_path: Path, text: str, mess
     assert "\n" not in str(caught.value)
 
 
+def own_damping(path: Path) -> Mapping[str, float]:
+    robot = load_robot(path)
+    return own_joint_damping(bare_model(robot), robot)
+
+
 def test_the_joints_own_damping(hopper: Path) -> None:
-    assert own_joint_damping(load_robot(hopper)) == {}  # the spring's is not the robot's
+    assert own_damping(hopper) == {}  # the spring's is not the robot's
     hopper.write_text(hopper.read_text().replace('name="knee" axis', 'name="knee" damping="0.25" axis'))
-    assert own_joint_damping(load_robot(hopper)) == {"knee": 0.25}
+    assert own_damping(hopper) == {"knee": 0.25}
