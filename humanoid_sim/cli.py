@@ -16,6 +16,7 @@ __all__ = ["VERBS", "ExitStatus", "complain", "load_program", "main", "mute_outp
 
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
+    "robot": "tell what is read from an MJCF, and write a robot file with it",
     "policy": "show, check, stamp or diagnose a checkpoint",
     "mode": "send an intent to a running session",
     "replay": "repeat a recording bit for bit",

@@ -16,6 +16,7 @@ from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems
+from humanoid_sim.robots.completion import bounded, completed, is_partial
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
 
@@ -31,7 +32,8 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     """The description of a shipped robot (`lite`), of the YAML file at a path, beside its MJCF, or of an MJCF alone.
 
     A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
-    user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it.
+    user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it. A YAML without a list of joints changes single
+    fields of that: see `humanoid_sim.robots.completion`.
 
     Raises:
         InputError: one line, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
@@ -44,12 +46,18 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     document = _read(path, label)
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
+    partial = is_partial(document)
+    if partial:
+        try:
+            document = completed(document, path.resolve().parent)
+        except InputError as error:
+            raise InputError(f"{label}: {error}") from None
     document["folder"] = str(path.resolve().parent)
     try:
         robot = msgspec.convert(document, RobotDescription)
     except msgspec.ValidationError as error:
         raise InputError(f"{label}: {_field_and_problem(str(error), document)}") from None
-    for problem in description_problems(robot):
+    for problem in description_problems(bounded(robot) if partial else robot):
         raise InputError(f"{label}: {problem}")
     if not is_file(robot.mjcf_path):
         raise InputError(f"{label}: mjcf: '{robot.mjcf}' is no file; it is looked up beside the description")

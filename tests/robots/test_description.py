@@ -150,7 +150,7 @@ def test_an_unknown_field_lists_the_known_ones(tmp_path: Path, document: Documen
     assert "folder" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["name", "joints", "mjcf", "imu", "initial_position", "standby_controller_a"])
+@pytest.mark.parametrize("name", ["name", "mjcf", "imu", "initial_position", "standby_controller_a"])
 def test_a_missing_field_is_named(tmp_path: Path, document: Document, name: str) -> None:
     del document[name]
     path = write(tmp_path, document)
