@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.record info|recover`: look into a recording, or make a whole file of one that was cut off."""
+"""`python -m humanoid_sim.record info|recover`: look into a recording, or save what is sound in one that was cut."""
 
 from __future__ import annotations
 
@@ -37,10 +37,13 @@ class Info:
 
 @dataclass(frozen=True)
 class Recover:
-    """Copy a recording that was cut off, up to its last whole chunk, into a file that every MCAP reader opens."""
+    """Copy all that is sound in a recording that was cut off or damaged into a file that every MCAP reader opens.
+
+    What lies behind a damaged chunk is copied too; what is dropped is reported.
+    """
 
     file: Path
-    """Recording (.mcap) without an index."""
+    """Recording (.mcap) that was cut off, or is damaged."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File to write. Default: <file>.recovered.mcap beside it."""
     force: bool = False
@@ -52,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command: Info | Recover = tyro.cli(
         Info | Recover,
         prog="humanoid_sim.record",
-        description="Look into a recording, or recover one that was cut off.",
+        description="Look into a recording, or recover one that was cut off or damaged.",
         args=arguments,
         config=(tyro.conf.PositionalRequiredArgs,),
     )
@@ -80,6 +83,12 @@ def _recover(command: Recover) -> None:
         print(f"{command.file}: is complete; copied all the same")
     else:
         print(f"{command.file}: {result.damage}")
+    if result.places:
+        where = "one place" if result.places == 1 else f"{result.places} places"
+        lost = f"at least {result.dropped} messages" if result.dropped else "an unknown number of messages"
+        print(f"dropped: {lost}, at {where}")
+    if result.missing_ticks:
+        print(f"missing: {result.missing_ticks} ticks of the run; a replay ends before the first of them")
     print(f"{result.output}: {result.messages} messages, {result.duration:.2f} s")
 
 

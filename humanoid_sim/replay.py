@@ -24,22 +24,28 @@ from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBu
 __all__ = ["ReplayConfig", "main", "replay"]
 
 _PLACEHOLDER = "placeholder"
+_TOLERANCE = 1e-4
+"""Of an action: above what float32 sums in another order differ by, far below what any joint shows."""
 
 
 @dataclass(frozen=True)
 class ReplayConfig:
     """Repeat a recording through the control stack, with the recorded actions in the policy's place.
 
-    Exit status 0: every tick is bit for bit identical. 1: one differs, or ticks are missing. 2: the file is no
-    recording.
+    Exit status 0: every tick is bit for bit identical, and with --infer every answer of the network is the recorded
+    one within --tolerance. 1: a tick or an answer differs, ticks are missing, the file is damaged, or there is nothing
+    to compare. 2: the file is no recording. The recording of a killed run ends early; it is repeated to its end.
     """
 
     file: Path
     """Recording (.mcap), finished or cut off."""
     infer: bool = False
-    """Also run the policy on the recorded observations; its actions are exact on the same build only."""
+    """Also run the policy on the recorded observations, and compare its answers with the recorded actions."""
     policy: Path | None = None
     """Model for --infer, which it implies. Default: the file that the recording names."""
+    tolerance: float | None = None
+    """Of --infer: largest difference of an action (a share of it beyond 1) that is still the same answer. Default:
+    1e-4, which another processor or build of ONNX Runtime stays below; 0: bit for bit."""
     json: bool = False
     """Print the result as JSON."""
 
@@ -62,30 +68,42 @@ def replay(config: ReplayConfig, build: StackBuilder | None = None) -> int:
     Raises:
         InputError: if the recording, or the policy, cannot be used.
     """
+    infers = config.infer or config.policy is not None
+    tolerance = _tolerance(config.tolerance, infers)
     recording = open_recording(config.file)
     if build is None:
         from humanoid_sim.stack import rebuild_supervisor  # noqa: PLC0415 - heavy; not needed for `--help`
 
         build = rebuild_supervisor
-    inference = _Inference(recording, config.policy) if config.infer or config.policy else None
+    inference = _Inference(recording, config.policy, tolerance) if infers else None
     report = repeat_run(recording, build, inference, _with_progress(recording))
     if config.json:
         print(json.dumps(_as_json(recording, report, inference), indent=2))
     else:
         for line in _lines(recording, report, inference):
             print(line)
-    return ExitStatus.of(report.is_identical)
+    return ExitStatus.of(report.is_identical and (inference is None or inference.report.is_same))
+
+
+def _tolerance(value: float | None, infers: bool) -> float:
+    if value is None:
+        return _TOLERANCE
+    if not infers:
+        raise InputError("--tolerance has no effect without --infer or --policy")
+    if not (math.isfinite(value) and value >= 0.0):
+        raise InputError(f"--tolerance: is {value:g}, expected a finite number >= 0")
+    return value
 
 
 class _Inference:
     """Runs the model on every recorded observation."""
 
-    def __init__(self, recording: Recording, path: Path | None) -> None:
+    def __init__(self, recording: Recording, path: Path | None, tolerance: float) -> None:
         settings = json.loads(recording.header.documents.get("settings", "{}"))
         self.checkpoint = _load(recording, settings, path)
         recorded = settings.get("policy_sha256")
         self.is_same_file = recorded == self.checkpoint.sha256 if recorded else None
-        self.report = InferenceReport()
+        self.report = InferenceReport(tolerance)
 
     def __call__(self, record: TickRecord, step: PolicyStep) -> None:
         width = self.checkpoint.observation_width
@@ -102,13 +120,18 @@ class _Inference:
             "" if self.is_same_file is not False else " (another file than the one that was recorded: SHA-256 differs)"
         )
         if not report.steps:
-            return f"infer: the recording has no policy steps{other}"
+            return f"infer: no policy step was reached, so nothing was compared{other}"
         if not report.differing:
             return f"infer: {source}{other}: {report.steps} actions, bit for bit identical"
+        verdict = (
+            f"{report.beyond} beyond the tolerance of {report.tolerance:g}"
+            if report.beyond
+            else f"within the tolerance of {report.tolerance:g}"
+        )
         return (
             f"infer: {source}{other}: {report.differing} of {report.steps} actions differ, by at most "
-            f"{report.max_difference:.3g}; first at tick {report.first_tick}, t = {report.first_time:.3f} s, "
-            f"frame {report.first_frame}"
+            f"{report.max_difference:.3g}: {verdict}; first at tick {report.first_tick}, "
+            f"t = {_seconds(report.first_time)}, frame {report.first_frame}"
         )
 
 
@@ -141,7 +164,7 @@ def _with_progress(recording: Recording) -> Iterator[Entry]:
     columns = ("replaying", BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=recording.size)
-        for count, entry in enumerate(recording.entries()):
+        for count, entry in enumerate(recording.entries(past_damage=True)):
             yield entry
             if count % 256 == 0:
                 progress.update(task, completed=recording.position)
@@ -154,12 +177,17 @@ def _lines(recording: Recording, report: RepeatReport, inference: _Inference | N
     elif report.gap:
         yield (
             f"{report.ticks} ticks identical; then {report.gap} ticks are missing from the recording (up to tick "
-            f"{report.tick}, t = {_seconds(report.time)}), and what follows them cannot be repeated"
+            f"{report.tick}, t = {_seconds(report.time)}), and the {report.unrepeated} that follow cannot be repeated"
         )
+    elif not report.ticks:
+        yield "the recording holds no ticks: there is nothing to repeat"
     else:
         yield f"{report.ticks} ticks, bit for bit identical"
-        if not recording.is_complete:
-            yield f"the recording is not complete: {recording.damage}"
+    if report.missing:
+        known = report.ticks + report.unrepeated + report.missing
+        yield f"{report.missing} of {known} ticks are missing in all"
+    if report.difference is None and not recording.is_complete:
+        yield f"the recording is not complete: {recording.damage}"
     if inference is not None:
         yield inference.line()
 
@@ -181,9 +209,9 @@ def _as_json(recording: Recording, report: RepeatReport, inference: _Inference |
         "tick": report.tick,
         "time": _json_number(report.time),
         "difference": None if report.difference is None else asdict(report.difference),
-        "missing_ticks": report.gap,
-        # An early end of the replay leaves the rest of the file unread.
-        "complete": recording.is_complete if report.is_identical else None,
+        "missing_ticks": report.missing,
+        # A difference leaves the rest of the file unread.
+        "complete": recording.is_complete if report.difference is None else None,
         "damage": recording.damage,
     }
     if inference is not None:
@@ -191,6 +219,7 @@ def _as_json(recording: Recording, report: RepeatReport, inference: _Inference |
             "policy": inference.checkpoint.source,
             "same_file": inference.is_same_file,
             **asdict(inference.report),
+            "same": inference.report.is_same,
             "first_time": _json_number(inference.report.first_time),
         }
     return result

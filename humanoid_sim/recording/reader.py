@@ -48,30 +48,41 @@ class Recording:
         self.position = 0
         """Bytes read so far by the reading in progress."""
         self.is_complete = False
-        """The file ends as a finished one does; known once it has been read to its end."""
+        """The file is sound and ends as a finished one does; known once it has been read to its end."""
         self.damage = ""
-        """Where and why reading ended early; empty for a finished file. Known once it has been read to its end."""
+        """What is wrong, and where; empty for a complete file. Known once it has been read to its end."""
+        self.is_damaged = False
+        """Something in the file cannot be read, other than an end that is missing. Known likewise."""
+        self.lost_at_end = 0
+        """Ticks that are known to be lost behind the last one that can be read. Known likewise."""
         self.topics: dict[str, TopicCount] = {}
         """What the file holds by topic; known once it has been read to its end."""
 
-    def entries(self) -> Iterator[Entry]:
-        """Ticks and events in file order, to the last chunk that is whole.
+    def entries(self, *, past_damage: bool = False) -> Iterator[Entry]:
+        """Ticks and events in file order, to the first chunk that is not whole.
+
+        Args:
+            past_damage: go on behind it; the ticks' indices then show what is missing.
 
         Raises:
             InputError: if a message is not what its topic says, which no cut explains.
         """
         topics: dict[str, TopicCount] = {}
+        sound_to = 0
         with _open(self.path) as file:
-            stream = McapStream(file)
+            stream = McapStream(file, past_damage=past_damage)
             schemas: dict[int, str] = {}
             channels: dict[int, str] = {}
             for record in stream:
                 self.position = file.tell()
                 if isinstance(record, Message):
                     topic = channels.get(record.channel_id, "")
+                    if topic not in topics and stream.damages:
+                        continue  # defined in a chunk that is lost
                     if topic not in topics:
                         raise InputError(f"{self.path}: a message on channel {record.channel_id}, which is not defined")
                     topics[topic].messages += 1
+                    sound_to = len(stream.damages) if topic == TICK_TOPIC else sound_to
                     if topic in self._decoders:
                         yield self._decode(topic, record)
                 elif isinstance(record, Schema):
@@ -79,7 +90,9 @@ class Recording:
                 elif isinstance(record, Channel):
                     channels[record.id] = record.topic
                     topics.setdefault(record.topic, TopicCount(schemas.get(record.schema_id, "")))
-            self.is_complete, self.damage = stream.is_complete, stream.damage
+            self.is_complete, self.damage, self.is_damaged = stream.is_complete, stream.damage, bool(stream.damages)
+            ticks = [channel for channel, topic in channels.items() if topic == TICK_TOPIC]
+            self.lost_at_end = sum(damage.messages.get(i, 0) for damage in stream.damages[sound_to:] for i in ticks)
         self.topics = topics
 
     def ticks(self) -> Iterator[TickRecord]:

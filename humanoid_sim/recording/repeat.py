@@ -177,15 +177,24 @@ class RecordedPolicy:
 class InferenceReport:
     """How a model's answers to the recorded observations compare with the recorded actions."""
 
+    tolerance: float = 0.0
+    """Largest difference that still counts as the same answer: absolute up to an action of 1, relative beyond."""
     steps: int = 0
     differing: int = 0
     """Steps with any bit different."""
+    beyond: int = 0
+    """Steps whose difference is beyond the tolerance, is not finite, or is one of shape."""
     max_difference: float = 0.0
     """Largest difference of an action that is finite in both."""
     first_tick: int | None = None
     first_time: float | None = None
     """s, robot's clock."""
     first_frame: int | None = None
+
+    @property
+    def is_same(self) -> bool:
+        """There were steps to compare, and every answer is the recorded one within the tolerance."""
+        return self.steps > 0 and not self.beyond
 
     def add(self, record: TickRecord, step: PolicyStep, answer: npt.ArrayLike) -> None:
         """Compare one answer."""
@@ -197,10 +206,16 @@ class InferenceReport:
         if self.first_tick is None:
             self.first_tick, self.first_time = record.index, float(record.input.state.time)
             self.first_frame = step.frame
-        if action.shape == step.action.shape:
-            difference = np.abs(action.astype(np.float64) - step.action)
-            finite = difference[np.isfinite(difference)]
-            self.max_difference = max(self.max_difference, float(finite.max(initial=0.0)))
+        if action.shape != step.action.shape:
+            self.beyond += 1
+            return
+        recorded, now = step.action.astype(np.float64), action.astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            difference = np.where(np.isnan(recorded) & np.isnan(now) | (recorded == now), 0.0, np.abs(now - recorded))
+            allowed = self.tolerance * np.maximum(np.abs(recorded), 1.0)
+        self.beyond += not (difference <= allowed).all()
+        finite = difference[np.isfinite(difference)]
+        self.max_difference = max(self.max_difference, float(finite.max(initial=0.0)))
 
 
 @dataclass(slots=True)
@@ -216,11 +231,22 @@ class RepeatReport:
     """s, robot's clock, of that tick."""
     gap: int = 0
     """Ticks missing from the recording before `tick`: nothing after them can be repeated."""
+    unrepeated: int = 0
+    """Ticks of the recording after that gap."""
+    missing: int = 0
+    """All ticks that are known to be missing, wherever they were; not counted behind a difference."""
+    is_damaged: bool = False
+    """Something in the file cannot be read, other than an end that is missing."""
+
+    @property
+    def can_continue(self) -> bool:
+        """No tick differs so far, and none is missing."""
+        return self.difference is None and not self.gap
 
     @property
     def is_identical(self) -> bool:
-        """Every tick that was run is in the recording up to its end, and is repeated bit for bit."""
-        return self.difference is None and not self.gap
+        """There are ticks, none is missing up to the recording's end, and all are repeated bit for bit."""
+        return self.can_continue and self.ticks > 0 and not self.missing and not self.is_damaged
 
 
 def repeat_run(
@@ -229,7 +255,7 @@ def repeat_run(
     infer: Callable[[TickRecord, PolicyStep], None] | None = None,
     entries: Iterator[Entry] | None = None,
 ) -> RepeatReport:
-    """Repeat a run up to its end or the first difference.
+    """Repeat a run up to its end or the first difference; ticks behind a gap are only counted.
 
     Where an operator had the robot reactivated, the control stack begins again as it did then.
 
@@ -237,7 +263,7 @@ def repeat_run(
         recording: the run.
         build: makes its control stack.
         infer: called for every policy step that is reached.
-        entries: the recording's, if the caller wants to see them pass; read from it otherwise.
+        entries: the recording's, read past damage, if the caller wants to see them pass; read from it otherwise.
 
     Raises:
         InputError: if the recording cannot be read, or its header does not describe a control stack.
@@ -246,21 +272,33 @@ def repeat_run(
     stack = build(recording.header, policy)
     memory = stack.initial()
     report = RepeatReport()
-    for record in recording.entries() if entries is None else entries:
+    following = 0
+    for record in recording.entries(past_damage=True) if entries is None else entries:
         if not isinstance(record, TickRecord):
-            memory = stack.initial() if record.kind is EventKind.FRESH_START else memory
+            if report.can_continue and record.kind is EventKind.FRESH_START:
+                memory = stack.initial()
             continue
-        if record.index != report.ticks:
-            report.gap = record.index - report.ticks
-        else:
+        if record.index < following:
+            report.difference = Difference("index", "", f"{record.index}, after {following - 1}", f"{following}")
+        elif report.can_continue and record.index > following:
+            report.gap = record.index - following
+        elif report.can_continue:
             policy.expect(record.output)
             memory, output = stack.step(memory, record.input)
             report.difference = first_difference(recording.header, record.output, output)
-        if not report.is_identical:
+        if not report.can_continue and report.tick is None:
             report.tick, report.time = record.index, float(record.input.state.time)
-            break
+        if report.difference is not None:
+            return report
+        report.missing += record.index - following
+        following = record.index + 1
+        if report.gap:
+            report.unrepeated += 1
+            continue
         report.ticks += 1
         step = record.output.policy_step
         if infer is not None and step is not None:
             infer(record, step)
+    report.missing += recording.lost_at_end
+    report.is_damaged = recording.is_damaged
     return report

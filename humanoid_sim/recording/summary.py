@@ -45,7 +45,7 @@ class Summary:
     recording: Recording
     ticks: int = 0
     missing: int = 0
-    """Ticks that are not in the recording although later ones are."""
+    """Ticks that are known to be missing: later ones are there, or an index counts them."""
     first_time: float = math.nan
     """s, robot's clock."""
     last_time: float = math.nan
@@ -116,13 +116,14 @@ def summarize(recording: Recording) -> Summary:
     """
     summary = Summary(recording)
     safety: dict[str, SafetyStatus] = {}
-    for entry in recording.entries():
+    for entry in recording.entries(past_damage=True):
         if isinstance(entry, Event):
             summary.remarks.append(Remark(entry.time, "event", entry.text))
         else:
             _add_tick(summary, entry, safety)
     if summary.ticks:
         summary.mean_duration /= summary.ticks
+    summary.missing += recording.lost_at_end
     summary.topics = recording.topics
     return summary
 

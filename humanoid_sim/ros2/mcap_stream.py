@@ -1,13 +1,14 @@
-"""Reads an MCAP file record by record from its front, whole or cut short, and says where it stops being sound.
+"""Reads an MCAP file record by record from its front, whole, damaged or cut short, and says where it is not sound.
 
 The `mcap` package's own readers need the index at the end of the file, or trust every length they meet. A recording
-whose process was killed has no index and ends anywhere, so this one checks each length against the file, each chunk
-against its checksum, and ends at the first record that is not whole.
+whose process was killed has no index and ends anywhere, so this one checks each length against the file and each chunk
+against its checksum. It ends at the first record that is not whole, or goes on behind it where that is asked for.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -21,14 +22,21 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-__all__ = ["McapStream", "Message", "Record"]
+__all__ = ["Damage", "McapStream", "Message", "Record"]
 
 _MAX_CHUNK = 1 << 28
 """Bytes. Ours hold half a second (about 100 kB); a damaged length must not make the reader take all memory."""
 
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<HI"), 16
 _FOOTER_SIZE = 20
+_RESUMPTION = re.compile(rb"\x06|\x0f\x04\0\0\0\0\0\0\0", re.DOTALL)
+"""How a chunk begins, or the end of the data section: where reading may go on behind damage."""
+_OPCODES = frozenset(range(Opcode.HEADER, Opcode.DATA_END + 1)) | frozenset(range(0x80, 0x100))
+"""Kinds of records: those of the format, and of private extensions."""
+_SCAN = 1 << 20
+"""Bytes searched at a time for one of them."""
 
 
 class Message(NamedTuple):
@@ -46,22 +54,47 @@ class Message(NamedTuple):
 Record: TypeAlias = Header | Schema | Channel | Message | Attachment | Metadata
 
 
+class Damage(NamedTuple):
+    """A stretch of the file that cannot be read, with sound records behind it or at its end."""
+
+    start: int
+    """Byte."""
+    reason: str
+    messages: dict[int, int]
+    """Messages lost, by channel: those that the index behind a damaged chunk counts."""
+
+
 class _UnsoundError(Exception):
-    """A record that cannot be trusted; what follows it cannot be found."""
+    """A record that cannot be trusted."""
+
+
+class _CutError(_UnsoundError):
+    """A record that is longer than the file."""
 
 
 class McapStream:
     """Iterates once over the records of an MCAP file. Iterating never raises for what the file holds."""
 
-    def __init__(self, file: IO[bytes]) -> None:
+    def __init__(self, file: IO[bytes], *, past_damage: bool = False) -> None:
+        """Prepare to read.
+
+        Args:
+            file: the file.
+            past_damage: go on behind records that are not sound, with the next one that is. The schemas and channels
+                of a finished file are then given again from its index: the lost chunk may have held them.
+        """
         self._file = file
+        self._past_damage = past_damage
+        self._is_behind_damage = False
         self._size = file.seek(0, os.SEEK_END)
         self.is_mcap = False
         """The file starts as an MCAP file does; known once iteration has begun."""
         self.is_complete = False
-        """The file ended as a finished one does, index included; known once iteration has ended."""
+        """Every record was sound, to the index of a finished file; known once iteration has ended."""
         self.damage = ""
-        """Why iteration ended before the end of a finished file, and at which byte."""
+        """What is not sound, and at which byte; empty for a complete file."""
+        self.damages: list[Damage] = []
+        """The damage so far, place by place. A file that merely ends too early is cut, not damaged."""
 
     def __iter__(self) -> Iterator[Record]:
         self._file.seek(0)
@@ -69,28 +102,114 @@ class McapStream:
         if not self.is_mcap:
             self.damage = "not an MCAP file" if self._size else "the file is empty"
             return
+        is_behind_data = False
         while True:
             start = self._file.tell()
             try:
                 opcode, body = self._next_record(start)
                 if opcode == Opcode.DATA_END:
+                    is_behind_data = True
                     self._skip_summary()
-                    self.is_complete = True
+                    self.is_complete = not self.damages
                     return
-                yield from _records(opcode, body)
+                if opcode == Opcode.MESSAGE_INDEX and self._past_damage:
+                    self._count_lost(body)
+                records = _records(opcode, body)
+                self._is_behind_damage &= opcode != Opcode.CHUNK
+                yield from records
             except _UnsoundError as error:
-                self.damage = f"{error} at byte {start} of {self._size}"
-                return
+                if is_behind_data:  # which costs no message
+                    self._say(str(error), start)
+                    return
+                resumed = self._past_damage and self._resume(start)
+                is_cut = isinstance(error, _CutError)
+                reason = "damaged (length of a record)" if is_cut and resumed else str(error)
+                self._say(reason, start)
+                if resumed or not is_cut:
+                    self.damages.append(Damage(start, reason, {}))
+                    self._is_behind_damage = True
+                if not resumed:
+                    return
+                if len(self.damages) == 1:
+                    yield from self._definitions()
+
+    def _say(self, reason: str, start: int) -> None:
+        self.damage += f"{'; ' if self.damage else ''}{reason} at byte {start} of {self._size}"
+
+    def _resume(self, start: int) -> bool:
+        """Go to the first record behind the one at `start` that is likely to be sound; whether there is one."""
+        self._file.seek(start)
+        try:
+            opcode, length = _RECORD.unpack(self._file.read(_RECORD.size))
+        except struct.error:
+            return False
+        end = start + _RECORD.size + length
+        if opcode and end < self._size and self._is_record(end):
+            self._file.seek(end)
+            return True
+        position = start + 1
+        while position < self._size:
+            self._file.seek(position)
+            for match in _RESUMPTION.finditer(self._file.read(_SCAN + _RECORD.size)):
+                if self._is_record(position + match.start(), sound=True):
+                    self._file.seek(position + match.start())
+                    return True
+            position += _SCAN
+        return False
+
+    def _is_record(self, start: int, *, sound: bool = False) -> bool:
+        """Whether a record begins at this byte, by its first bytes or, if `sound`, by all that it holds."""
+        self._file.seek(start)
+        try:
+            if not sound:
+                opcode, length = _RECORD.unpack(self._file.read(_RECORD.size))
+                return opcode in _OPCODES and length <= self._size - start - _RECORD.size
+            opcode, body = self._next_record(start)
+            _records(opcode, body)
+        except (_UnsoundError, struct.error):
+            return False
+        return True
+
+    def _definitions(self) -> list[Record]:
+        """The schemas and channels in the index of a finished file; none of another."""
+        here, found = self._file.tell(), list[Record]()
+        try:
+            tail = self._file.seek(max(self._size - _RECORD.size - _FOOTER_SIZE - len(MCAP0_MAGIC), 0))
+            opcode, body = self._next_record(tail)
+            position = int.from_bytes(body[:8], "little") if opcode == Opcode.FOOTER else 0
+            while 0 < position < tail:
+                self._file.seek(position)
+                opcode, body = self._next_record(position)
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    found += _records(opcode, body)
+                position = self._file.tell()
+        except _UnsoundError:
+            pass
+        self._file.seek(here)
+        return found
+
+    def _count_lost(self, body: bytes) -> None:
+        """Take note of what a damaged chunk held, from the index of it that follows."""
+        try:
+            channel, size = _INDEX_HEAD.unpack_from(body)
+        except struct.error:
+            size = -1
+        if size != len(body) - _INDEX_HEAD.size:
+            raise _UnsoundError("damaged (index of a chunk)")
+        if self._is_behind_damage:
+            self.damages[-1].messages[channel] = size // _INDEX_ENTRY
 
     def _next_record(self, start: int) -> tuple[int, bytes]:
         head = self._file.read(_RECORD.size)
         if len(head) < _RECORD.size:
-            raise _UnsoundError("cut")
+            raise _CutError("cut")
         opcode, length = _RECORD.unpack(head)
         if opcode == 0:
             raise _UnsoundError("damaged (no record)")  # a file system's zeros after a power cut
+        if self._past_damage and opcode not in _OPCODES:
+            raise _UnsoundError(f"damaged (a record of kind {opcode})")
         if length > self._size - start - _RECORD.size:
-            raise _UnsoundError("cut")
+            raise _CutError("cut")
         return opcode, self._file.read(length)
 
     def _skip_summary(self) -> None:
@@ -100,19 +219,17 @@ class McapStream:
             opcode, body = self._next_record(start)
             if opcode == Opcode.FOOTER:
                 if len(body) != _FOOTER_SIZE or self._file.read() != MCAP0_MAGIC:
-                    raise _UnsoundError("cut in the index")
+                    raise _CutError("cut in the index")
                 return
 
 
-def _records(opcode: int, body: bytes) -> Iterator[Record]:
-    """The records of one top-level record: itself, or a chunk's content. All are checked before the first is given."""
+def _records(opcode: int, body: bytes) -> list[Record]:
+    """The records of one top-level record: itself, or a chunk's content."""
     try:
         if opcode == Opcode.CHUNK:
-            yield from _chunk_records(body)
-        else:
-            record = _parse(opcode, body)
-            if record is not None:
-                yield record
+            return _chunk_records(body)
+        record = _parse(opcode, body)
+        return [] if record is None else [record]
     except (McapError, struct.error, ValueError, OverflowError) as error:
         raise _UnsoundError(f"damaged ({error or type(error).__name__})") from error
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 
 from humanoid_sim.messages import (
     ControlMode,
@@ -97,6 +98,22 @@ def write_recording(path, ticks, header=None, events=()) -> None:
         recorder.event(Event(time, text))
     recorder.close()
     assert recorder.error is None
+
+
+def chunks(path) -> list[tuple[int, int]]:
+    """Where the content of each chunk of a recording lies, in bytes of the file."""
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    return [(c.chunk_start_offset + 60, c.chunk_start_offset + c.chunk_length) for c in summary.chunk_indexes]
+
+
+def spoil(path, *indices: int) -> None:
+    """Change one byte in the middle of some chunks."""
+    data, places = bytearray(path.read_bytes()), chunks(path)
+    for index in indices:
+        data[sum(places[index]) // 2] ^= 0xFF
+    path.write_bytes(data)
 
 
 any_float = st.binary(min_size=8, max_size=8).map(lambda data: struct.unpack("<d", data)[0])

@@ -63,13 +63,15 @@ def test_the_same_model_answers_the_same(recorded, capsys):
 def test_another_model_is_named_and_measured(recorded, tmp_path, capsys):
     path, _ = recorded
     other = save_model(tmp_path / "other.onnx", seed=1)
-    assert replay([str(path), "--policy", str(other)]) == 0
+    assert replay([str(path), "--policy", str(other)]) == 1
     line = capsys.readouterr().out.splitlines()[1]
     assert line.startswith(f"infer: {other} (another file than the one that was recorded: SHA-256 differs): ")
     assert "actions differ, by at most" in line
-    assert replay([str(path), "--policy", str(other), "--json"]) == 0
+    assert "beyond the tolerance of 0.0001; first at tick 210, t = 4.200 s" in line
+    assert replay([str(path), "--policy", str(other), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)["infer"]
     assert result["same_file"] is False
+    assert result["same"] is False
     assert result["differing"] > 0.9 * result["steps"] > 10
     assert 0.0 < result["max_difference"] < 2.0
     assert result["first_tick"] is not None
@@ -78,7 +80,7 @@ def test_another_model_is_named_and_measured(recorded, tmp_path, capsys):
 def test_a_changed_action_is_found_without_the_model_that_made_it(recorded, tmp_path, capsys):
     header, ticks = run(Wobble())
     write_recording(tmp_path / "wobble.mcap", ticks, header)
-    assert replay([str(tmp_path / "wobble.mcap"), "--policy", str(recorded[1]), "--json"]) == 0
+    assert replay([str(tmp_path / "wobble.mcap"), "--policy", str(recorded[1]), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)["infer"]
     assert result["same_file"] is None
     assert (result["first_tick"], result["differing"]) == (210, 21)
@@ -112,3 +114,38 @@ def test_infer_needs_a_model(tmp_path, capsys):
     assert replay([str(path), "--infer"]) == 2
     expected = f"error: {path}: ran gone.onnx, which is not there; name the file with --policy\n"
     assert capsys.readouterr().err == expected
+
+
+def nudged(model, path, by):
+    """The model with a constant added to its action: another file whose answers are almost the same."""
+    graph = onnx.load(str(model))
+    graph.graph.initializer.append(numpy_helper.from_array(np.float32([by]), "nudge"))
+    graph.graph.node[-1].output[0] = "before"
+    graph.graph.node.append(helper.make_node("Add", ["before", "nudge"], ["action"]))
+    onnx.save(graph, str(path))
+    return str(path)
+
+
+def test_the_status_says_whether_answers_are_the_same_within_the_tolerance(recorded, tmp_path, capsys):
+    path, model = str(recorded[0]), recorded[1]
+    near = nudged(model, tmp_path / "near.onnx", 2e-5)
+    assert replay([path, "--policy", near]) == 0
+    assert "160 of 160 actions differ, by at most 2e-05: within the tolerance of 0.0001" in capsys.readouterr().out
+    assert replay([path, "--policy", near, "--tolerance", "1e-6"]) == 1
+    assert "160 beyond the tolerance of 1e-06" in capsys.readouterr().out
+    assert replay([path, "--policy", near, "--tolerance", "0"]) == 1
+    assert replay([path, "--policy", nudged(model, tmp_path / "far.onnx", 2e-3)]) == 1
+    assert replay([path, "--policy", nudged(model, tmp_path / "nan.onnx", np.nan)]) == 1
+    capsys.readouterr()
+    assert replay([path, "--tolerance", "1e-6"]) == 2
+    assert capsys.readouterr().err == "error: --tolerance has no effect without --infer or --policy\n"
+    assert replay([path, "--infer", "--tolerance", "-1"]) == 2
+    assert capsys.readouterr().err == "error: --tolerance: is -1, expected a finite number >= 0\n"
+
+
+def test_without_policy_steps_nothing_was_compared_and_that_is_no_success(recorded, tmp_path, capsys):
+    header, ticks = run(OnnxPolicy(recorded[1]), {"policy": str(recorded[1])})
+    write_recording(tmp_path / "short.mcap", ticks[:50], header)
+    assert replay([str(tmp_path / "short.mcap")]) == 0
+    assert replay([str(tmp_path / "short.mcap"), "--infer"]) == 1
+    assert "infer: no policy step was reached, so nothing was compared" in capsys.readouterr().out
