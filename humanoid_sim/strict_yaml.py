@@ -61,16 +61,11 @@ def load_strictly(text: str) -> Any:
         yaml.YAMLError: the text is no YAML, or not strict enough; with the place.
         UNREADABLE: see there.
     """
-    if _deepest_nesting(text) < _SAFE_NESTING:
+    # A bound on the nesting: every level takes a bracket, or one more column of indentation.
+    if text.count("[") + text.count("{") + max(len(line) for line in text.split("\n")) < _SAFE_NESTING:
         with contextlib.suppress(yaml.YAMLError, *UNREADABLE):
             return yaml.load(text, _FastLoader)
     return yaml.load(text, StrictLoader)  # what fails there fails here, and tells more
-
-
-def _deepest_nesting(text: str) -> int:
-    """A bound: every level takes a bracket, or one more column of indentation."""
-    longest_line = max(len(line) for line in text.split("\n"))
-    return text.count("[") + text.count("{") + longest_line
 
 
 _PYTHON = "tag:yaml.org,2002:python/"

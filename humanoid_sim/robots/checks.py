@@ -9,7 +9,7 @@ import msgspec
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.schema import Accepted, JointDescription, RobotDescription, StandbySettings
+from humanoid_sim.robots.schema import Accepted, RobotDescription, StandbySettings
 
 __all__ = ["description_problems"]
 
@@ -24,12 +24,7 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         return
     if robot.is_floating and not robot.base.body.strip():
         yield "base.body: is empty, expected a text"
-    if not robot.joints:
-        yield "joints: is empty, expected at least one joint"
-    yield from _duplicates("joints", [joint.name for joint in robot.joints], "name")
-    for i, joint in enumerate(robot.joints):
-        yield from _joint(f"joints[{i}]", joint)
-    yield from _shared_motors(robot)
+    yield from _of_joints(robot)
     yield from _pose(robot, "initial_position", robot.initial_position)
     yield from _duplicates("hands", list(robot.hands), "entry")
     try:
@@ -40,8 +35,8 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         values = getattr(robot, name).damping
         if values:
             yield from _length(f"{name}.damping", values, robot.joint_count)
-    yield from _standby(robot, "standby_controller_a", robot.standby_controller_a)
-    yield from _standby(robot, "standby_controller_b", robot.standby_controller_b)
+    for name in ("standby_controller_a", "standby_controller_b"):
+        yield from _standby(robot, name, getattr(robot, name))
 
 
 def _refused_values(struct: msgspec.Struct, prefix: str) -> Iterator[str]:
@@ -67,27 +62,27 @@ def _duplicates(where: str, names: list[str], what: str) -> Iterator[str]:
             yield f"{where}[{i}]: has the same {what} '{name}' as {where}[{first}]"
 
 
-def _joint(where: str, joint: JointDescription) -> Iterator[str]:
-    if joint.lower >= joint.upper:
-        yield f"{where}.upper: is {joint.upper:g}, expected more than lower, which is {joint.lower:g} ({joint.name})"
-    if joint.motor is None:
-        return
-    if joint.motor.bus < 0:
-        yield f"{where}.motor.bus: is {joint.motor.bus}, expected a 0-based index"
-    if joint.motor.can_id not in _MOTOR_IDS:
-        yield f"{where}.motor.can_id: is {joint.motor.can_id}, expected {_MOTOR_IDS[0]} to {_MOTOR_IDS[-1]}"
-
-
-def _shared_motors(robot: RobotDescription) -> Iterator[str]:
-    """One id is one motor, over all buses: several buses may be wired to one channel."""
-    owner: dict[int, int] = {}
+def _of_joints(robot: RobotDescription) -> Iterator[str]:
+    if not robot.joints:
+        yield "joints: is empty, expected at least one joint"
+    yield from _duplicates("joints", [joint.name for joint in robot.joints], "name")
+    owner: dict[int, int] = {}  # one id is one motor, over all buses: several buses may be wired to one channel
     for i, joint in enumerate(robot.joints):
-        if joint.motor is None:
+        where = f"joints[{i}]"
+        if joint.lower >= joint.upper:
+            expected = f"more than lower, which is {joint.lower:g} ({joint.name})"
+            yield f"{where}.upper: is {joint.upper:g}, expected {expected}"
+        motor = joint.motor
+        if motor is None:
             continue
-        first = owner.setdefault(joint.motor.can_id, i)
+        if motor.bus < 0:
+            yield f"{where}.motor.bus: is {motor.bus}, expected a 0-based index"
+        if motor.can_id not in _MOTOR_IDS:
+            yield f"{where}.motor.can_id: is {motor.can_id}, expected {_MOTOR_IDS[0]} to {_MOTOR_IDS[-1]}"
+        first = owner.setdefault(motor.can_id, i)
         if first != i:
             taken_by = f"joints[{first}] ({robot.joints[first].name})"
-            yield f"joints[{i}].motor.can_id: is {joint.motor.can_id}, which is taken by {taken_by}"
+            yield f"{where}.motor.can_id: is {motor.can_id}, which is taken by {taken_by}"
 
 
 def _length(where: str, values: tuple[float, ...], n: int) -> Iterator[str]:

@@ -43,7 +43,11 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
         return describe_mjcf(path)
-    document = _read(path, label)
+    document = read_strictly(path, label)
+    if document is None:
+        raise InputError(f"{label}: is empty, expected a robot description")
+    if not isinstance(document, dict):
+        raise InputError(f"{label}: is a {_kind(document)}, expected a mapping with name, mjcf, joints, …")
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
     partial = is_partial(document)
@@ -77,15 +81,6 @@ def _find(name_or_path: str) -> tuple[Path, str]:
     if not os.path.exists(path):
         raise InputError(f"unknown robot '{name_or_path}': neither a file nor one of: {', '.join(known)}")
     return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
-
-
-def _read(path: Path, label: str) -> dict[str, Any]:
-    document = read_strictly(path, label)
-    if document is None:
-        raise InputError(f"{label}: is empty, expected a robot description")
-    if not isinstance(document, dict):
-        raise InputError(f"{label}: is a {_kind(document)}, expected a mapping with name, mjcf, joints, …")
-    return document
 
 
 _KINDS = {dict: "mapping", list: "list", str: "text", bool: "boolean", int: "number", float: "number"}
@@ -152,18 +147,18 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
     except FieldError as error:
         raise InputError(f"{description.name}: {error}") from None
-    stiffness, damping = _floats(gains.stiffness), _floats(gains.damping)
-    pose = _floats(np.clip(contract.default_joint_pos[order], description.lower, description.upper))
+    stiffness, damping = tuple(gains.stiffness.tolist()), tuple(gains.damping.tolist())
+    pose = tuple(np.clip(contract.default_joint_pos[order], description.lower, description.upper).tolist())
     replace = msgspec.structs.replace
-
-    def standby(settings: StandbySettings) -> StandbySettings:
-        return StandbySettings(
+    standby_a, standby_b = (
+        StandbySettings(
             target_stiffness=stiffness,
             target_damping=damping,
             segment_durations=(sum(settings.segment_durations),),
             pose_segments=(pose,),
         )
-
+        for settings in (description.standby_controller_a, description.standby_controller_b)
+    )
     return replace(
         with_contract_physics(description, contract),
         joints=tuple(
@@ -171,8 +166,8 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         ),
         initial_position=pose,
         damping_controller=DampingSettings(damping=damping),
-        standby_controller_a=standby(description.standby_controller_a),
-        standby_controller_b=standby(description.standby_controller_b),
+        standby_controller_a=standby_a,
+        standby_controller_b=standby_b,
         remote_policy_controller=replace(description.remote_policy_controller, damping=damping),
     )
 
@@ -188,7 +183,3 @@ def with_contract_physics(description: RobotDescription, contract: PolicyContrac
         return description
     simulation = msgspec.structs.replace(description.simulation, joint_damping=contract.model_joint_damping)
     return msgspec.structs.replace(description, simulation=simulation)
-
-
-def _floats(values: np.ndarray) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import msgspec
-import numpy as np
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, frozen_array
 
 __all__ = [
     "Accepted",
@@ -162,6 +161,16 @@ class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """N·m·s/rad"""
 
 
+class _OfJoints:
+    """A field of every joint as an array of shape (n,), read-only, in the order of `joints`."""
+
+    def __init__(self, field: str) -> None:
+        self._field = field
+
+    def __get__(self, robot: RobotDescription, _: type[RobotDescription]) -> FloatArray:
+        return frozen_array("RobotDescription", self._field, [getattr(joint, self._field) for joint in robot.joints])
+
+
 class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A robot. Every per-joint list and array is in the order of `joints`."""
 
@@ -211,30 +220,16 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         """Whether no joint has K_p or K_d, as of a robot read from its MJCF: they are the policy's."""
         return not any(joint.stiffness or joint.damping for joint in self.joints)
 
-    @property
-    def lower(self) -> FloatArray:
-        """Shape (n,), rad, read-only: lower position limits."""
-        return _read_only([joint.lower for joint in self.joints])
-
-    @property
-    def upper(self) -> FloatArray:
-        """Shape (n,), rad, read-only: upper position limits."""
-        return _read_only([joint.upper for joint in self.joints])
-
-    @property
-    def effort_limit(self) -> FloatArray:
-        """Shape (n,), N·m, read-only."""
-        return _read_only([joint.effort_limit for joint in self.joints])
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """Shape (n,), N·m/rad, read-only: default K_p."""
-        return _read_only([joint.stiffness for joint in self.joints])
-
-    @property
-    def damping(self) -> FloatArray:
-        """Shape (n,), N·m·s/rad, read-only: default K_d."""
-        return _read_only([joint.damping for joint in self.joints])
+    lower = _OfJoints("lower")
+    """Shape (n,), rad, read-only: lower position limits."""
+    upper = _OfJoints("upper")
+    """Shape (n,), rad, read-only: upper position limits."""
+    effort_limit = _OfJoints("effort_limit")
+    """Shape (n,), N·m, read-only."""
+    stiffness = _OfJoints("stiffness")
+    """Shape (n,), N·m/rad, read-only: default K_p."""
+    damping = _OfJoints("damping")
+    """Shape (n,), N·m·s/rad, read-only: default K_d."""
 
     def to_json(self) -> str:
         """The description as JSON on one line, without its folder: what a recording keeps."""
@@ -263,9 +258,3 @@ def _restore_infinite(document: Any) -> None:
         for name, value in (("lower", -math.inf), ("upper", math.inf), ("effort_limit", math.inf)):
             if isinstance(joint, dict) and name in joint and joint[name] is None:
                 joint[name] = value
-
-
-def _read_only(values: list[float]) -> FloatArray:
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array

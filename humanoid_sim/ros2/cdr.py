@@ -8,6 +8,7 @@ elements; an empty sequence has no padding after its count.
 from __future__ import annotations
 
 import struct
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,12 +28,13 @@ class CdrError(ValueError):
     """Bytes that are no message of the expected layout."""
 
 
+@cache
 def layout(codes: str, start: int = 0) -> struct.Struct:
-    """A `struct.Struct` of primitives with CDR's padding between them.
+    """A `struct.Struct` of primitives with CDR's padding between them; made once.
 
     Args:
         codes: one `struct` letter per primitive (`?BbHhIifQqd`), in order.
-        start: body offset of the first one; only its remainder by 8 matters.
+        start: body offset of the first one, modulo 8.
 
     Returns:
         A struct that covers the padding before the first primitive too. It does not depend on the machine.
@@ -45,18 +47,6 @@ def layout(codes: str, start: int = 0) -> struct.Struct:
         parts.append(f"{padding}x{code}" if padding else code)
         offset += padding + size
     return struct.Struct("".join(parts))
-
-
-_LAYOUTS: dict[tuple[str, int], struct.Struct] = {}
-
-
-def _layout_at(codes: str, offset: int) -> struct.Struct:
-    """The layout of `codes` at a body offset, compiled once for each remainder by 8."""
-    key = (codes, offset & 7)
-    found = _LAYOUTS.get(key)
-    if found is None:
-        found = _LAYOUTS[key] = layout(codes, offset & 7)
-    return found
 
 
 class CdrWriter:
@@ -73,7 +63,7 @@ class CdrWriter:
 
     def pack(self, codes: str, *values: Any) -> None:
         """Append primitives; `codes` holds one `struct` letter for each."""
-        self._body += _layout_at(codes, len(self._body)).pack(*values)
+        self._body += layout(codes, len(self._body) & 7).pack(*values)
 
     def string(self, text: str) -> None:
         """Append a string. Lone surrogates are kept, although no other reader will like them."""
@@ -132,7 +122,7 @@ class CdrReader:
 
     def unpack(self, codes: str) -> tuple[Any, ...]:
         """Read primitives; `codes` holds one `struct` letter for each."""
-        fields = _layout_at(codes, self._offset)
+        fields = layout(codes, self._offset & 7)
         try:
             values = fields.unpack_from(self._data, self._offset)
         except struct.error:

@@ -68,7 +68,8 @@ def pair_of_numbers(value: Any) -> tuple[float, float] | None:
 
 def names(text: str) -> tuple[str, ...]:
     """The items without the space around them; empty text is an empty list."""
-    return tuple(_items(text))
+    text = text.strip()
+    return tuple(item.strip() for item in text.split(",")) if text else ()
 
 
 def number(key: str, text: str, where: str) -> float:
@@ -89,7 +90,7 @@ def numbers(key: str, text: str, where: str, source: str) -> Given:
     Raises:
         InputError: as `number`.
     """
-    items = _items(text)
+    items = names(text)
     try:
         values = [float(item) for item in items]
     except ValueError:
@@ -109,7 +110,7 @@ def integers(key: str, text: str, where: str) -> tuple[int, ...]:
         InputError: as `number`.
     """
     try:
-        return tuple(int(item) for item in _items(text))
+        return tuple(int(item) for item in names(text))
     except ValueError:
         raise InputError(f"{where}: {key} is {text!r}, expected integers separated by commas") from None
 
@@ -121,15 +122,10 @@ def number_lists(key: str, text: str, where: str) -> list[list[float]]:
         InputError: as `number`.
     """
     try:
-        return [[float(value) for value in item.split(";")] for item in _items(text)]
+        return [[float(value) for value in item.split(";")] for item in names(text)]
     except ValueError:
         accepted = "numbers separated by commas, and by semicolons within an entry"
         raise InputError(f"{where}: {key} is {text!r}, expected {accepted}") from None
-
-
-def _items(text: str) -> list[str]:
-    text = text.strip()
-    return [item.strip() for item in text.split(",")] if text else []
 
 
 def shown(value: Any, width: int = 60) -> str:
