@@ -17,7 +17,7 @@ from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
 from humanoid_sim.controllers.term_kinds import TermKind, term_kind
 from humanoid_sim.controllers.terms import QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, frozen_array
+from humanoid_sim.mit import BASE, EXTERN_WIDTHS, VELOCITY_COMMAND, FloatArray, frozen_array, point_velocity
 
 __all__ = [
     "FORMS",
@@ -216,6 +216,17 @@ class PolicyContract:
     def requires(self, field: str) -> bool:
         """Whether the observation has a term that means nothing without this field."""
         return any(self.kind(term).requires == field for term in self.terms)
+
+    @property
+    def velocity_points(self) -> tuple[str, ...]:
+        """Points of the robot beside its base whose velocity is observed: `imu`, or names of sites; each once."""
+        points = [term.at for term in self.terms if "at" in self.kind(term).conventions]
+        return tuple(point for point in dict.fromkeys(points) if point != BASE)
+
+    @property
+    def extern_widths(self) -> Mapping[str, int]:
+        """Name and width of the live inputs that a robot in a simulation can have for such a policy."""
+        return {**EXTERN_WIDTHS, **{point_velocity(point): 3 for point in self.velocity_points}}
 
     @property
     def takes_velocity_command(self) -> bool:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers import term_values as values
 from humanoid_sim.controllers.term_values import Bounds, Limits, Request, Resolve, Source
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, point_velocity
 
 if TYPE_CHECKING:  # contracts hold terms, and terms are named by this table
     from humanoid_sim.controllers.contract import PolicyContract
@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # contracts hold terms, and terms are named by this table
 
 __all__ = ["TERM_KINDS", "TERM_NAMES", "TermKind", "term_kind"]
 
-Convention = Literal["frame", "relative", "layout", "inverse", "quaternion", "form", "sign"]
+Convention = Literal["frame", "at", "relative", "layout", "inverse", "quaternion", "form", "sign"]
 
 
 def _unnamed(_term: Term, _contract: PolicyContract) -> tuple[str, ...]:
@@ -67,6 +67,10 @@ class TermKind:
         """Whether the positions of such a term are less the default pose."""
         return self.relative if term.relative is None else term.relative
 
+    def input(self, term: Term) -> str:
+        """The field of `MITState`, or the live input, that such a term is made of; empty as in `reads`."""
+        return point_velocity(term.at) if "at" in self.conventions else self.reads
+
     def source(self, request: Request) -> tuple[int, Source]:
         """Width and value of a term of this kind.
 
@@ -78,8 +82,8 @@ class TermKind:
             raise FieldError(
                 f"observation term '{name}': the contract has no command_names, expected what it stands for"
             )
-        if self.estimate and self.reads not in request.extern:
-            what = self.reads.replace("_", " ")
+        if self.estimate and self.input(request.term) not in request.extern:
+            what = self.input(request.term).replace("_", " ")
             raise request.missing(f"the robot's {what}: a simulation knows it, a robot needs an estimator for it")
         return self.resolve(request)
 
@@ -129,7 +133,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         bounds=100.0,
         reads=BASE_LINEAR_VELOCITY,
         estimate="the velocity of the base",
-        conventions=("frame",),
+        conventions=("frame", "at"),
         scales=(1.0, 2.0),
     ),
     TermKind(

@@ -17,7 +17,6 @@ from humanoid_sim.controllers.rotation import conjugate, gravity_direction, matr
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
     ANCHOR_POSE,
-    BASE_LINEAR_VELOCITY,
     EXTERN_WIDTHS,
     VELOCITY_COMMAND,
     Extern,
@@ -186,12 +185,13 @@ def gravity(_: Request) -> tuple[int, Source]:
 
 
 def linear_velocity(request: Request) -> tuple[int, Source]:
-    """Shape (..., 3), m/s, of the base."""
+    """Shape (..., 3), m/s, of the base's origin, or of another point of the robot; the body frame is the IMU's."""
+    name = request.kind.input(request.term)
     if request.term.frame == "world":
-        return 3, lambda context: _nan_when_stale(context.state, BASE_LINEAR_VELOCITY)
+        return 3, lambda context: _nan_when_stale(context.state, name, 3)
 
     def in_body(context: ObservationContext) -> FloatArray:
-        return rotate_inverse(context.state.imu_quaternion, _nan_when_stale(context.state, BASE_LINEAR_VELOCITY))
+        return rotate_inverse(context.state.imu_quaternion, _nan_when_stale(context.state, name, 3))
 
     return 3, in_body
 
@@ -256,9 +256,8 @@ def _live_input(state: MITState, name: str, width: int) -> Extern | None:
     return heard
 
 
-def _nan_when_stale(state: MITState, name: str) -> FloatArray:
+def _nan_when_stale(state: MITState, name: str, width: int) -> FloatArray:
     """An estimate that is missing or too old: not a number, so that the policy stops instead of believing zeros."""
-    width = EXTERN_WIDTHS[name]
     heard = _live_input(state, name, width)
     if heard is None:
         return np.full(width, np.nan)
@@ -299,7 +298,7 @@ def anchor_position(request: Request) -> tuple[int, Source]:
     in_world = request.term.frame == "world"
 
     def source(context: ObservationContext) -> FloatArray:
-        pose = _nan_when_stale(context.state, ANCHOR_POSE)
+        pose = _nan_when_stale(context.state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])
         target, _ = context.reference.anchor(context.frame, context.alignment)
         offset = target - pose[..., :3]
         return offset if in_world else rotate_inverse(pose[..., 3:], offset)
@@ -314,7 +313,7 @@ def anchor_orientation(request: Request) -> tuple[int, Source]:
     term = request.term
 
     def source(context: ObservationContext) -> FloatArray:
-        pose = _nan_when_stale(context.state, ANCHOR_POSE)
+        pose = _nan_when_stale(context.state, ANCHOR_POSE, EXTERN_WIDTHS[ANCHOR_POSE])
         _, target = context.reference.anchor(context.frame, context.alignment)
         relative = multiply(conjugate(pose[..., 3:]), target)
         rotation = matrix(conjugate(relative) if term.inverse else relative)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.parameters import joint_tuple
 from humanoid_sim.controllers.term_kinds import TERM_NAMES
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import FloatArray, frozen_array
+from humanoid_sim.mit import BASE, IMU, FloatArray, frozen_array
 
 __all__ = [
     "ActionForm",
@@ -61,6 +61,8 @@ class Term:
     history_order: HistoryOrder = "oldest_first"
     frame: Frame = "body"
     """For velocities and the anchor position."""
+    at: str = BASE
+    """For the velocity of the base, which point's: `base` for its origin, `imu`, or the name of a site."""
     relative: bool | None = None
     """For joint positions (default true) and the motion command (default false): less the default pose."""
     layout: OrientationLayout = "rows"
@@ -93,6 +95,8 @@ class Term:
             raise FieldError(f"{where}: history is {self.history!r}, expected a whole number >= 1")
         if self.joints is not None:
             set_field(self, "joints", joint_tuple(where, self.joints, "joints"))
+        if not isinstance(self.at, str) or not self.at.strip():
+            raise FieldError(f"{where}: at is {self.at!r}, expected base, imu or the name of a site")
         for name, accepted in _CHOICES.items():
             if getattr(self, name) not in accepted:
                 raise FieldError(f"{where}: {name} is {getattr(self, name)!r}, expected one of {', '.join(accepted)}")
@@ -120,4 +124,6 @@ class Term:
 
     def others(self, convention: str) -> tuple[str, ...]:
         """What an option with a choice of words could be instead."""
+        if convention == "at":
+            return (IMU,) if self.at == BASE else (BASE,)
         return tuple(choice for choice in _CHOICES[convention] if choice != getattr(self, convention))

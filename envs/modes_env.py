@@ -95,10 +95,16 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
                 raise InputError(f"{name}: is {value}, expected a finite number > 0")
         period = 1.0 / frequency
         loaded = None if policy is None else read_policy(policy, motion, description.joint_names)
-        anchor = "" if loaded is None else loaded.contract.anchor_body
         if loaded is not None:
             description = with_contract_physics(description, loaded.contract)
-        self.robot = EpisodeRobot(description, control_period=period, actuation=actuation, anchor_body=anchor)
+        observed = None if loaded is None else loaded.contract
+        self.robot = EpisodeRobot(
+            description,
+            control_period=period,
+            actuation=actuation,
+            anchor_body="" if observed is None else observed.anchor_body,
+            velocity_at=() if observed is None else observed.velocity_points,
+        )
         live = {**self.robot.extern, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
         self.supervisor = build_supervisor(
             description, period, loaded, remote=remote, live=live, action_limit=action_limit

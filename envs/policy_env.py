@@ -117,6 +117,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             state_sampling=state_sampling,
             support=False,
             anchor_body=scenario.contract.anchor_body,
+            velocity_at=scenario.contract.velocity_points,
             bodies=scenario.bodies,
         )
         bounds = observation_space(scenario.wiring, scenario.description)

@@ -13,7 +13,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, PolicyWiring
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.mit import ANCHOR_POSE, BASE, VELOCITY_COMMAND, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -94,8 +94,9 @@ def make_scenario(
     loaded = read_policy(contract, motion, described.joint_names, motion_source)
     read = loaded.contract
     description = with_contract(described, read)
-    estimated = {BASE_LINEAR_VELOCITY: description.is_floating, ANCHOR_POSE: bool(read.anchor_body)}
-    extern = {name: width for name, width in EXTERN_WIDTHS.items() if name == VELOCITY_COMMAND or estimated[name]}
+    points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
+    told = {VELOCITY_COMMAND, *points, *([ANCHOR_POSE] if read.anchor_body else [])}
+    extern = {name: width for name, width in read.extern_widths.items() if name in told}
     try:
         wiring = PolicyWiring(description.joint_names, read, loaded.reference, extern, action_limit)
     except FieldError as error:

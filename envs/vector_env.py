@@ -112,6 +112,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
             physics_timestep=scenario.physics_timestep,
             threads=threads,
             anchor_body=scenario.contract.anchor_body,
+            velocity_at=scenario.contract.velocity_points,
             bodies=scenario.bodies,
             randomisation=Randomisation.of(randomisation),
         )

@@ -19,9 +19,11 @@ from humanoid_sim.errors import FieldError
 
 __all__ = [
     "ANCHOR_POSE",
+    "BASE",
     "BASE_LINEAR_VELOCITY",
     "COMMAND_FIELDS",
     "EXTERN_WIDTHS",
+    "IMU",
     "VELOCITY_COMMAND",
     "Extern",
     "FloatArray",
@@ -33,6 +35,7 @@ __all__ = [
     "bounded_position",
     "frozen_array",
     "mit_torque",
+    "point_velocity",
 ]
 
 FloatArray = npt.NDArray[np.float64]
@@ -112,10 +115,19 @@ VELOCITY_COMMAND = "velocity_command"
 """Extern: vx, vy in m/s and yaw rate in rad/s, heading frame."""
 BASE_LINEAR_VELOCITY = "base_linear_velocity"
 """Extern: m/s, world frame, of the base; ground truth in simulation, an estimator's on a robot."""
+BASE, IMU = "base", "imu"
+"""Points of a robot by what they are; any other point is named by its site."""
 ANCHOR_POSE = "anchor_pose"
 """Extern: x, y, z in m and w, x, y, z of the contract's anchor body, world frame."""
 
 EXTERN_WIDTHS: Mapping[str, int] = MappingProxyType({VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7})
+
+
+def point_velocity(point: str) -> str:
+    """Extern: m/s, world frame, of the base's origin, of the IMU, or of the site of that name."""
+    return BASE_LINEAR_VELOCITY if point == BASE else f"{BASE_LINEAR_VELOCITY}_at_{point}"
+
+
 _NO_EXTERN: Mapping[str, Extern] = MappingProxyType({})
 
 

@@ -19,6 +19,7 @@ from humanoid_sim.doctor.edits import (
     term_edit,
     terms_with,
 )
+from humanoid_sim.mit import IMU
 
 __all__ = ["conventions", "phases", "reference_conventions", "scales", "zeroed"]
 
@@ -100,6 +101,10 @@ def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         yield term_edit(
             term, f" in the {other} frame", "frame", f"{term.name} is given in the {other} frame", frame=other
         )
+    for term in terms_with(contract, "at"):
+        (other,) = term.others("at")
+        point = "the IMU" if other == IMU else "the base's origin"
+        yield term_edit(term, f" at {point}", "point", f"{term.name} is the velocity of {point}", at=other)
     for term in terms_with(contract, "quaternion"):
         (other,) = term.others("quaternion")
         yield term_edit(

@@ -105,7 +105,8 @@ class TrialRunner:
                 steps_per_period(contract.policy_dt, timestep)
             except InputError:
                 continue
-            key = (pose, contract.policy_dt, contract.anchor_body, contract.model_joint_damping, trial.yaw, timestep)
+            observed = contract.anchor_body, contract.velocity_points
+            key = (pose, contract.policy_dt, observed, contract.model_joint_damping, trial.yaw, timestep)
             robot = self._robots.get(key)
             if robot is None:
                 robot = self._robots[key] = self._build(contract, trial, timestep)
@@ -127,6 +128,7 @@ class TrialRunner:
             base_yaw=trial.yaw,
             base_height=self.examined.base_height,
             anchor_body=contract.anchor_body,
+            velocity_at=contract.velocity_points,
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
@@ -88,7 +89,7 @@ def make_plan(config: PlayConfig) -> Plan:
     else:
         description = with_contract_physics(description, contract)
     control_period, notice = control_rate(config, description, contract.policy_dt)
-    setup = _robot(config, description, control_period, contract.anchor_body)
+    setup = _robot(config, description, control_period, contract)
     try:
         supervisor = build_supervisor(
             description,
@@ -125,9 +126,11 @@ def make_plan(config: PlayConfig) -> Plan:
         raise
 
 
-def _robot(config: PlayConfig, description: RobotDescription, control_period: float, anchor_body: str) -> RobotSetup:
+def _robot(
+    config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract
+) -> RobotSetup:
     if config.hardware is None:
-        return simulated_robot(config, description, control_period, anchor_body)
+        return simulated_robot(config, description, control_period, contract)
     # python-can and pyserial only where they are used
     from humanoid_sim.play.hardware_robot import real_robot  # noqa: PLC0415
 

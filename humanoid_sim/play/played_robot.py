@@ -85,7 +85,7 @@ class RobotSetup:
 
 
 def simulated_robot(
-    config: PlayConfig, description: RobotDescription, control_period: float, anchor_body: str
+    config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract
 ) -> RobotSetup:
     """A robot in MuJoCo.
 
@@ -93,7 +93,7 @@ def simulated_robot(
         config: the options.
         description: of the robot.
         control_period: s
-        anchor_body: whose pose the policy observes; empty for none.
+        contract: of the policy, which says what is observed of the robot.
 
     Raises:
         InputError: if an option is not accepted.
@@ -112,7 +112,8 @@ def simulated_robot(
         state_sampling=config.state_sampling,
         base_yaw=config.yaw,
         base_height=config.base_height,
-        anchor_body=anchor_body,
+        anchor_body=contract.anchor_body,
+        velocity_at=contract.velocity_points,
     )
 
     bare = bare_model(description)

@@ -23,7 +23,7 @@ __all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "term_li
 
 _LISTED = 4
 """Names that are all shown; of more, the first three."""
-_UNUSUAL = ("frame", "relative", "layout", "inverse", "quaternion", "form", "clip", "joints")
+_UNUSUAL = ("frame", "at", "relative", "layout", "inverse", "quaternion", "form", "clip", "joints")
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ from humanoid_sim.controllers.observation import ObservationLayout, resolve_obse
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import EXTERN_WIDTHS
 from humanoid_sim.policy.motion import Motion
 
 __all__ = ["LoadedPolicy", "contract_layout", "load_policy"]
@@ -32,7 +31,8 @@ class LoadedPolicy:
     def extern(self) -> Mapping[str, int]:
         """Name and width of a simulation's live inputs: command, estimates, and pressed keys, as many as goal keys."""
         keys = self.reference.terms.get("target_keys")
-        return EXTERN_WIDTHS if keys is None else {**EXTERN_WIDTHS, _LIVE_KEYS: keys.shape[1]}
+        widths = self.contract.extern_widths
+        return widths if keys is None else {**widths, _LIVE_KEYS: keys.shape[1]}
 
     @property
     def layout(self) -> ObservationLayout:
@@ -137,5 +137,5 @@ def _layout(contract: PolicyContract, keys: int) -> ObservationLayout:
         "target_keys_future": keys * len(contract.lookahead_steps),
     }
     reference = MotionReference(1, {name: np.zeros((1, width), dtype=np.float32) for name, width in widths.items()})
-    extern = {**EXTERN_WIDTHS, _LIVE_KEYS: keys}
+    extern = {**contract.extern_widths, _LIVE_KEYS: keys}
     return resolve_observation(contract, contract.joint_names, reference, extern)

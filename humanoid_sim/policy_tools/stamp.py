@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -134,7 +134,10 @@ def _samples(
 ) -> GoldenSamples:
     motion = None if motion_file is None else read_motion(motion_file)
     if trace is not None:
-        bodies = None if description is None else body_reader(description, checkpoint.contract.anchor_body)
+        contract = checkpoint.contract
+        bodies = None
+        if description is not None:
+            bodies = body_reader(description, contract.anchor_body, contract.velocity_points)
         return trainer_samples(checkpoint, read_trace(trace, checkpoint.contract, bodies), motion)
     if GOLDEN_KEY in checkpoint.metadata:
         samples = decode_samples(checkpoint.metadata[GOLDEN_KEY], checkpoint.source)
@@ -190,15 +193,15 @@ def stamp_copy(options: Stamp) -> int:
     return 0
 
 
-def body_reader(description: RobotDescription, anchor_body: str) -> BodyReader:
-    """Reads traces of this robot; the anchor body is left out where the policy has none.
+def body_reader(description: RobotDescription, anchor_body: str, velocity_at: Sequence[str] = ()) -> BodyReader:
+    """Reads traces of this robot: the anchor body and velocities as far as the policy observes them.
 
     Raises:
-        InputError: the robot's model lacks the anchor body.
+        InputError: the robot's model lacks the anchor body, or a site.
     """
     model = build_model(description, scene=False)
     data = mujoco.MjData(model)
-    sensors = BodySensors(model, description, anchor_body)
+    sensors = BodySensors(model, description, anchor_body, velocity_at)
 
     def read(qpos: FloatArray, qvel: FloatArray, joint_names: tuple[str, ...]) -> Mapping[str, FloatArray]:
         addresses = joint_addresses(model, joint_names)

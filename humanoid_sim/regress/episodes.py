@@ -102,6 +102,7 @@ class EpisodeBatch:
             physics_timestep=scenario.physics_timestep,
             threads=threads,
             anchor_body=contract.anchor_body,
+            velocity_at=contract.velocity_points,
             bodies=contract.body_names if self._feet is None else self._feet.bodies,
             randomisation=disturbance.randomisation,
             seeds=self._keys,

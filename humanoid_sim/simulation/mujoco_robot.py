@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import mujoco
@@ -63,6 +63,7 @@ class MujocoRobot:
         base_yaw: float = 0.0,
         base_height: float | None = None,
         anchor_body: str = "",
+        velocity_at: Sequence[str] = (),
     ) -> None:
         """Build the model.
 
@@ -80,6 +81,7 @@ class MujocoRobot:
             base_height: m, of the base's origin at the start; None for the description's, and if that has none, such
                 that the robot touches the floor.
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
+            velocity_at: `imu`, or MJCF sites, whose velocity the state of a robot with a floating base reports.
 
         Raises:
             InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
@@ -113,7 +115,7 @@ class MujocoRobot:
                 yaw=base_yaw,
                 height=base_height,
             )
-        self._sensors = BodySensors(self._plant.model, description, anchor_body)
+        self._sensors = BodySensors(self._plant.model, description, anchor_body, velocity_at)
 
         self._steps = steps
         # A command written at the start of a period arrives `whole` periods and `offset` steps later. Samples for

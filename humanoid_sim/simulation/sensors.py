@@ -6,15 +6,15 @@ physics step older.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, FloatArray
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, IMU, FloatArray, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import base_addresses
 from humanoid_sim.simulation.model import body_ids
@@ -45,15 +45,8 @@ class Imu:
         """
         self._model = model
         self._data = mujoco.MjData(model)
-        self._object = mujoco.mjtObj.mjOBJ_SITE
-        self._id = mujoco.mj_name2id(model, self._object, name)
-        if self._id >= 0:
-            body = int(model.site_bodyid[self._id])
-        else:
-            self._object = mujoco.mjtObj.mjOBJ_XBODY  # the body's own axes; mjOBJ_BODY stands for those of its inertia
-            body = self._id = mujoco.mj_name2id(model, self._object, name)
-            if body < 0:
-                raise InputError(f"imu: '{name}' is neither a site nor a body of the model")
+        self._object, self._id = _frame(model, name)
+        body = int(model.site_bodyid[self._id]) if self._object == mujoco.mjtObj.mjOBJ_SITE else self._id
         self._twist = np.empty(6)
         self.constant: ImuSample | None = None
         """What it always reads where it is fixed to the world; None where it moves."""
@@ -93,12 +86,39 @@ class Imu:
         return quaternion, matrices[self._id].reshape(3, 3)
 
 
-def live_inputs(model: mujoco.MjModel, description: RobotDescription, anchor_body: str) -> Mapping[str, int]:
-    """Names and widths of the live inputs that a simulated robot's state carries.
+def _frame(model: mujoco.MjModel, name: str) -> tuple[mujoco.mjtObj, int]:
+    """What has the frame of that name, and its id: a site, or else a body.
 
     Raises:
-        InputError: the anchor body is not in the model.
+        InputError: there is neither.
     """
+    # A body's own axes; mjOBJ_BODY stands for those of its inertia.
+    for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_XBODY):
+        i = mujoco.mj_name2id(model, kind, name)
+        if i >= 0:
+            return kind, i
+    raise InputError(f"imu: '{name}' is neither a site nor a body of the model")
+
+
+def live_inputs(
+    model: mujoco.MjModel, description: RobotDescription, anchor_body: str, velocity_at: Sequence[str] = ()
+) -> Mapping[str, int]:
+    """Names and widths of the live inputs that a simulated robot's state carries.
+
+    Args:
+        model: of the robot.
+        description: of the robot; only a floating base has velocities.
+        anchor_body: MJCF body whose pose is asked for; empty for none.
+        velocity_at: `imu`, or sites, whose velocity is asked for.
+
+    Raises:
+        InputError: the anchor body, or a site, is not in the model.
+    """
+    known = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
+    for point in velocity_at:
+        if point != IMU and point not in known:
+            what = known_names("site", point, known)
+            raise InputError(f"velocity of the base: at is neither base nor imu nor a site of the model: {what}")
     names = [BASE_LINEAR_VELOCITY] if description.is_floating else []
     if anchor_body:
         names.append(ANCHOR_POSE)
@@ -106,7 +126,8 @@ def live_inputs(model: mujoco.MjModel, description: RobotDescription, anchor_bod
             body_ids(model, [anchor_body])
         except InputError as error:
             raise InputError(f"anchor body: {error}") from None
-    return MappingProxyType({name: EXTERN_WIDTHS[name] for name in names})
+    points = [point_velocity(point) for point in velocity_at] if description.is_floating else []
+    return MappingProxyType({**{name: EXTERN_WIDTHS[name] for name in names}, **dict.fromkeys(points, 3)})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,38 +136,58 @@ class BodySample:
 
     imu: ImuSample
     live: Mapping[str, FloatArray]
-    """Live inputs by name, as in `humanoid_sim.mit.EXTERN_WIDTHS`."""
+    """Live inputs by name, as in `humanoid_sim.mit.EXTERN_WIDTHS`, and `point_velocity` of each point asked for."""
 
 
 class BodySensors:
-    """Reads the IMU, the velocity of a floating base, and the pose of an anchor body. Not thread-safe."""
+    """Reads the IMU, velocities of a floating base, and the pose of an anchor body. Not thread-safe."""
 
-    def __init__(self, model: mujoco.MjModel, description: RobotDescription, anchor_body: str = "") -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        description: RobotDescription,
+        anchor_body: str = "",
+        velocity_at: Sequence[str] = (),
+    ) -> None:
         """Find the frames.
 
         Args:
             model: of the robot.
             description: says where the IMU is.
             anchor_body: MJCF body whose pose is asked for; empty for none.
+            velocity_at: `imu`, or sites, whose velocity is asked for.
 
         Raises:
-            InputError: the IMU or the anchor body is not in the model.
+            InputError: the IMU, the anchor body or a site is not in the model.
         """
-        self.widths = live_inputs(model, description, anchor_body)
+        self.widths = live_inputs(model, description, anchor_body, velocity_at)
         """Names and widths of the live inputs."""
         self._imu = Imu(model, description.imu)
         self._base_velocity = base_addresses(model, description)[2] if description.is_floating else None
         self._model, self._data = model, mujoco.MjData(model)
         self._anchor = model.body(anchor_body).id if anchor_body else None
+        self._points = (
+            {point_velocity(point): _frame(model, description.imu if point == IMU else point) for point in velocity_at}
+            if description.is_floating
+            else {}
+        )
+        self._twist = np.empty(6)
 
     def read(self, data: mujoco.MjData, acceleration: FloatArray | None = None) -> BodySample:
         """The reading at the data's present `qpos` and `qvel`; the acceleration is as `Imu.read` takes it."""
         live = {}
         if self._base_velocity is not None:
             live[BASE_LINEAR_VELOCITY] = data.qvel[self._base_velocity].copy()
-        if self._anchor is not None:
-            own = self._data
-            own.qpos[:] = data.qpos
+        own = self._data
+        if self._anchor is not None or self._points:
+            own.qpos[:], own.qvel[:] = data.qpos, data.qvel
             mujoco.mj_kinematics(self._model, own)
+        if self._points:
+            mujoco.mj_comPos(self._model, own)
+            mujoco.mj_comVel(self._model, own)
+        for name, (kind, i) in self._points.items():
+            mujoco.mj_objectVelocity(self._model, own, kind, i, self._twist, 0)
+            live[name] = self._twist[3:].copy()
+        if self._anchor is not None:
             live[ANCHOR_POSE] = np.concatenate([own.xpos[self._anchor], own.xquat[self._anchor]])
         return BodySample(self._imu.read(data, acceleration), live)

@@ -228,3 +228,24 @@ def test_what_stands_for_a_command_is_said_by_the_contract() -> None:
     assert term_kinds.term_kind("command", ("twist",)).name == "velocity_command"
     with pytest.raises(FieldError, match="'command': the contract has no command_names, expected what it stands for"):
         contract_layout(replace(made, observation=("command",)))
+
+
+def test_whose_velocity_is_observed() -> None:
+    terms = (
+        Term("base_lin_vel"),
+        Term("a", kind="base_lin_vel", at="imu"),
+        Term("b", kind="base_lin_vel", at="hand"),
+        Term("c", kind="base_lin_vel", at="imu"),
+        Term("joint_pos", at="foot"),  # whose positions have no such convention
+    )
+    made = replace(read(TERM_KINDS["joint_pos"]), observation=terms)
+    assert made.velocity_points == ("imu", "hand")
+    assert dict(made.extern_widths) == {
+        **EXTERN_WIDTHS,
+        "base_linear_velocity_at_imu": 3,
+        "base_linear_velocity_at_hand": 3,
+    }
+    assert terms[0].others("at") == ("imu",)
+    assert terms[2].others("at") == ("base",)
+    with pytest.raises(FieldError, match=r"term 'a': at is '', expected base, imu or the name of a site$"):
+        Term("a", at="")

@@ -12,9 +12,11 @@ import yaml
 from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rotation import rotate_inverse
 from humanoid_sim.envs import dm
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import main
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
@@ -57,12 +59,22 @@ WIRING: dict[str, Any] = {
     "joint_stiffness": [10.0, 40.0, 40.0],
     "joint_damping": [0.5, 2.0, 2.0],
     "default_joint_pos": [0.1, 0.05, -0.05],
-    "observation": ["base_ang_vel", "imu_linear_acceleration", "imu_quaternion", "projected_gravity", "joint_pos"],
+    "observation": [
+        "base_ang_vel",
+        "imu_linear_acceleration",
+        "imu_quaternion",
+        "projected_gravity",
+        "joint_pos",
+        "base_lin_vel",
+        {"name": "of_the_imu", "kind": "base_lin_vel", "at": "imu"},
+        {"name": "of_the_head", "kind": "base_lin_vel", "at": "head_site", "frame": "world"},
+    ],
     "action_scale": 0.5,
     "policy_dt": 0.02,
     "command_ranges": {"lin_vel_x": [-1, 1], "lin_vel_y": [-1, 1], "ang_vel_z": [-1, 1]},
 }
-WIDTH = 16
+WIDTH = 25
+POINTS = ("base_linear_velocity", "base_linear_velocity_at_imu", "base_linear_velocity_at_head_site")
 
 
 @pytest.fixture
@@ -133,7 +145,7 @@ def test_environments_agree(folder: Path, frame: str, actuation: Any) -> None:
     several, _ = vector.reset(seed=[7, 3])
     np.testing.assert_allclose(several[1], observation, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(np.concatenate(list(theirs.reset().observation.values())), observation)
-    turned = 0.0
+    turned = away = 0.0
     for action in actions(12):
         observation, _, terminated, _, info = single.step(action)
         assert not terminated, info
@@ -143,9 +155,18 @@ def test_environments_agree(folder: Path, frame: str, actuation: Any) -> None:
         turned = np.maximum(turned, np.abs(one.imu_angular_velocity))
         for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
             np.testing.assert_allclose(getattr(batch, name)[1], getattr(one, name), rtol=0, atol=1e-9, err_msg=name)
+        for name in POINTS:
+            np.testing.assert_allclose(batch.extern[name].value[1], one.extern[name].value, rtol=0, atol=1e-9)
+        base, imu, head = (one.extern[name].value for name in POINTS)
+        away = max(away, np.abs(head - base).max())
+        turn = rotate_inverse(one.imu_quaternion, np.stack([base, imu]))
+        np.testing.assert_array_equal(observation[16:], np.float32([*turn[0], *turn[1], *head]))
+        assert (frame == "trunk") == np.allclose(base, imu, atol=1e-12)
+        assert (frame == "head_site") == np.allclose(head, imu, atol=1e-12)
         step = theirs.step(action)
         np.testing.assert_array_equal(np.concatenate(list(step.observation.values())), observation)
     assert np.all(turned > 0.05)  # about all three axes
+    assert away > 0.05
     vector.close()
     single.close()
 
@@ -163,13 +184,16 @@ def test_play_is_the_single_environment(folder: Path, frame: str) -> None:
     ]
     assert len(ticks) >= 20
     env = PolicyEnv(path, robot, task="balance", actuation="qfrc_applied")
-    env.reset(options={"recording": "r.mcap"})
+    observation, _ = env.reset(options={"recording": "r.mcap"})
     for tick in ticks:
         state, step = env.robot.read()[0], tick.output.policy_step
         assert step is not None
         for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
             assert getattr(state, name).tobytes() == getattr(tick.input.state, name).tobytes(), name
-        env.step(step.action)
+        for name in POINTS:
+            assert state.extern[name].value.tobytes() == tick.input.state.extern[name].value.tobytes(), name
+        assert observation.tobytes() == step.observation.tobytes()
+        observation, *_ = env.step(step.action)
     env.close()
 
 
@@ -198,3 +222,15 @@ def test_damping_of_the_model_is_what_the_contract_says(
     assert "N·m·s/rad: 0.5 + 0.3 for neck; 2 + 0.2 for left_hip" in note
     recorded = open_recording(folder / "r.mcap").header.documents["robot"]
     assert f'"joint_damping":"{decision.get("model_joint_damping", "keep")}"' in recorded
+
+
+def test_a_point_that_the_robot_lacks(folder: Path) -> None:
+    robot = robot_with("trunk")
+    wired = contract(observation=["joint_pos", {"name": "base_lin_vel", "at": "tail"}])
+    message = (
+        "velocity of the base: at is neither base nor imu nor a site of the model: unknown site 'tail'; "
+        "known: base_site, head_site"
+    )
+    for make in (lambda: PolicyEnv(wired, robot), lambda: PolicyVectorEnv(2, wired, robot, threads=1)):
+        with pytest.raises(InputError, match=f"^{message}$"):
+            make()

@@ -56,6 +56,8 @@ TRACKER = replace(
         Term("motion_anchor_pos_b"),
         Term("motion_anchor_ori_b", layout="columns"),
         Term("base_lin_vel"),
+        Term("imu_vel", kind="base_lin_vel", at="imu"),
+        Term("head_vel", kind="base_lin_vel", at="head", frame="world"),
         "joint_vel",
     ),
     anchor_body="chest",
@@ -80,6 +82,8 @@ def ticks() -> Iterator[TickInput]:
         extern = {
             VELOCITY_COMMAND: Extern(command, time, 0.5),
             BASE_LINEAR_VELOCITY: Extern(rng.normal(size=3), time),
+            "base_linear_velocity_at_imu": Extern(rng.normal(size=3), time),
+            "base_linear_velocity_at_head": Extern(rng.normal(size=3), time),
             ANCHOR_POSE: Extern(np.concatenate([rng.normal(size=3), quaternion]), time),
         }
         state = MITState(

@@ -1,11 +1,15 @@
 """The IMU of a body that moves freely, and of one that cannot; live inputs."""
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.simulation.sensors import Imu
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.sensors import BodySensors, Imu, live_inputs
 
 FREE = """
 <mujoco>
@@ -105,3 +109,56 @@ def test_an_imu_on_the_world_never_moves(model: mujoco.MjModel) -> None:
 def test_an_unknown_frame(model: mujoco.MjModel) -> None:
     with pytest.raises(InputError, match=r"^imu: 'gyro' is neither a site nor a body of the model$"):
         Imu(model, "gyro")
+
+
+ARM = """
+<mujoco>
+  <worldbody>
+    <body name="trunk">
+      <freejoint/>
+      <inertial pos="0.1 0.2 0.3" euler="20 30 40" mass="1" diaginertia="0.1 0.12 0.14"/>
+      <body name="arm" pos="0.3 0 0.1" euler="10 0 0">
+        <joint name="shoulder" axis="0 1 1"/>
+        <geom size="0.1" pos="0.1 0 0"/>
+        <site name="hand" pos="0.2 0.1 0.3"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(("imu", "body"), [("hand", False), ("arm", True), ("trunk", True)])
+def test_the_velocity_of_a_point_is_how_its_position_changes(
+    small_robot: Callable[..., RobotDescription], imu: str, body: bool
+) -> None:
+    robot = small_robot(ARM, ("shoulder",), imu=imu, base={"type": "floating", "body": "trunk"})
+    model = build_model(robot, scene=False)
+    data, later, rng = mujoco.MjData(model), mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[:], data.qvel[:] = rng.normal(size=model.nq), rng.normal(size=model.nv)
+    mujoco.mj_normalizeQuat(model, data.qpos)
+    live = BodySensors(model, robot, velocity_at=("imu", "hand")).read(data).live
+    later.qpos[:] = data.qpos
+    mujoco.mj_integratePos(model, later.qpos, data.qvel, 1e-6)
+    for state in (data, later):
+        mujoco.mj_kinematics(model, state)
+
+    def velocity(name: str, body: bool) -> np.ndarray:
+        places = [state.body(name).xpos if body else state.site(name).xpos for state in (data, later)]
+        return (places[1] - places[0]) / 1e-6
+
+    np.testing.assert_allclose(live["base_linear_velocity"], velocity("trunk", True), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(live["base_linear_velocity_at_imu"], velocity(imu, body), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(live["base_linear_velocity_at_hand"], velocity("hand", False), rtol=0, atol=1e-5)
+
+
+def test_live_inputs_of_points(small_robot: Callable[..., RobotDescription]) -> None:
+    robot = small_robot(ARM, ("shoulder",), imu="hand", base={"type": "floating", "body": "trunk"})
+    model = build_model(robot, scene=False)
+    assert dict(live_inputs(model, robot, "arm", ("imu",))) == {
+        "base_linear_velocity": 3,
+        "anchor_pose": 7,
+        "base_linear_velocity_at_imu": 3,
+    }
+    with pytest.raises(InputError, match=r"^velocity of the base: at is neither .*: unknown site 'foot'; known: hand$"):
+        live_inputs(model, robot, "", ("foot",))

@@ -15,7 +15,7 @@ from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, act
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GoldenSamples
 from humanoid_sim.policy.golden.trace import Recorded, Trace
@@ -177,6 +177,8 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
         BASE_LINEAR_VELOCITY: rng.normal(0.0, 0.5, (steps, 3)),
         ANCHOR_POSE: np.concatenate([rng.normal([1.0, 2.0, 0.8], 0.1, (steps, 3)), quaternion], axis=1),
     }
+    for point in contract.velocity_points:
+        live[point_velocity(point)] = rng.normal(0.0, 0.5, (steps, 3))
     keys = loaded.extern.get("key_pressed")
     if keys is not None:
         live["key_pressed"] = rng.integers(0, 2, (steps, keys)).astype(np.float64)

@@ -19,7 +19,15 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray, MITState
+from humanoid_sim.mit import (
+    ANCHOR_POSE,
+    BASE_LINEAR_VELOCITY,
+    IMU,
+    VELOCITY_COMMAND,
+    FloatArray,
+    MITState,
+    point_velocity,
+)
 from humanoid_sim.policy.golden.samples import STATE_ARRAYS, recorded_state
 
 __all__ = ["BodyReader", "Recorded", "Trace", "read_trace"]
@@ -95,6 +103,8 @@ class _Reader:
         self.path = path
         self.contract = contract
         self.bodies = bodies
+        self.points = {point_velocity(point): point for point in contract.velocity_points}
+        self.live_names = (*_LIVE, *self.points)
         self.arrays = _load(path)
         self.steps = 0
 
@@ -118,7 +128,7 @@ class _Reader:
             recorded=Recorded(
                 joint_names=joints,
                 arrays={name: known[name] for name in STATE_ARRAYS},
-                extern={name: known[name] for name in _LIVE if name in known},
+                extern={name: known[name] for name in self.live_names if name in known},
                 action=action.astype(np.float32),
                 memory=self.memory(),
             ),
@@ -161,24 +171,30 @@ class _Reader:
         elif free:
             found |= {"imu_quaternion": qpos[:, 3:7], "imu_angular_velocity": qvel[:, 3:6]}
             found |= {BASE_LINEAR_VELOCITY: qvel[:, :3]}
+            found |= {name: qvel[:, :3] for name, point in self.points.items() if point == IMU}
         else:
             found |= {"imu_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (self.steps, 1))}
             found |= {"imu_angular_velocity": np.zeros((self.steps, 3))}
         # What the file says itself comes before what follows from its qpos.
-        stated = {name: self.optional(name) for name in (*_LIVE, "imu_quaternion", "imu_angular_velocity")}
+        stated = {name: self.optional(name) for name in (*self.live_names, "imu_quaternion", "imu_angular_velocity")}
         return found | {name: table for name, table in stated.items() if table is not None}
 
     def live(self) -> dict[str, FloatArray]:
         widths = {VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7, "imu_linear_acceleration": 3}
+        widths |= dict.fromkeys(self.points, 3)
         tables = {name: self.optional(name, width) for name, width in widths.items()}
         tables["key_pressed"] = self.optional("key_pressed")
         return {name: table for name, table in tables.items() if table is not None}
 
     def check_needs(self, known: Mapping[str, FloatArray]) -> None:
         for term in self.contract.terms:
-            array = self.contract.kind(term).reads
+            array = self.contract.kind(term).input(term)
             if array and array not in known:
-                hint = ", or the robot, whose model tells it from qpos" if array == ANCHOR_POSE else ""
+                hint = (
+                    ", or the robot, whose model tells it from qpos"
+                    if array == ANCHOR_POSE or array in self.points
+                    else ""
+                )
                 raise self.wrong(array, "is missing", f"it, as the policy observes {term.name}{hint}")
 
     def memory(self) -> dict[str, npt.NDArray[np.floating | np.integer]]:
@@ -212,7 +228,7 @@ class _Reader:
         expected = f"({self.steps or 'F'}, {'width' if width is None else width}), finite numbers"
         if values is None:
             raise self.wrong(name, "is missing", expected)
-        if values.ndim == 1 and self.steps and name in _LIVE:
+        if values.ndim == 1 and self.steps and name in self.live_names:
             values = np.broadcast_to(values, (self.steps, len(values)))
         if (
             values.ndim != 2

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import multiply, seen_from
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, Extern, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, IMU, Extern, FloatArray, MITState, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.counter_random import Words, normals
 from humanoid_sim.simulation.batch.physics import BatchPhysics
@@ -45,6 +45,7 @@ class BatchSensors:
         randomisation: Randomisation,
         *,
         anchor_body: str,
+        velocity_at: Sequence[str] = (),
         bodies: Sequence[str],
     ) -> None:
         """Build the model that measures.
@@ -55,6 +56,7 @@ class BatchSensors:
             addresses: of its joints.
             randomisation: the noise.
             anchor_body: MJCF body whose pose the state reports; empty for none.
+            velocity_at: `imu`, or MJCF sites, whose velocity the state reports.
             bodies: MJCF bodies whose poses can be asked for.
 
         Raises:
@@ -64,7 +66,7 @@ class BatchSensors:
         self._noise = randomisation
         self._physics = physics
         self._is_anchored = bool(anchor_body)
-        self.widths = live_inputs(physics.model, description, anchor_body)
+        self.widths = live_inputs(physics.model, description, anchor_body, velocity_at)
         """Names and widths of the live inputs."""
         body_ids(physics.model, bodies)
         fixed = Imu(physics.model, description.imu).constant
@@ -76,7 +78,12 @@ class BatchSensors:
         )
         frames = [*bodies, anchor_body] if anchor_body else list(bodies)
         self._body_count = len(bodies)
-        self._model = build_model(description, scene=False, edit=lambda spec: _add_sensors(spec, description, frames))
+        points = {point_velocity(point): description.imu if point == IMU else point for point in velocity_at}
+        self._points = list(points) if description.is_floating else []
+        sites = list(points.values()) if description.is_floating else []
+        self._model = build_model(
+            description, scene=False, edit=lambda spec: _add_sensors(spec, description, frames, sites)
+        )
         self._model.dof_armature[:] = _ARMATURE
         self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         self._data = [mujoco.MjData(self._model) for _ in range(physics.threads)]
@@ -93,7 +100,11 @@ class BatchSensors:
         if base is not None:
             live[BASE_LINEAR_VELOCITY] = Extern(base.linear_velocity, 0.0)
         if self._is_anchored:
-            live[ANCHOR_POSE] = Extern(measured[:, -7:], 0.0)
+            anchor = 17 + 7 * self._body_count
+            live[ANCHOR_POSE] = Extern(measured[:, anchor : anchor + 7], 0.0)
+        first = measured.shape[1] - 3 * len(self._points)
+        for i, name in enumerate(self._points):
+            live[name] = Extern(measured[:, first + 3 * i : first + 3 * i + 3], 0.0)
         imu = measured[:, :10]
         if self._constant is not None:
             imu = np.broadcast_to(self._constant, imu.shape)
@@ -144,8 +155,14 @@ class BatchSensors:
         )
 
 
-def _add_sensors(spec: mujoco.MjSpec, description: RobotDescription, bodies: Sequence[str]) -> None:
-    """IMU: orientation, gyroscope, accelerometer. Base, then bodies: position and orientation in the world."""
+def _add_sensors(
+    spec: mujoco.MjSpec, description: RobotDescription, bodies: Sequence[str], sites: Sequence[str]
+) -> None:
+    """What is measured, in this order.
+
+    IMU: orientation, gyroscope, accelerometer. Base, then bodies: position and orientation in the world. Sites, one of
+    which may be the IMU: velocity in the world.
+    """
     for sensor in list(spec.sensors):
         spec.delete(sensor)
     imu = description.imu
@@ -160,6 +177,8 @@ def _add_sensors(spec: mujoco.MjSpec, description: RobotDescription, bodies: Seq
     for name in (base.name, *bodies):
         for kind in ("FRAMEPOS", "FRAMEQUAT"):
             spec.add_sensor(type=_SENSOR[f"mjSENS_{kind}"], objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name)
+    for site in sites:
+        spec.add_sensor(type=_SENSOR["mjSENS_FRAMELINVEL"], objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
 
 
 def _as_from_matrix(quaternion: FloatArray) -> FloatArray:

@@ -48,6 +48,7 @@ class BatchSimulation:
         physics_timestep: float | None = None,
         threads: int | None = None,
         anchor_body: str = "",
+        velocity_at: Sequence[str] = (),
         bodies: Sequence[str] = (),
         push_body: str = "",
         randomisation: Randomisation | None = None,
@@ -62,6 +63,7 @@ class BatchSimulation:
             physics_timestep: s, must divide the control period; None for the description's.
             threads: that step physics; None for one per processor that this process may use.
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
+            velocity_at: `imu`, or MJCF sites, whose velocity the state of robots with a floating base reports.
             bodies: MJCF bodies that `body_poses` gives.
             push_body: MJCF body that the wrenches of `step` act on; empty for the base.
             randomisation: how the environments differ; None: not at all.
@@ -101,6 +103,7 @@ class BatchSimulation:
             self._joints,
             self.randomisation,
             anchor_body=anchor_body,
+            velocity_at=velocity_at,
             bodies=bodies,
         )
         self._effort = np.zeros((count, len(self._joints.dof)))
