@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import fields
 from typing import Any
 
-import numpy as np
-import yaml
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor.hypotheses import same_value
+from humanoid_sim.doctor.overrides import Pasting, change_lines
 from humanoid_sim.doctor.search import Ranking, Verdict
-from humanoid_sim.policy.contract_json import plain_value
-from humanoid_sim.policy.readers.partial import is_derived
 
-__all__ = [
-    "conclusion",
-    "is_healthy",
-    "override_yaml",
-    "overrides",
-    "print_ranking",
-    "ranking_document",
-    "short_lines",
-]
+__all__ = ["conclusion", "is_healthy", "print_ranking", "ranking_document"]
 
 _SLIGHT = 0.15
 """Share of the cost below which an improvement may be chance."""
@@ -62,7 +47,7 @@ def conclusion(ranking: Ranking) -> str:
     return f"Most likely: {first.hypothesis.explanation}. With that it {before}."
 
 
-def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, rows: int) -> None:
+def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, rows: int, pasting: Pasting) -> None:
     """Print the best of every cause, and what the first would have you write."""
     best = ranking.best()
     table = Table(
@@ -73,7 +58,7 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
     table.add_column("hypothesis")
     table.add_column("time up", justify="right")
     table.add_column("quality", justify="right")
-    table.add_column("under override: in contract.yaml")
+    table.add_column("what it changes")
     shown = best[:rows]
     shown += [verdict for verdict in best[rows:] if not verdict.hypothesis.edits]
     for verdict in shown:
@@ -84,7 +69,8 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
         return
     first = best[0].hypothesis
     if first.edits and best[0].stays_up:
-        console.print(escape(override_yaml(contract, first.contract)), soft_wrap=True, end="")
+        text = pasting.text(contract, first.contract)
+        console.print(text, soft_wrap=True, end="", markup=False, emoji=False, highlight=False)
     others = [verdict.hypothesis.name for verdict in ranking.alternatives(best[0]) if verdict.stays_up]
     if others:
         console.print(f"[dim]of the same cause, and up as well: {escape(', '.join(others))}[/dim]", soft_wrap=True)
@@ -96,7 +82,7 @@ def _row(rank: int, verdict: Verdict, contract: PolicyContract) -> tuple[str, ..
     seconds = "/".join(f"{outcome.time_up:.1f}" for outcome in verdict.outcomes)
     total = verdict.outcomes[0].seconds
     reason = f"\n[dim]{escape(lost[0].lost)}[/dim]" if lost else ""
-    lines = short_lines(contract, verdict.hypothesis.contract)
+    lines = change_lines(contract, verdict.hypothesis.contract)
     name = escape(verdict.hypothesis.name)
     return (
         str(rank),
@@ -107,17 +93,20 @@ def _row(rank: int, verdict: Verdict, contract: PolicyContract) -> tuple[str, ..
     )
 
 
-def ranking_document(ranking: Ranking, contract: PolicyContract) -> dict[str, Any]:
+def ranking_document(ranking: Ranking, contract: PolicyContract, pasting: Pasting) -> dict[str, Any]:
     """Everything as plain values."""
     return {
         "complete": ranking.is_complete,
         "healthy": is_healthy(ranking),
         "conclusion": conclusion(ranking),
-        "ranking": [_entry(rank, verdict, ranking, contract) for rank, verdict in enumerate(ranking.best(), 1)],
+        "file": str(pasting.file),
+        "ranking": [
+            _entry(rank, verdict, ranking, contract, pasting) for rank, verdict in enumerate(ranking.best(), 1)
+        ],
     }
 
 
-def _entry(rank: int, verdict: Verdict, ranking: Ranking, contract: PolicyContract) -> dict[str, Any]:
+def _entry(rank: int, verdict: Verdict, ranking: Ranking, contract: PolicyContract, pasting: Pasting) -> dict[str, Any]:
     hypothesis = verdict.hypothesis
     return {
         "rank": rank,
@@ -137,72 +126,7 @@ def _entry(rank: int, verdict: Verdict, ranking: Ranking, contract: PolicyContra
             }
             for outcome in verdict.outcomes
         ],
-        "override": overrides(contract, hypothesis.contract),
+        "changes": change_lines(contract, hypothesis.contract),
+        "override": pasting.override(contract, hypothesis.contract),
         "alternatives": [other.hypothesis.name for other in ranking.alternatives(verdict)],
     }
-
-
-def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]:
-    """The fields of the section `override:`, as plain values; empty if the contracts are the same."""
-    changed: dict[str, Any] = {}
-    for item in fields(PolicyContract):
-        before, after = getattr(present, item.name), getattr(wanted, item.name)
-        if item.name in ("observation", "provenance", "tensors") or same_value(before, after):
-            continue
-        if item.name == "action_offset" and is_derived(present.provenance.get(item.name, "")):
-            continue  # it moves along with the default pose
-        changed[item.name] = _plain(item.name, after)
-    if present.observation_names != wanted.observation_names:
-        changed["observation"] = list(wanted.observation_names)
-    before = {term.name: term for term in present.terms}
-    terms = {term.name: _options(before[term.name], term) for term in wanted.terms}
-    if any(terms.values()):
-        changed["terms"] = {name: options for name, options in terms.items() if options}
-    return changed
-
-
-def override_yaml(present: PolicyContract, wanted: PolicyContract) -> str:
-    """The section `override:` in full, ready to be pasted."""
-    return yaml.safe_dump(
-        {"override": overrides(present, wanted)},
-        sort_keys=False,
-        default_flow_style=None,
-        width=110,
-        allow_unicode=True,
-    )
-
-
-def short_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
-    """The same for a table: one line each, long lists cut."""
-    return [f"{path}: {_short(value)}" for path, value in _flat("", overrides(present, wanted))]
-
-
-def _options(before: Term, after: Term) -> dict[str, Any]:
-    return {
-        item.name: _plain(item.name, getattr(after, item.name))
-        for item in fields(Term)
-        if not same_value(getattr(before, item.name), getattr(after, item.name))
-    }
-
-
-def _plain(name: str, value: Any) -> Any:
-    if isinstance(value, np.ndarray) and value.ndim < 2 and value.size and (value == value.flat[0]).all():
-        return float(value.flat[0])  # one number for all
-    return plain_value(name, value)
-
-
-def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if not isinstance(value, dict):
-        yield path, value
-        return
-    for name, part in value.items():
-        yield from _flat(f"{path}.{name}" if path else name, part)
-
-
-def _short(value: Any) -> str:
-    if not isinstance(value, list):
-        return (
-            f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
-        )
-    shown = ", ".join(_short(item) for item in value[:2])
-    return f"[{shown}, … {len(value)} in all]" if len(value) > 3 else f"[{', '.join(_short(item) for item in value)}]"

@@ -11,9 +11,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
+from humanoid_sim.doctor.overrides import pasting_for
 from humanoid_sim.doctor.report import is_healthy, print_ranking, ranking_document
 from humanoid_sim.doctor.search import Ranking, make_plan, search
 from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot, with_imu
 from humanoid_sim.session.sources import parse_velocity
@@ -45,6 +47,7 @@ def doctor(config: DoctorConfig) -> int:
         motion_seconds=examined.motion_seconds,
         pairs=config.pairs,
     )
+    pasting = pasting_for(config.checkpoint, config.contract or find_contract(config.checkpoint))
     ranking = Ranking()
     progress = Progress(
         TextColumn("{task.description}"),
@@ -68,9 +71,9 @@ def doctor(config: DoctorConfig) -> int:
         except KeyboardInterrupt:
             interrupted = True
     if config.json:
-        print(json.dumps(ranking_document(ranking, examined.contract), indent=2))
+        print(json.dumps(ranking_document(ranking, examined.contract, pasting), indent=2))
     else:
-        print_ranking(make_console(), ranking, examined.contract, config.top)
+        print_ranking(make_console(), ranking, examined.contract, config.top, pasting)
     if interrupted:
         return ExitStatus.INTERRUPTED
     return ExitStatus.of(is_healthy(ranking))

@@ -1,0 +1,149 @@
+"""What to write into a contract.yaml to turn the present contract into another: the whole section `override:`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.doctor.hypotheses import same_value
+from humanoid_sim.policy.contract_json import plain_value
+from humanoid_sim.policy.readers.contract_yaml import CONTRACT_FILE
+from humanoid_sim.strict_yaml import read_yaml
+
+__all__ = ["Pasting", "change_lines", "overrides", "pasting_for"]
+
+_LINE = 110
+"""Width of the YAML, in characters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pasting:
+    """Where what the doctor prints is to be pasted, and what is overridden there already."""
+
+    file: Path
+    section: Mapping[str, Any] = field(default_factory=dict)
+    """Its section `override:` as it is; empty without one."""
+
+    def override(self, present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]:
+        """The whole section as plain values: what it overrides now, and the changes; a key may be given only once."""
+        changed = overrides(present, wanted)
+        merged: dict[str, Any] = deepcopy(dict(self.section))
+        if changed:
+            # A list of terms may hold their options, and those must not be given twice.
+            written = [item if isinstance(item, dict) else {"name": item} for item in merged.get("observation", ())]
+            names = [item.pop("name") for item in written]
+            options = dict(zip(names, written, strict=True))
+            for terms in (merged.pop("terms", {}), changed.pop("terms", {})):
+                for name, values in terms.items():
+                    options[name] = {**options.get(name, {}), **values}
+            if written:
+                merged["observation"] = names
+            merged |= changed
+            kept = {name: values for name, values in options.items() if values}
+            merged |= {"terms": kept} if kept else {}
+        return merged
+
+    def text(self, present: PolicyContract, wanted: PolicyContract) -> str:
+        """The section as YAML, under a comment that says where it belongs."""
+        place = f"in place of the section override: of {self.file}" if self.section else f"into {self.file}"
+        section = yaml.safe_dump(
+            {"override": self.override(present, wanted)},
+            sort_keys=False,
+            default_flow_style=None,
+            width=_LINE,
+            allow_unicode=True,
+        )
+        return f"# {place}\n{section}"
+
+
+def pasting_for(checkpoint: Path, contract_file: Path | None) -> Pasting:
+    """Where the cure of a checkpoint belongs.
+
+    Args:
+        checkpoint: the model.
+        contract_file: the contract.yaml that took part; None without one.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    if contract_file is None:
+        return Pasting(checkpoint.with_name(CONTRACT_FILE))
+    document = read_yaml(contract_file)
+    return Pasting(contract_file, (document or {}).get("override") or {})
+
+
+def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]:
+    """The fields of the section `override:` that change, as plain values; empty if the contracts are the same."""
+    changed: dict[str, Any] = {}
+    for item in fields(PolicyContract):
+        before, after = getattr(present, item.name), getattr(wanted, item.name)
+        if item.name in ("observation", "provenance", "tensors") or same_value(before, after):
+            continue
+        changed[item.name] = _plain(item.name, after)
+    if present.observation_names != wanted.observation_names:
+        changed["observation"] = list(wanted.observation_names)
+    before = {term.name: term for term in present.terms}
+    terms = {term.name: _options(before[term.name], term) for term in wanted.terms}
+    if any(terms.values()):
+        changed["terms"] = {name: options for name, options in terms.items() if options}
+    return changed
+
+
+def change_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
+    """What differs, one line each: the field, its value before, and after; long lists cut."""
+    return [
+        f"{path}: {_short(_at(present, path))} → {_short(value)}"
+        for path, value in _flat("", overrides(present, wanted))
+    ]
+
+
+def _at(contract: PolicyContract, path: str) -> Any:
+    """The value of a field, or of a term's option as `terms.<name>.<option>`, as plain values."""
+    if path.startswith("terms."):
+        name, _, option = path.removeprefix("terms.").rpartition(".")
+        (term,) = (term for term in contract.terms if term.name == name)
+        return _plain(option, getattr(term, option))
+    name, _, part = path.partition(".")
+    value = getattr(contract, name)
+    if part:
+        return _plain(part, getattr(value, part, None))
+    return list(contract.observation_names) if name == "observation" else _plain(name, value)
+
+
+def _options(before: Term, after: Term) -> dict[str, Any]:
+    return {
+        item.name: _plain(item.name, getattr(after, item.name))
+        for item in fields(Term)
+        if not same_value(getattr(before, item.name), getattr(after, item.name))
+    }
+
+
+def _plain(name: str, value: Any) -> Any:
+    if isinstance(value, np.ndarray) and value.ndim < 2 and value.size and (value == value.flat[0]).all():
+        return float(value.flat[0])  # one number for all
+    return plain_value(name, value)
+
+
+def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if not isinstance(value, dict):
+        yield path, value
+        return
+    for name, part in value.items():
+        yield from _flat(f"{path}.{name}" if path else name, part)
+
+
+def _short(value: Any) -> str:
+    if not isinstance(value, list):
+        return (
+            f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
+        )
+    shown = ", ".join(_short(item) for item in value[:2])
+    return f"[{shown}, … {len(value)} in all]" if len(value) > 3 else f"[{', '.join(_short(item) for item in value)}]"

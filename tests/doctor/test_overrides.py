@@ -1,0 +1,187 @@
+"""Whatever the doctor would have a user paste is read by the real reader as the contract that it tried."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from examples import FACTS, tracker, walker
+from published import POLICIES, needs_policies
+from published_policies import CHECKPOINTS, load_examined
+
+from humanoid_sim.assets import SAMPLE_POLICY
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.doctor.edits import RobotFacts
+from humanoid_sim.doctor.examined_policy import robot_facts
+from humanoid_sim.doctor.hypotheses import pairs, same_contract, singles
+from humanoid_sim.doctor.overrides import Pasting, change_lines, overrides, pasting_for
+from humanoid_sim.policy.checkpoint import read_contract
+from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.readers.contract_yaml import parse_contract
+from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.readers.sources import metadata_contract
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.strict_yaml import read_yaml
+
+PASTING = Pasting(Path("contract.yaml"))
+
+
+def one_foot() -> PolicyContract:
+    """With lists of one number, which must stay lists."""
+    joints = FACTS.joint_names
+    return PolicyContract(
+        task_type="locomotion",
+        joint_names=joints,
+        action_joint_names=joints[:1],
+        joint_stiffness=40.0,
+        joint_damping=1.0,
+        default_joint_pos=[0.3, 0.1, 0.3, 0.1],
+        observation=["projected_gravity", Term("joint_pos", joints=joints[:1], scale=[2.0]), "gait_phase"],
+        command_names=(),
+        action_scale=0.5,
+        policy_dt=0.02,
+        body_names=(),
+        phase=PhaseRule(0.7, offsets=np.array([0.5])),
+        position_clip=[[-1.0, 1.0]],
+        command_ranges=[[0.0, 0.0]] * 3,
+    )
+
+
+def follows_pose(make: Callable[[], PolicyContract]) -> PolicyContract:
+    """As most dialects have it: no source states the offset of an action."""
+    return replace(make(), action_offset=None, provenance={"action_offset": "follows from default_joint_pos"})
+
+
+CONTRACTS: dict[str, Callable[[], PolicyContract]] = {
+    "walker": walker,
+    "tracker": tracker,
+    "one foot": one_foot,
+    "walker, offset not stated": lambda: follows_pose(walker),
+    "tracker, offset not stated": lambda: follows_pose(tracker),
+}
+
+
+def written(present: PolicyContract, text: str) -> PolicyContract:
+    """The contract of a checkpoint that is stamped with `present` and has the text as its contract.yaml."""
+    stamp = metadata_contract({STAMP_KEY: encode(present)}, "policy.onnx")
+    return merge([*stamp, *parse_contract(yaml.safe_load(text), "contract.yaml", "contract.yaml")], "policy.onnx")
+
+
+def tried(contract: PolicyContract, facts: RobotFacts) -> Iterator[tuple[str, PolicyContract]]:
+    """Every single edit, and a pair of each with another."""
+    found = singles(contract, facts)
+    for hypothesis in (
+        *found,
+        *(pair for i in range(len(found)) for pair in pairs(contract, (found[i - 7], found[i]))),
+    ):
+        yield hypothesis.name, hypothesis.contract
+
+
+@pytest.mark.parametrize("name", CONTRACTS)
+def test_every_hypothesis_can_be_pasted(name: str) -> None:
+    contract = CONTRACTS[name]()
+    count = 0
+    for title, wanted in tried(contract, FACTS):
+        text = PASTING.text(contract, wanted)
+        assert same_contract(written(contract, text), wanted), f"{title}:\n{text}"
+        count += 1
+    assert count >= 30
+
+
+def pasted(path: Path, contract_file: Path, text: str, folder: Path, joints: tuple[str, ...]) -> PolicyContract:
+    """The contract after the section of a file has been replaced by the text, with the reader that `play` uses."""
+    document = dict(read_yaml(contract_file) or {}) if contract_file.exists() else {}
+    document.pop("override", None)
+    cured = folder / "cured.yaml"
+    rest = yaml.safe_dump(document, sort_keys=False) if document else ""
+    cured.write_text(rest + text)
+    return read_contract(path, cured, joints)
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "",
+        "override: {terms: {joint_pos: {relative: false}}, policy_dt: 0.04}\n",
+        "override:\n  observation: [{name: joint_pos, scale: 0.5}, joint_vel, actions, motion_body_pos_b, "
+        "{name: motion_body_ori_b, layout: columns}]\n  action_scale: 0.3\n",
+    ],
+)
+def test_what_a_file_overrides_already_stays(override: str, tmp_path: Path) -> None:
+    robot = load_robot("lite")
+    file = tmp_path / "contract.yaml"
+    file.write_text(override or "{}\n")
+    present = read_contract(SAMPLE_POLICY, file, robot.joint_names)
+    pasting = pasting_for(SAMPLE_POLICY, file)
+    count = 0
+    for title, wanted in tried(present, robot_facts(robot, None)):
+        text = pasting.text(present, wanted)
+        assert same_contract(pasted(SAMPLE_POLICY, file, text, tmp_path, robot.joint_names), wanted), (
+            f"{title}:\n{text}"
+        )
+        assert text.count("override:") == (2 if override else 1)  # in the comment too
+        count += 1
+    assert count >= 30
+
+
+@needs_policies
+@pytest.mark.parametrize("policy", CHECKPOINTS)
+def test_so_it_is_with_published_policies(policy: str, tmp_path: Path) -> None:
+    examined = load_examined(policy, tmp_path)
+    path, joints = POLICIES / CHECKPOINTS[policy], examined.description.joint_names
+    file = tmp_path / "contract.yaml"
+    pasting = pasting_for(path, file if file.exists() else None)
+    count = 0
+    for title, wanted in tried(examined.contract, robot_facts(examined.description, examined.motion)):
+        text = pasting.text(examined.contract, wanted)
+        assert same_contract(pasted(path, file, text, tmp_path, joints), wanted), f"{title}:\n{text}"
+        count += 1
+    assert count >= 50
+
+
+def test_an_offset_that_nobody_states_can_be_overridden() -> None:
+    contract = follows_pose(tracker)
+    found = dict(tried(contract, FACTS))
+    assert overrides(contract, found["action offset 0"]) == {"action_offset": 0.0}
+    moved = overrides(contract, found["default pose all zeros"])
+    assert moved == {"default_joint_pos": 0.0, "action_offset": 0.0}
+
+
+def test_a_clock_of_one_foot_stays_a_list() -> None:
+    contract = one_foot()
+    found = dict(tried(contract, FACTS))
+    phase: dict[str, Any] = overrides(contract, found["gait period 0.8 s"])["phase"]
+    assert phase["offsets"] == [0.5]
+    assert phase["period"] == 0.8
+
+
+def test_nothing_to_write_for_the_same_contract() -> None:
+    assert overrides(walker(), walker()) == {}
+
+
+def test_only_what_differs_is_written() -> None:
+    contract = walker()
+    changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
+    assert overrides(contract, changed["projected_gravity sign flipped"]) == {
+        "terms": {"projected_gravity": {"scale": -1.0}}
+    }
+    assert overrides(contract, changed["rate 25 Hz"]) == {"policy_dt": 0.04}
+    text = PASTING.text(contract, changed["rate 25 Hz"])
+    assert text == "# into contract.yaml\noverride: {policy_dt: 0.04}\n"
+
+
+def test_changes_show_the_value_before_and_after() -> None:
+    contract = tracker()
+    changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
+    assert change_lines(contract, changed["joint_damping × 2"]) == [
+        "joint_damping: [1, 1.1, … 4 in all] → [2, 2.2, … 4 in all]"
+    ]
+    assert change_lines(contract, changed["actions scaled"]) == ["terms.actions.form: raw → scaled"]
+    assert change_lines(contract, changed["reference not aligned"]) == ["align_reference: true → false"]
+    assert change_lines(contract, changed["action scale 0.5"]) == ["action_scale: [0.5, 0.6, … 4 in all] → 0.5"]
