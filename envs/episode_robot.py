@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +28,9 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 __all__ = ["EpisodeRobot", "PlantState", "recorded_start"]
 
 BoolArray = npt.NDArray[np.bool_]
+
+_KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "_is_closed")
+"""What a `MujocoRobot` remembers beside its plant: commands and samples under way, its clock, what went wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +126,18 @@ class EpisodeRobot(MujocoRobot):
         position, velocity, effort = self._joint_sample()
         self._joint_line.restart(self._step, (position, velocity, effort if start.effort is None else start.effort))
         self._body_line.restart(self._step, self._body_sample())
+
+    def snapshot(self) -> dict[str, Any]:
+        """A copy of all that later steps and reports depend on, for `restore` of a robot that was built alike."""
+        kept = {name: copy.deepcopy(getattr(self, name)) for name in _KEPT}
+        return kept | {"_plant": self._plant.snapshot()}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Take over a snapshot."""
+        self._plant.restore(snapshot["_plant"])
+        for name in _KEPT:
+            setattr(self, name, snapshot[name])
+        self._state = None
 
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """As `write`; nothing pushes it, and it does not stand still."""

@@ -13,8 +13,9 @@ from gymnasium import spaces
 
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.supervisor import SupervisorMemory
+from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot
-from humanoid_sim.envs.rendering import RENDER_MODES, Window, check_render_mode, make_pictures
+from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
 from humanoid_sim.envs.resets import velocity_option
 from humanoid_sim.envs.scenario import Named, read_policy
 from humanoid_sim.envs.spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
@@ -35,7 +36,7 @@ Step = tuple[dict[str, Any], float, bool, bool, dict[str, Any]]
 """Modes in which the robot does what it is for, and no support holds a floating base."""
 
 
-class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
+class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
     """One step is one control tick of the whole stack, as `play` runs it: read, supervisor, write.
 
     The action is an intent, 0 for none, and, with `remote`, a remote command to go with it; `spaces` describes
@@ -50,6 +51,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
     why, the remote command included), `faults` (what failed in this tick, and who took over), and `time`, s.
     """
 
+    KEPT = ("_memory", "_velocity", "_sound", "_steps")
     metadata = {"render_modes": RENDER_MODES, "render_fps": 200}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
@@ -111,11 +113,11 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         )
         self.action_space = modes_action_space(description, remote)
         self.observation_space = modes_observation_space(description)
-        self.metadata = self.metadata | {"render_fps": round(1.0 / period)}
+        self.metadata = {"render_modes": available_render_modes(), "render_fps": round(1.0 / period)}
         self.render_mode = render_mode
         self.is_remote = remote
         """Whether REMOTE is available, and actions have a remote command."""
-        self._episode_steps = max(round(episode_seconds / period), 1)
+        self.max_episode_steps = max(round(episode_seconds / period), 1)
         self._pictures = make_pictures(description, width, height, camera)
         self._window: Window | None = None
         self._memory: SupervisorMemory | None = None
@@ -180,7 +182,7 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
         }
         state, safety = self._read()
         observation = self._observe(state, output, safety)
-        return observation, reward, output.quit, self._steps >= self._episode_steps, info
+        return observation, reward, output.quit, self._steps >= self.max_episode_steps, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """The picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
@@ -193,6 +195,17 @@ class ModesEnv(gymnasium.Env[dict[str, Any], Any]):
             self._window.close()
             self._window = None
         self.robot.close()
+
+    def snapshot(self) -> dict[str, Any]:
+        """See `CopyableEnv.snapshot`."""
+        return super().snapshot() | {"robot": self.robot.snapshot(), "_inbox": self._inbox.latest()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """See `CopyableEnv.restore`."""
+        robot, latest = snapshot["robot"], snapshot["_inbox"]
+        super().restore({name: value for name, value in snapshot.items() if name not in ("robot", "_inbox")})
+        self.robot.restore(robot)
+        self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time, latest)
 
     def _read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         state, safety = self.robot.read()

@@ -14,8 +14,9 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
 from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
+from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, recorded_start
-from humanoid_sim.envs.rendering import RENDER_MODES, Window, check_render_mode, make_pictures
+from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
 from humanoid_sim.envs.resets import velocity_option
 from humanoid_sim.envs.scenario import Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
@@ -34,7 +35,7 @@ Array = npt.NDArray[Any]
 Step = tuple[Array, float, bool, bool, dict[str, Any]]
 
 
-class PolicyEnv(gymnasium.Env[Array, Array]):
+class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
     """One step is one policy step: the action's command, held for the contract's `policy_dt`.
 
     The action is the policy's raw action and the observation what the policy observes, made by the functions of the
@@ -53,6 +54,7 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
     - `state`, `memory`: a `PlantState`, and the policy controller's memory that belongs to it.
     """
 
+    KEPT = ("_observation", "_commands", "_steps")
     metadata = {"render_modes": RENDER_MODES, "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
@@ -124,7 +126,9 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
         self.observation_space, self.action_space = bounds, action_space(scenario.wiring, scenario.description)
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
-        self.metadata = self.metadata | {"render_fps": round(1.0 / scenario.contract.policy_dt)}
+        fps = round(1.0 / scenario.contract.policy_dt)
+        self.metadata = {"render_modes": available_render_modes(), "render_fps": fps}
+        self.max_episode_steps = scenario.task.episode_steps
         self.render_mode = render_mode
         self._pictures = make_pictures(scenario.description, width, height, camera)
         self._window: Window | None = None
@@ -217,6 +221,18 @@ class PolicyEnv(gymnasium.Env[Array, Array]):
             self._window.close()
             self._window = None
         self.robot.close()
+
+    def snapshot(self) -> dict[str, Any]:
+        """See `CopyableEnv.snapshot`."""
+        loop = None if self._loop is None else self._loop.snapshot()
+        return super().snapshot() | {"robot": self.robot.snapshot(), "_loop": loop}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """See `CopyableEnv.restore`."""
+        robot, loop = snapshot["robot"], snapshot["_loop"]
+        super().restore({name: value for name, value in snapshot.items() if name not in ("robot", "_loop")})
+        self.robot.restore(robot)
+        self._loop = None if loop is None else ClosedLoop.resumed(self.robot, self.scenario.wiring, loop)
 
     def _lost(self, fault: str, frame: Frame) -> Step:
         self.fault_count += 1

@@ -10,13 +10,13 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.rendering.backend import choose_video_backend
+from humanoid_sim.rendering.backend import choose_video_backend, has_display
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
 
-__all__ = ["RENDER_MODES", "Window", "check_render_mode", "make_pictures"]
+__all__ = ["RENDER_MODES", "Window", "available_render_modes", "check_render_mode", "make_pictures"]
 
 RENDER_MODES = ["human", "rgb_array"]
 
@@ -29,6 +29,11 @@ def check_render_mode(mode: str | None) -> None:
     """
     if mode is not None and mode not in RENDER_MODES:
         raise InputError(f"render_mode: is {mode!r}, expected {', '.join(RENDER_MODES)} or None")
+
+
+def available_render_modes() -> list[str]:
+    """The render modes that this machine can show: without a display no window opens."""
+    return [mode for mode in RENDER_MODES if mode != "human" or has_display()]
 
 
 def make_pictures(description: RobotDescription, width: int, height: int, camera: str | None) -> PoseRenderer:

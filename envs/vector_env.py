@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
+from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
 from humanoid_sim.envs.scenario import Named, make_scenario
@@ -34,7 +35,7 @@ IndexArray = npt.NDArray[np.intp]
 Step = tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
-class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
+class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
     """N `PolicyEnv`s with the affine plant in one: `humanoid_sim.simulation.batch` steps them, arrays do the rest.
 
     Seeded with the same numbers, and given the same actions, every environment does what a `PolicyEnv` does: the same
@@ -49,6 +50,8 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
     - `command`: vx, vy in m/s and yaw rate in rad/s, or one such row per environment, held for the whole episode.
     - `reset_mask`: shape (N,), the environments to reset, as `SyncVectorEnv` takes it.
     """
+
+    KEPT = ("_observation", "_commands", "_steps", "_is_over", "_numbers", "single_action_space", "closed")
 
     def __init__(
         self,
@@ -134,6 +137,7 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         self._low, self._high = bounds.low, bounds.high
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self._longest = count_option("max_episode_steps", unlimited)
+        self.max_episode_steps = min(self._longest, scenario.task.episode_steps)
         self._numbers = StartNumbers(num_envs, scenario.task.draws)
         self._loop: ClosedLoop | None = None
         self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)
@@ -263,6 +267,18 @@ class PolicyVectorEnv(VectorEnv[Float32Array, Float32Array, Any]):
         }
         self._observation = np.where(sound[:, None], observation, self._observation)
         return sound, task.judge(sample_step(loop, simulation, np.maximum(self._steps, 1))), faults
+
+    def snapshot(self) -> dict[str, Any]:
+        """See `CopyableEnv.snapshot`."""
+        loop = None if self._loop is None else self._loop.snapshot()
+        return super().snapshot() | {"simulation": self.simulation.snapshot(), "_loop": loop}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """See `CopyableEnv.restore`."""
+        simulation, loop = snapshot["simulation"], snapshot["_loop"]
+        super().restore({name: value for name, value in snapshot.items() if name not in ("simulation", "_loop")})
+        self.simulation.restore(simulation)
+        self._loop = None if loop is None else ClosedLoop.resumed(self.simulation, self.scenario.wiring, loop)
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """A picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""

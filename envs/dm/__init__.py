@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from humanoid_sim.envs.registration import ENVIRONMENTS
@@ -47,23 +48,17 @@ def load(
     if name not in NAMES:
         raise InputError(known_names("dm_env task", name, NAMES))
     try:
-        from dm_control.rl import control  # noqa: PLC0415 - the rest of the package does without
+        import dm_control.rl.control  # noqa: F401, PLC0415 - the rest of the package does without
     except ImportError:
         raise MissingPackageError("dm-control", "dm", "humanoid_sim.envs.dm") from None
 
     _settle_opengl()
-    from humanoid_sim.envs.dm.task import PolicyTask, RobotPhysics  # noqa: PLC0415
+    from humanoid_sim.envs.dm.task import PolicyTask, TaskEnvironment  # noqa: PLC0415
     from humanoid_sim.envs.policy_env import PolicyEnv  # noqa: PLC0415
 
     env = PolicyEnv(**{**ENVIRONMENTS[NAMES[name]].get("kwargs", {}), **options})
-    task = PolicyTask(env, seed)
-    return control.Environment(
-        RobotPhysics(env.robot, task.advance),
-        task,
-        time_limit=time_limit,
-        n_sub_steps=env.robot.physics_steps,
-        flat_observation=flat_observation,
-    )
+    kept: dict[str, Any] = {"time_limit": time_limit, "flat_observation": flat_observation}
+    return TaskEnvironment(partial(load, name, **kept, **options), PolicyTask(env, seed), **kept)
 
 
 def _settle_opengl() -> None:

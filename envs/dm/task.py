@@ -6,7 +6,8 @@ Import it through `humanoid_sim.envs.dm`, which settles what `dm_control` draws 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ from gymnasium.spaces import Box
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-__all__ = ["PolicyTask", "RobotPhysics"]
+__all__ = ["PolicyTask", "RobotPhysics", "TaskEnvironment"]
 
 Array = npt.NDArray[np.float32]
 
@@ -74,7 +75,7 @@ class PolicyTask(control.Task):
         self.env = env
         self._seed = seed
         self._action = np.zeros(env.action_space.shape or (), dtype=np.float32)
-        self._observation = self._action
+        self._observation = np.zeros(env.observation_space.shape or (), dtype=np.float32)
         self._reward = 0.0
         self._discount: float | None = None
         layout = env.scenario.wiring.layout
@@ -82,6 +83,17 @@ class PolicyTask(control.Task):
         if layout.history_layout == "per_term":
             ends = np.cumsum([term.width for term in layout.terms])
             self._ends = dict(zip((term.name for term in layout.terms), ends.tolist(), strict=True))
+
+    def snapshot(self) -> dict[str, Any]:
+        """The state of task and environment, for `restore` of a task that was built alike."""
+        kept = {name: value for name, value in vars(self).items() if name not in ("env", "_ends")}
+        return {"task": kept, "env": self.env.snapshot()}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Take over a state."""
+        for name, value in snapshot["task"].items():
+            setattr(self, name, value)
+        self.env.restore(snapshot["env"])
 
     def initialize_episode(self, physics: RobotPhysics) -> None:
         """Start the next episode; the seed counts once."""
@@ -125,3 +137,41 @@ class PolicyTask(control.Task):
         """The last step's discount; None while the episode goes on."""
         del physics
         return self._discount
+
+
+class TaskEnvironment(control.Environment):
+    """A `PolicyTask` with its physics. It can be pickled and deep-copied in an episode, as `CopyableEnv` can."""
+
+    def __init__(self, again: Callable[[], TaskEnvironment], task: PolicyTask, **options: Any) -> None:
+        """Put it together.
+
+        Args:
+            again: makes another one, as this was made; it can be pickled.
+            task: what it is about.
+            options: as `control.Environment` takes them.
+        """
+        robot = task.env.robot
+        super().__init__(RobotPhysics(robot, task.advance), task, n_sub_steps=robot.physics_steps, **options)
+        self._again = again
+        self._policy_task = task
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `pickle` and `copy`."""
+        return _made_again, (self._again, self._policy_task.snapshot(), self._counters())
+
+    def _counters(self) -> dict[str, Any]:
+        return {name: vars(self)[name] for name in ("_step_count", "_reset_next_step")}
+
+    def restore(self, snapshot: Mapping[str, Any], counters: Mapping[str, Any]) -> None:
+        """Take over a state."""
+        self._policy_task.restore(snapshot)
+        for name, value in counters.items():
+            setattr(self, name, value)
+
+
+def _made_again(
+    again: Callable[[], TaskEnvironment], snapshot: Mapping[str, Any], counters: Mapping[str, Any]
+) -> TaskEnvironment:
+    environment = again()
+    environment.restore(snapshot, counters)
+    return environment

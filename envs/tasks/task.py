@@ -120,7 +120,7 @@ class Task(ABC):
         self.contract = contract
         self.reference = reference
         self.episode_steps = max(round(episode_seconds / contract.policy_dt), 1)
-        """Policy steps after which an episode is truncated."""
+        """Policy steps after which an episode is truncated; of tasks that follow a motion, those to its last frame."""
         self._is_floating = description.is_floating
         self._standing_height = standing_height
         self._lower, self._upper = np.array(description.lower), np.array(description.upper)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -98,6 +98,17 @@ class ClosedLoop:
         """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
         self.asked = velocity
         """Shape (..., 3): the commands in the latest step."""
+
+    def snapshot(self) -> dict[str, Any]:
+        """All that it keeps beside robots and wiring, for `resumed`; shares its arrays."""
+        return {name: value for name, value in vars(self).items() if name not in ("robots", "wiring")}
+
+    @classmethod
+    def resumed(cls, robots: Robots, wiring: PolicyWiring, snapshot: Mapping[str, Any]) -> Self:
+        """The loop of that snapshot, around robots that are in the state in which it was taken."""
+        loop = cls.__new__(cls)
+        vars(loop).update(snapshot, robots=robots, wiring=wiring)
+        return loop
 
     def restart(self, chosen: IndexArray, velocity: FloatArray) -> None:
         """Some robots of a batch, indices (k,), are at the start of an episode; `velocity` (N, 3) is for all."""

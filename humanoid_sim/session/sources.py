@@ -78,16 +78,19 @@ class IntentQueue(IntentSource):
 class RemoteInbox:
     """Holds the latest accepted command. One thread puts, the control thread takes."""
 
-    def __init__(self, joints: tuple[str, ...], clock: Callable[[], float]) -> None:
+    def __init__(
+        self, joints: tuple[str, ...], clock: Callable[[], float], latest: RemoteCommand | None = None
+    ) -> None:
         """Prepare an inbox.
 
         Args:
             joints: the robot's joints; a command must name them in this order.
             clock: the robot's clock, s.
+            latest: a command that was accepted before.
         """
         self._joints = joints
         self._clock = clock
-        self._latest: RemoteCommand | None = None
+        self._latest = latest
         self.accepted = 0
         self.rejected = 0
 

@@ -8,8 +8,10 @@ for step under the Euler integrator, because neither form's damping enters an im
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
-from typing import Literal, get_args
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
 
 import mujoco
 import numpy as np
@@ -80,6 +82,20 @@ class Plant(ABC):
         np.subtract(self.data.qvel, self._velocity_before, out=self.acceleration)
         self.acceleration /= self.model.opt.timestep
 
+    def snapshot(self) -> dict[str, Any]:
+        """A copy of all that later steps depend on, for `restore` of a plant that was built alike."""
+        return {
+            "data": copy.copy(self.data),
+            "acceleration": self.acceleration.copy(),
+            "gains": self.model.actuator_biasprm.copy(),
+        }
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Take over a snapshot; views into the data stay valid."""
+        mujoco.mj_copyData(self.data, self.model, snapshot["data"])
+        self.acceleration[:] = snapshot["acceleration"]
+        self.model.actuator_biasprm[:] = snapshot["gains"]
+
     @property
     @abstractmethod
     def effort(self) -> FloatArray:
@@ -133,6 +149,15 @@ class QfrcPlant(Plant):
     def apply(self, command: MITCommand) -> None:
         """See `Plant.apply`."""
         self._command = command
+
+    def snapshot(self) -> dict[str, Any]:
+        """See `Plant.snapshot`."""
+        return super().snapshot() | {"command": self._command}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """See `Plant.restore`."""
+        super().restore(snapshot)
+        self._command = snapshot["command"]
 
     @property
     def effort(self) -> FloatArray:

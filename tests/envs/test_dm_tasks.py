@@ -73,6 +73,19 @@ def test_a_term_is_an_entry_in_the_policy_s_order() -> None:
     np.testing.assert_array_equal(whole, flat(load("lite_tracking", seed=1).reset()))
 
 
+@pytest.mark.parametrize("flat_observation", [False, True])
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_before_the_first_reset_the_spec_has_the_shapes_that_follow(name: str, flat_observation: bool) -> None:
+    ours = load(name, seed=0, flat_observation=flat_observation)
+    spec = ours.observation_spec()
+    observation = ours.reset().observation
+    assert list(spec) == list(observation)
+    for key, value in observation.items():
+        assert (spec[key].shape, spec[key].dtype) == (value.shape, value.dtype)
+    assert sum(one.shape[0] for one in spec.values()) == ours.task.env.observation_space.shape[0] > 50
+    assert ours.observation_spec() == spec
+
+
 def test_how_episodes_end() -> None:
     failing = load("lite_tracking", seed=0)
     failing.reset()

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
 
 from humanoid_sim.envs.registration import ENVIRONMENTS, register_environments
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
@@ -85,3 +86,50 @@ def test_a_spec_with_a_contract_of_the_user_s_own_is_pickled() -> None:
     env = gymnasium.make("humanoid_sim/Policy-v0", contract=contract, robot="lite")
     again = gymnasium.make(pickle.loads(pickle.dumps(env.spec)))
     np.testing.assert_array_equal(again.reset(seed=1)[0], env.reset(seed=1)[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "steps"),
+    [
+        ("LiteTracking-v0", {}, 400),
+        ("LiteTracking-v0", {"task": "balance", "episode_seconds": 3.0}, 150),
+        ("LiteTracking-v0", {"max_episode_steps": 30}, 30),
+        ("BipedVelocity-v0", {}, 1000),
+        ("BipedVelocity-v0", {"episode_seconds": 60.0}, 3000),
+        ("LiteModes-v0", {}, 12000),
+    ],
+)
+def test_specs_say_how_long_an_episode_may_be(name: str, options: dict[str, Any], steps: int) -> None:
+    env = gymnasium.make(f"humanoid_sim/{name}", **options)
+    assert env.spec is not None
+    assert env.spec.max_episode_steps == steps
+    if "Modes" not in name:
+        envs = gymnasium.make_vec(f"humanoid_sim/{name}", num_envs=2, threads=1, **options)
+        assert envs.spec is not None
+        assert envs.spec.max_episode_steps == steps
+        envs.close()
+
+
+@pytest.mark.parametrize("motion", ["wave", "drum"])
+def test_an_episode_that_does_not_fail_has_the_length_that_its_spec_says(motion: str) -> None:
+    env: Any = gymnasium.make("humanoid_sim/LiteTracking-v0", motion=motion)
+    observation, info = env.reset(seed=0)
+    count, terminated, truncated = 0, False, False
+    while not (terminated or truncated):
+        action = env.unwrapped.scenario.policy(observation, info["frame"])
+        observation, _, terminated, truncated, info = env.step(action)
+        count += 1
+    assert truncated
+    assert count == env.spec.max_episode_steps
+
+
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # raw actions have the bounds of joints
+@pytest.mark.parametrize("name", ["LiteTracking-v0", "BipedVelocity-v0", "LiteModes-v0"])
+def test_gymnasium_s_own_check_passes_without_a_display(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    env = gymnasium.make(f"humanoid_sim/{name}").unwrapped
+    assert env.metadata["render_modes"] == ["rgb_array"]
+    check_env(env)
+    monkeypatch.setenv("DISPLAY", ":99")
+    assert gymnasium.make(f"humanoid_sim/{name}").unwrapped.metadata["render_modes"] == ["human", "rgb_array"]

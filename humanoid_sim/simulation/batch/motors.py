@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -133,6 +135,17 @@ class BatchMotors:
     def torque(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
         """Shape (N, n), N·m, saturated, of the last of the physics steps, which began at this joint state."""
         return affine_torque(self._bias, self._control[:, -1], position, velocity, self._limit)
+
+    def snapshot(self) -> tuple[npt.NDArray[Any], ...]:
+        """Copies of the gains and of the commands in force and under way, for `restore`."""
+        arrays = self._bias, self._targets, self._controls, self._arrival, self._control
+        return tuple(array.copy() for array in arrays)
+
+    def restore(self, snapshot: Sequence[npt.NDArray[Any]]) -> None:
+        """Take over a snapshot of as many motors."""
+        self._bias, *others = (array.copy() for array in snapshot)
+        self._targets, self._controls, self._arrival, self._control = others
+        self._pool.set_gains(np.arange(len(self._bias)), self._bias)
 
     def _draw_jitter(self, step: IntArray) -> IntArray:
         if not self._jitter:

@@ -188,6 +188,14 @@ class BatchPhysics:
         self.acceleration[rows] = (last[:, self._qvel] - before[:, self._qvel]) / self._timestep
         return broken
 
+    def snapshot(self) -> tuple[FloatArray, ...]:
+        """Copies of the states and of what is remembered of the step before, for `restore`."""
+        return self._state.copy(), self._before.copy(), self.acceleration.copy()
+
+    def restore(self, snapshot: Sequence[FloatArray]) -> None:
+        """Take over a snapshot of as many states; views into them stay valid."""
+        self._state[:], self._before[:], self.acceleration[:] = snapshot
+
     def measure(self, model: mujoco.MjModel, data: Sequence[mujoco.MjData], force: FloatArray) -> FloatArray:
         """What another model's sensors measure at the present states.
 

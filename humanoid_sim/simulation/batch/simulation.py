@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -182,12 +182,15 @@ class BatchSimulation:
         """
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
         self._keys[:, where] = seed_keys(np.broadcast_to(np.asarray(seeds, dtype=np.uint64), where.shape))
+        self._draw_differences(where)
+        self.reset(where)
+
+    def _draw_differences(self, where: IndexArray) -> None:
         if self.randomisation.varies_models:
             self._pool.separate()
             models, keys = self._pool.select(where), self._keys[:, where]
             vary_models(models, self._pool.nominal, self.randomisation, keys, self._joints.dof)
         self._motors.differences = self._differences()
-        self.reset(where)
 
     def _differences(self) -> MotorDifferences:
         return MotorDifferences.draw(self.randomisation, self._keys, len(self._joints.dof), self._timestep)
@@ -261,6 +264,23 @@ class BatchSimulation:
         self._effort = np.where(moved[:, None], torque, self._effort)
         self._step = self._step + moved
         self._truth = self._report = self._measured = None
+
+    def snapshot(self) -> dict[str, Any]:
+        """A copy of all that later steps and reports depend on, for `restore` of a simulation that was built alike."""
+        arrays = {"effort": self._effort.copy(), "step": self._step.copy(), "fault": self._fault.copy()}
+        parts = {"physics": self._physics.snapshot(), "motors": self._motors.snapshot()}
+        return arrays | parts | {"keys": self._keys.copy(), "is_closed": self._physics.is_closed}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Take over a snapshot, differences between the environments included."""
+        self._keys[:] = snapshot["keys"]
+        self._draw_differences(np.arange(self.count))
+        self._physics.restore(snapshot["physics"])
+        self._motors.restore(snapshot["motors"])
+        self._effort, self._step, self._fault = (snapshot[name].copy() for name in ("effort", "step", "fault"))
+        self._truth = self._report = self._measured = None
+        if snapshot["is_closed"]:
+            self.close()
 
     def truth(self) -> MITState:
         """The true state of the robots now, shape (N, …): what `state` is without noise."""

@@ -1,0 +1,152 @@
+"""Environments copied in the middle of an episode: the copy and the original go on alike, and apart."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.envs import dm
+from humanoid_sim.envs.spaces import INTENTS
+from humanoid_sim.messages import Intent
+from humanoid_sim.robots.description import load_robot
+
+COPIES: dict[str, Callable[[Any], Any]] = {
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda env: pickle.loads(pickle.dumps(env)),
+}
+ROBOTS = {"LiteTracking": load_robot("lite"), "BipedVelocity": load_robot("lite_biped")}
+RANDOM = {
+    "mass": (0.8, 1.2),
+    "stiffness": (0.9, 1.1),
+    "command_delay": (0.0, 0.03),
+    "command_jitter": 0.01,
+    "joint_position_noise": 0.01,
+}
+
+copies = pytest.mark.parametrize("how", list(COPIES))
+
+
+def same(one: Any, other: Any) -> None:
+    """Everything that a step or a reset gave is the same to the bit."""
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for name in one:
+            same(one[name], other[name])
+    elif isinstance(one, tuple):
+        assert len(one) == len(other)
+        for a, b in zip(one, other, strict=True):
+            same(a, b)
+    else:
+        np.testing.assert_array_equal(one, other)
+
+
+def actions(space: Any, count: int) -> list[Any]:
+    space.seed(7)
+    return [0.1 * space.sample() for _ in range(count)]
+
+
+@copies
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("LiteTracking", {}),
+        ("LiteTracking", {"actuation": "qfrc_applied", "command_delay": 0.03, "state_delay": 0.01}),
+        ("LiteTracking", {"command_delay": 0.005, "state_sampling": "on_command"}),
+        ("BipedVelocity", {}),
+    ],
+)
+def test_one_robot_goes_on_alike(how: str, name: str, options: dict[str, Any]) -> None:
+    env = gymnasium.make(f"humanoid_sim/{name}-v0", robot=ROBOTS[name], **options)
+    env.reset(seed=3)
+    taken = actions(env.action_space, 16)
+    for action in taken[:8]:
+        env.step(action)
+    twin = COPIES[how](env)
+    assert twin.spec == env.spec
+    expected = [env.step(action) for action in taken[8:]]
+    found = [twin.step(action) for action in taken[8:]]
+    same(tuple(found), tuple(expected))
+    same(twin.reset(), env.reset())  # of the next episode, from the same stream
+    same(twin.action_space.sample(), env.action_space.sample())
+    twin.step(taken[0])
+    assert not np.array_equal(twin.unwrapped.robot.qpos, env.unwrapped.robot.qpos)  # type: ignore[attr-defined]
+
+
+@copies
+def test_before_the_first_reset_and_after_a_fault_it_is_as_the_first(how: str) -> None:
+    env = gymnasium.make("humanoid_sim/LiteTracking-v0", robot=ROBOTS["LiteTracking"])
+    fresh = COPIES[how](env)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        fresh.unwrapped.step(np.zeros(14))
+    same(fresh.reset(seed=1), env.reset(seed=1))
+    env.step(np.full(14, np.nan, dtype=np.float32))
+    assert COPIES[how](env).unwrapped.fault_count == 1
+    env.close()
+    assert COPIES[how](env.unwrapped).robot.is_closed
+
+
+@copies
+@pytest.mark.parametrize("randomisation", [None, RANDOM])
+def test_many_robots_go_on_alike(how: str, randomisation: dict[str, Any] | None) -> None:
+    options: dict[str, Any] = {"robot": ROBOTS["LiteTracking"], "randomisation": randomisation, "max_episode_steps": 11}
+    envs = gymnasium.make_vec("humanoid_sim/LiteTracking-v0", num_envs=5, threads=1, **options)
+    envs.reset(seed=3)
+    taken = actions(envs.action_space, 24)
+    taken[4][2] = np.nan  # one episode ends before the others
+    for action in taken[:8]:
+        envs.step(action)
+    twin = COPIES[how](envs)
+    expected = [envs.step(action) for action in taken[8:]]
+    found = [twin.step(action) for action in taken[8:]]
+    same(tuple(found), tuple(expected))
+    assert sum(step[3].sum() for step in expected) >= 5
+    same(twin.reset(), envs.reset())
+    assert twin.unwrapped.fault_count == 1
+    for one in (envs, twin):
+        one.close()
+
+
+@copies
+def test_the_whole_stack_goes_on_alike(how: str) -> None:
+    env = gymnasium.make("humanoid_sim/LiteModes-v0", robot=ROBOTS["LiteTracking"], control_frequency=50.0, remote=True)
+    env.reset(seed=0)
+    nothing = {"intent": 0, "send": 0, "command": np.zeros((5, 14))}
+
+    def ask(intent: Intent, send: int = 0) -> dict[str, Any]:
+        return nothing | {"intent": INTENTS.index(intent), "send": send}
+
+    script = [ask(Intent.DAMP), ask(Intent.LOAD_A), *[nothing] * 40, ask(Intent.START_REMOTE, 1), *[nothing] * 10]
+    for action in script[:20]:
+        env.step(action)
+    twin = COPIES[how](env)
+    for action in script[20:]:
+        same(twin.step(action), env.step(action))
+
+
+@copies
+@pytest.mark.parametrize("flat_observation", [False, True])
+def test_dm_control_s_environment_goes_on_alike(how: str, flat_observation: bool) -> None:
+    pytest.importorskip("dm_control")
+    robot = ROBOTS["LiteTracking"]
+    env = dm.load("lite_tracking", seed=2, robot=robot, time_limit=0.3, flat_observation=flat_observation)
+    env.reset()
+    taken = [np.full(14, 0.01 * i, dtype=np.float32) for i in range(30)]
+    for action in taken[:8]:
+        env.step(action)
+    twin = COPIES[how](env)
+    for action in taken[8:]:
+        expected, found = env.step(action), twin.step(action)
+        same(dict(found.observation), dict(expected.observation))
+        assert (found.reward, found.discount, found.step_type) == (
+            expected.reward,
+            expected.discount,
+            expected.step_type,
+        )
+    np.testing.assert_array_equal(twin.physics.data.qpos, env.physics.data.qpos)
