@@ -12,6 +12,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
+from humanoid_sim.mit import IMU
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import MotorDescription
@@ -26,6 +27,7 @@ __all__ = [
     "model_damping_findings",
     "motor_findings",
     "near_miss",
+    "point_findings",
     "range_findings",
     "rate_finding",
     "sorted_findings",
@@ -131,6 +133,16 @@ def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -
     if contract.anchor_body and contract.body_names and contract.anchor_body not in contract.body_names:
         message = f"'{contract.anchor_body}' is not among body_names: {', '.join(contract.body_names)}"
         yield Finding("warning", "anchor_body", f"{message}; a motion of those bodies does not tell where it is")
+
+
+def point_findings(contract: PolicyContract, sites: Sequence[str], robot: str) -> Iterator[Finding]:
+    """Points whose velocity is observed, and that the robot's model lacks; `sites` are all that it has."""
+    for term in contract.terms:
+        if term.at in contract.velocity_points and term.at not in (IMU, *sites):
+            meant = near_miss(term.at, sites)
+            hint = f"which has '{meant}'" if meant else f"which has: {', '.join(sites) or 'none'}"
+            message = f"at is '{term.at}', neither base nor imu nor a site of '{robot}', {hint}"
+            yield Finding("error", f"observation term {term.name}", message)
 
 
 def near_miss(name: str, known: Sequence[str]) -> str:

@@ -30,6 +30,7 @@ from humanoid_sim.policy.robot_check import (
     joint_findings,
     model_damping_findings,
     motor_findings,
+    point_findings,
     range_findings,
     rate_finding,
     sorted_findings,
@@ -132,6 +133,8 @@ def _findings(
     if not joints:
         yield from _stability(contract, description, physics_timestep)
     model = bare_model(description)
+    sites = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
+    yield from point_findings(contract, sites, description.name)
     own_damping = own_joint_damping(model, description)
     yield from model_damping_findings(contract, own_damping)
     if description.is_floating:

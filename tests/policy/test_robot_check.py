@@ -6,7 +6,14 @@ import pytest
 from findings import found
 from trainer import JOINTS, contract
 
-from humanoid_sim.policy.robot_check import body_findings, joint_findings, model_damping_findings, near_miss
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.policy.robot_check import (
+    body_findings,
+    joint_findings,
+    model_damping_findings,
+    near_miss,
+    point_findings,
+)
 from humanoid_sim.robots.description import RobotDescription
 
 
@@ -86,3 +93,15 @@ def test_damping_of_the_model_alone_is_no_warning() -> None:
     wiring = contract(joint_damping=[0.0, 1.5, 3.0, 3.0])
     message = found(model_damping_findings(wiring, {"left_hip": 0.5}), "info", "model_joint_damping").message
     assert "0 + 0.5 for left_hip;" in message
+
+
+def test_a_point_that_the_robot_lacks() -> None:
+    terms = [Term("base_lin_vel", at="torso-imu"), Term("v", kind="base_lin_vel", at="imu"), Term("joint_pos", at="x")]
+    wiring = contract(observation=terms)
+    message = found(
+        point_findings(wiring, ["foot", "torso_imu"], "g"), "error", "observation term base_lin_vel"
+    ).message
+    assert message == "at is 'torso-imu', neither base nor imu nor a site of 'g', which has 'torso_imu'"
+    (finding,) = point_findings(wiring, ["foot"], "g")
+    assert finding.message.endswith("of 'g', which has: foot")
+    assert tuple(point_findings(wiring, ["torso-imu"], "g")) == ()

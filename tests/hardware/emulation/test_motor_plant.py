@@ -12,8 +12,11 @@ from humanoid_sim.hardware.emulation.drives import RATED_RISE, TIME_CONSTANT, he
 from humanoid_sim.hardware.emulation.plant import MotorPlant
 from humanoid_sim.hardware.emulation.settings import NEW_FIRMWARE, EmulationSettings, motor_identities
 from humanoid_sim.hardware.tools.emulate import HandSweep
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 DIRECTION = np.array([joint.motor.direction for joint in LITE.joints if joint.motor is not None])
 
@@ -32,6 +35,26 @@ def test_shafts_turn_as_the_calibration_says() -> None:
     assert truth.time == 1.5
     assert truth.joint_velocity[LITE.joint_names.index("left_wrist_yaw")] > 1.0, "a positive torque, joint frame"
     assert plant.fault() == ""
+
+
+def test_an_imu_on_a_moving_body_feels_what_it_does_in_simulation() -> None:
+    """The same torques, and a body whose inertia is turned against its axes."""
+    model = bare_model(LITE)
+    body = model.body(model.jnt_bodyid[model.joint("left_elbow_pitch").id])
+    assert abs(body.iquat[0]) < 0.999
+    robot = replace(LITE, imu=body.name)
+    plant, simulated = MotorPlant(robot, EmulationSettings()), MujocoRobot(robot)
+    torque = np.linspace(-1.0, 1.0, 14)
+    zeros = np.zeros(14)
+    for _ in range(8):
+        simulated.write(MITCommand(zeros, zeros, torque, zeros, zeros))
+        for _ in range(simulated.physics_steps):
+            plant.step(DIRECTION * torque)
+    state, felt = simulated.read()[0], plant.truth(0.0).imu
+    np.testing.assert_array_equal(felt.quaternion, state.imu_quaternion)
+    np.testing.assert_array_equal(felt.angular_velocity, state.imu_angular_velocity)
+    np.testing.assert_array_equal(felt.linear_acceleration, state.imu_linear_acceleration)
+    assert np.all(np.abs(felt.angular_velocity) > 0.01)
 
 
 def test_an_offset_of_a_joint_that_is_not_driven_is_refused() -> None:
