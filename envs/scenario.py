@@ -108,7 +108,9 @@ def make_scenario(
     return Scenario(
         description=description,
         wiring=wiring,
-        task=make_task(task, description, read, loaded.reference, standing_height=start.height, **task_options),
+        task=make_task(
+            task, description, read, loaded.reference, standing_height=start.standing_height, **task_options
+        ),
         policy=loaded.policy,
         physics_timestep=timestep,
     )

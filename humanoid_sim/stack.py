@@ -27,6 +27,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -133,13 +134,14 @@ def run_header(
         control_period: s
         loaded: as given to `build_supervisor`.
         motion: that the policy follows.
-        settings: anything else that a reader may want to know; must be JSON. Versions and platform are added.
+        settings: anything else that a reader may want to know; must be JSON. Versions, platform and what figures mean
+            are added.
         start_time_ns: Unix nanoseconds at the robot clock's zero.
         remote: as given to `build_supervisor`.
         action_limit: likewise.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
-    told = {**settings, "versions": versions, "platform": platform.platform()}
+    told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
     documents = {
         "robot": description.to_json(),
         "settings": json.dumps(told, indent=1),

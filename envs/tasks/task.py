@@ -96,7 +96,7 @@ class Task(ABC):
             description: of the robot.
             contract: of the policy; its joints are the robot's.
             reference: of the contract's motion.
-            standing_height: m, of a floating base's origin where the robot starts; 0 for a fixed base.
+            standing_height: m, of the centre of mass above the floor where the robot stands; 0 for a fixed base.
             weights: of terms that should have another weight than the task gives them, 1/s per unit of the term.
             episode_seconds: s after which an episode is truncated; tasks that follow a motion end with it instead.
             joint_noise: rad by which each joint may start off the contract's default pose.
@@ -174,7 +174,7 @@ class Task(ABC):
     def describe_failure(self, sample: StepSample, i: int) -> str:
         """Why robot `i` of a batch has failed in a step that `judge` terminated."""
         if sample.base is not None and np.asarray(has_fallen(sample.base, self._standing_height))[i]:
-            return describe_fall(sample.base, i)
+            return describe_fall(sample.base, self._standing_height, i)
         return self._describe_stray(sample, i)
 
     def _describe_stray(self, sample: StepSample, i: int) -> str:
@@ -211,7 +211,7 @@ class BalanceTask(Task):
     joint_velocity -0.001 rad²/s²  squared joint velocity, summed over the joints
     ============== ====== ======== ================================================================================
 
-    Terminated where a floating base tilts by more than 1 rad or sinks below 0.6 of its height at the start.
+    Terminated where a robot with a floating base has fallen, as `humanoid_sim.evaluation.failure` defines it.
     """
 
     WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType({"alive": 1.0, "joint_velocity": -0.001, **Task.WEIGHTS})

@@ -46,7 +46,7 @@ class VelocityTask(Task):
     alive             0.5    1       1
     ================= ====== ======= ===============================================================================
 
-    Terminated where the base tilts by more than 1 rad or sinks below 0.6 of its height at the start. A command holds
+    Terminated where the robot has fallen, as `humanoid_sim.evaluation.failure` defines it. A command holds
     for 5 s; one in ten is zero, the others are uniform over the contract's ranges.
     """
 

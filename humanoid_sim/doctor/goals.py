@@ -52,8 +52,8 @@ class UprightGoal:
         """See `Goal.update`."""
         if base is None:
             return ""
-        self._standing_height = self._standing_height or float(base.height)
-        return describe_fall(base) if has_fallen(base, self._standing_height) else ""
+        self._standing_height = self._standing_height or float(base.mass_height)
+        return describe_fall(base, self._standing_height) if has_fallen(base, self._standing_height) else ""
 
     def parts(self) -> dict[str, float]:
         """See `Goal.parts`."""

@@ -15,6 +15,7 @@ from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
 from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, Quality, Strain, UprightGoal, VelocityGoal
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.evaluation.failure import has_run_away
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
 from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.messages import SafetyLevel
@@ -30,8 +31,6 @@ _TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)
 """s, longest first. Where damping is stable the longest gives the figures of the shortest, and costs a tenth."""
 _STABLE = 1.5
 """Largest eigenvalue of `dt · M⁻¹ · K_d` that is accepted here; see `humanoid_sim.simulation.stability`."""
-_RUNAWAY = 100.0
-"""rad/s, faster than any motor; from there on a simulation only gets worse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +140,8 @@ def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Tri
         lost = goal.update(int(loop.memory.frame), state, one.robot.base_state)
         if one.safety.level >= SafetyLevel.FAULT:
             lost = one.safety.message
-        elif np.abs(state.joint_velocity).max() > _RUNAWAY:
-            lost = lost or "the joints run away"
+        elif has_run_away(state.joint_velocity):  # before it counts as a fall that they are anywhere
+            lost = "the joints run away"
         inferred = infer(loop.wiring, policy, loop.observation, int(loop.memory.frame))
         if isinstance(inferred, Fault):
             lost = lost or inferred.message

@@ -7,33 +7,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.evaluation.failure import has_fallen
+from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.simulation.floating_base import BaseState
 
 __all__ = ["BaseMotion", "BaseSummary"]
 
 _SETTLING = 2.0
-"""s after release that means leave out: the robot starts from rest."""
+"""s after release that means and the largest tilt leave out: the robot starts from rest, and sags as it is let go."""
 
 
 @dataclass(frozen=True, slots=True)
 class BaseSummary:
-    """Figures of the base from its release on. Speeds are means from 2 s after release, NaN for a shorter run."""
+    """Figures of the base from its release on. Speeds are means from 2 s after release; None for a shorter run."""
 
     released: float
     """s, robot's clock."""
     duration: float
     """s from release to the end, or to the fall."""
-    velocity: tuple[float, float]
+    velocity: tuple[float, float] | None
     """m/s, forward and to the left, in the frame of the base's heading."""
-    yaw_rate: float
+    yaw_rate: float | None
     """rad/s"""
     height: tuple[float, float, float]
-    """m, least, mean and greatest, from release on."""
-    tilt_max: float
-    """rad"""
+    """m, of the base's origin above the floor: least, mean and greatest, from release on."""
+    tilt_max: float | None
+    """rad, from 2 s after release on; None for a shorter run."""
     fall: float | None
     """s after release at which the robot fell; None if it did not."""
+    fell: str
+    """How; empty if it did not."""
 
 
 class BaseMotion:
@@ -42,45 +44,59 @@ class BaseMotion:
     def __init__(self) -> None:
         """Nothing was seen yet."""
         self._released: float | None = None
+        self._standing_height = 0.0
         self._last = 0.0
-        self._height_at_release = 0.0
         self._speed_sum = np.zeros(3)
         self._speed_count = 0
         self._height = (math.inf, 0.0, -math.inf)
         self._count = 0
-        self._tilt = 0.0
+        self._tilt: float | None = None
         self._fall: float | None = None
+        self._fell = ""
 
-    def update(self, time: float, base: BaseState) -> None:
-        """Take one tick with a free base; `time` in s, robot's clock."""
-        height, tilt = float(base.height), float(base.tilt)
-        if self._released is None:
-            self._released, self._height_at_release = time, height
+    @property
+    def is_released(self) -> bool:
+        """Whether the base was ever free."""
+        return self._released is not None
+
+    def release(self, time: float, standing_height: float) -> None:
+        """The base is let go; `time` in s, robot's clock, `standing_height` in m, as `has_fallen` takes it."""
+        self._released, self._standing_height = time, standing_height
+
+    def update(self, time: float, base: BaseState) -> str:
+        """Take one tick with a free base; `time` in s, robot's clock. Says how the robot fell in the tick in which."""
+        assert self._released is not None
         if self._fall is not None:
-            return
+            return ""
         self._last = time
-        self._tilt = max(self._tilt, tilt)
+        since = time - self._released
+        height = float(base.height)
         low, total, high = self._height
         self._height = (min(low, height), total + height, max(high, height))
         self._count += 1
-        if has_fallen(base, self._height_at_release):
-            self._fall = time - self._released
-        elif time - self._released >= _SETTLING:
+        if since >= _SETTLING:
+            self._tilt = max(self._tilt or 0.0, float(base.tilt))
+        if has_fallen(base, self._standing_height):
+            self._fall, self._fell = since, describe_fall(base, self._standing_height)
+            return self._fell
+        if since >= _SETTLING:
             self._speed_sum += base.planar_velocity
             self._speed_count += 1
+        return ""
 
     def summary(self) -> BaseSummary | None:
         """The figures so far; None if the base was never free."""
-        if self._released is None:
+        if self._released is None or not self._count:
             return None
-        speed = self._speed_sum / self._speed_count if self._speed_count else np.full(3, np.nan)
+        speed = self._speed_sum / self._speed_count if self._speed_count else None
         low, total, high = self._height
         return BaseSummary(
             released=self._released,
             duration=self._last - self._released,
-            velocity=(float(speed[0]), float(speed[1])),
-            yaw_rate=float(speed[2]),
+            velocity=None if speed is None else (float(speed[0]), float(speed[1])),
+            yaw_rate=None if speed is None else float(speed[2]),
             height=(low, total / self._count, high),
             tilt_max=self._tilt,
             fall=self._fall,
+            fell=self._fell,
         )

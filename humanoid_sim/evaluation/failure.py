@@ -25,6 +25,7 @@ __all__ = [
     "describe_fall",
     "describe_stray",
     "has_fallen",
+    "has_run_away",
     "has_strayed",
 ]
 
@@ -33,15 +34,20 @@ Index = int | tuple[()]
 """Which robot of a batch; () for the only one."""
 
 FALLEN_TILT = 1.0
-"""rad between a floating base's z axis and the vertical."""
+"""rad between the vertical and the axis of a floating base that points up where the robot stands, its z axis mostly."""
 FALLEN_HEIGHT = 0.6
-"""Share of the height at which the base stands."""
+"""Share of the height above the floor that the centre of mass has where the robot stands.
+
+Not of the base's frame, which may lie anywhere on a robot, on the ground between its feet too.
+"""
 STRAYED_DISTANCE = 0.3
 """m between a tracked body and its reference in the base frame: further off than any policy that still follows."""
 STRAYED_HEIGHT = 0.35
 """m between the anchor body and its reference, along the vertical."""
 STRAYED_TILT = 1.2
 """rad between the two, the heading left out: a reference that is not aligned is not yet a loss."""
+_RUNAWAY = 100.0
+"""rad/s: no motor of a humanoid turns a joint as fast. A simulation that is about to diverge does."""
 _TOPPLED = math.radians(45.0)
 """rad of tilt from which a robot that fell is said to have tilted over."""
 
@@ -51,16 +57,25 @@ def has_fallen(base: BaseState, standing_height: FloatArray | float) -> BoolArra
 
     Args:
         base: pose and motion, shape (...).
-        standing_height: shape (...) or scalar, m, of the base's origin where the robot stands.
+        standing_height: shape (...) or scalar, m, of the centre of mass above the floor where the robot stands.
     """
-    fallen: BoolArray = (base.tilt > FALLEN_TILT) | (base.height < FALLEN_HEIGHT * standing_height)
+    fallen: BoolArray = (base.tilt > FALLEN_TILT) | (base.mass_height < FALLEN_HEIGHT * standing_height)
     return fallen
 
 
-def describe_fall(base: BaseState, i: Index = ()) -> str:
-    """How robot `i` fell."""
-    tilt, height = float(np.asarray(base.tilt)[i]), float(np.asarray(base.height)[i])
-    return f"fell: tilted by {math.degrees(tilt):.0f}°" if tilt > _TOPPLED else f"fell: sank to {height:.2f} m"
+def describe_fall(base: BaseState, standing_height: FloatArray | float, i: Index = ()) -> str:
+    """How robot `i` fell; the others as of `has_fallen`."""
+    tilt, height = float(np.asarray(base.tilt)[i]), float(np.asarray(base.mass_height)[i])
+    if tilt > _TOPPLED:
+        return f"fell: tilted by {math.degrees(tilt):.0f}°"
+    stood = float(np.broadcast_to(standing_height, np.shape(base.mass_height))[i])
+    return f"fell: its centre of mass sank to {height:.2f} m, it stood at {stood:.2f} m"
+
+
+def has_run_away(joint_velocity: FloatArray) -> BoolArray:
+    """Whether joints, shape (..., n), rad/s, are faster than any robot's, shape (...): a fault, not a fall."""
+    fastest: BoolArray = np.abs(joint_velocity).max(axis=-1) > _RUNAWAY
+    return fastest
 
 
 def has_strayed(error: PoseError) -> BoolArray:

@@ -1,7 +1,8 @@
 """How well a run follows its motion: errors of the bodies, or of joints and anchor body, accumulated frame by frame.
 
 The convention is strict: the error of frame k is the pose that was read in the very tick in which the policy was shown
-frame k, minus frame k. Nothing is shifted in time. What is kept does not grow with the length of the run.
+frame k, minus frame k. Nothing is shifted in time. A motion ends with its last frame, which counts once: what a policy
+does with it while it is held is no error of the motion. What is kept does not grow with the length of the run.
 """
 
 from __future__ import annotations
@@ -22,6 +23,19 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
 __all__ = ["AnchorErrors", "AnchorSummary", "BodyError", "TrackingErrors", "TrackingSummary", "peak_speed"]
+
+
+class _End:
+    """Tells when a motion is over, although its last frame is still shown. A single frame is a pose, which never is."""
+
+    def __init__(self, frame_count: int) -> None:
+        self._last = frame_count - 1
+        self._is_shown = False
+
+    def is_past(self, frame: int) -> bool:
+        """Whether the last frame was shown before; asked in every policy step."""
+        was_shown, self._is_shown = self._is_shown, frame >= self._last > 0
+        return was_shown and self._is_shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +101,7 @@ class TrackingErrors:
         self._hands = hands or list(range(count))
         self._position, self._rotation = body_poses(frames, count)
         self._peak_speed = peak_speed(self._position[:, self._hands], policy_dt)
+        self._end = _End(len(frames))
         self._samples = 0
         # Columns: position (m), orientation (rad).
         self._sum_of_squares = np.zeros((count, 2))
@@ -96,9 +111,11 @@ class TrackingErrors:
         """Take one policy step.
 
         Args:
-            frame: the frame that the policy was shown; from the end of the motion on the last one counts.
+            frame: the frame that the policy was shown.
             joint_position: shape (n,), rad, joint frame, read in that same tick.
         """
+        if self._end.is_past(frame):
+            return
         position, rotation = self._kinematics(joint_position)
         k = min(frame, len(self._position) - 1)
         error = np.stack([length(position - self._position[k]), rotation_angle(rotation, self._rotation[k])], axis=-1)
@@ -155,6 +172,7 @@ class AnchorErrors:
         self._order = joint_indices(joint_names, robot_joints, "joint_names of the policy")
         self._align = align
         self._alignment: Alignment | None = None
+        self._end = _End(reference.frame_count)
         self._sum = np.zeros(3)
         self._largest = np.zeros(3)
         self._samples = 0
@@ -162,7 +180,7 @@ class AnchorErrors:
     def update(self, frame: int, state: MITState) -> None:
         """Compare the state of a policy step with the frame that it was shown."""
         live = state.extern.get(ANCHOR_POSE)
-        if live is None:
+        if live is None or self._end.is_past(frame):
             return
         pose = live.value
         if frame == 0 and self._align:

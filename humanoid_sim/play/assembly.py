@@ -62,10 +62,8 @@ def assemble(plan: Plan, console: Console) -> Run:
     """
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     tracking, anchor = _errors(policy, description)
-    monitor = RunMonitor(
-        description.effort_limit, tracking, anchor=anchor, floating_base=description.is_floating and setup.simulated
-    )
     shown = ConsoleSink(console, expected_duration(config, policy, description))
+    monitor = RunMonitor(description.effort_limit, tracking, anchor=anchor, base=setup.base, tell=shown.event)
     recorder = None if plan.outputs.record is None else McapRecorder(plan.outputs.record)
     video = None if plan.outputs.video is None else VideoSink(plan.outputs.video, setup.model)
     gravity, remote = _remote(plan)

@@ -52,11 +52,13 @@ def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections
         raise InputError("--viewer native: there is no display here; use --video out.mp4 instead")
     for option, value in (
         ("--duration", config.duration),
+        ("--policy-seconds", config.policy_seconds),
         ("--control-frequency", config.control_frequency),
         ("--action-limit", config.action_limit),
     ):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{option}: is {value}, expected a finite number > 0")
+    _refuse_policy_seconds(config)
     if config.manual and not (sys.stdin and sys.stdin.isatty()):
         raise InputError("--manual: standard input is no terminal, expected one to read keys from")
     if config.remote == "none":
@@ -64,6 +66,21 @@ def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections
             raise InputError("--script: has start_remote, which needs a source of commands: use --remote gravity")
         if any(injection.kind == "silent_remote" for injection in injections):
             raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
+
+
+def _refuse_policy_seconds(config: PlayConfig) -> None:
+    """Refuse it where something else decides how long the policy runs, or none runs."""
+    if config.policy_seconds is None:
+        return
+    for option, given in (
+        ("--manual", config.manual),
+        ("--script", config.script is not None),
+        ("--hardware", config.hardware is not None),
+        ("--remote", config.remote != "none"),
+        ("--duration", config.duration is not None),
+    ):
+        if given:
+            raise InputError(f"--policy-seconds: means nothing with {option}, which decides how long a policy runs")
 
 
 _SIMULATION_ONLY = (

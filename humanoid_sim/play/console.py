@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from humanoid_sim.messages import Event, Mode, SessionHeader, TickRecord
+from humanoid_sim.messages import Event, EventKind, Mode, SessionHeader, TickRecord
 from humanoid_sim.session.sinks import WorkerSink
 
 __all__ = ["MODE_STYLES", "ConsoleSink"]
@@ -87,7 +87,8 @@ class ConsoleSink(WorkerSink):
     def handle_event(self, event: Event) -> None:
         """Print an event."""
         self._time = event.time
-        self._print(f"[dim]{escape(event.text)}[/dim]")
+        style = "bold red" if event.kind is EventKind.FAILURE else "dim"
+        self._print(f"[{style}]{escape(event.text)}[/]")
 
     def handle_pause(self) -> None:
         """Move the bar."""

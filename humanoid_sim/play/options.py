@@ -66,6 +66,9 @@ class PlayConfig:
     """How gravity compensation commands: as feed-forward effort, or as a PD position offset."""
     duration: float | None = None
     """Seconds on the robot's clock after which the run ends. Default: when the motion or the script ends."""
+    policy_seconds: float | None = None
+    """Seconds for which the policy drives the robot where nobody drives the FSM. Default: until its motion ends; 10
+    for a policy that follows none."""
     action_limit: float = 100.0
     """Largest magnitude of a raw action; beyond it the policy has failed, and the robot is damped."""
     manual: bool = False

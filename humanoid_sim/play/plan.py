@@ -167,6 +167,8 @@ _OPEN_END = 10.0
 def _automatic_script(config: PlayConfig, frames: int) -> str:
     """The script that plays when nobody drives: long enough in each mode to see it."""
     run = "motion; hold 0.5" if frames else f"hold {config.duration or _OPEN_END}"
+    if config.policy_seconds is not None:
+        run = f"hold {config.policy_seconds}"
     start = "start_remote" if config.remote != "none" else "start_locomotion"
     run = f"hold {config.duration or _OPEN_END}" if config.remote != "none" else run
     return f"hold 0.5; damp; hold 1; load_{config.pose}; wait; hold 0.2; {start}; {run}; damp; hold 1"
@@ -180,7 +182,8 @@ def expected_duration(config: PlayConfig, policy: PolicyChoice, description: Rob
         return None
     standby = description.standby_controller_a if config.pose == "a" else description.standby_controller_b
     motion = _OPEN_END if policy.motion is None or config.remote != "none" else policy.motion.duration
-    return 0.5 + 1.0 + sum(standby.segment_durations) + 0.2 + motion + 0.5 + 1.0
+    runs = motion + 0.5 if config.policy_seconds is None else config.policy_seconds
+    return 0.5 + 1.0 + sum(standby.segment_durations) + 0.2 + runs + 1.0
 
 
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:

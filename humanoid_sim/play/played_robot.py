@@ -20,7 +20,7 @@ from humanoid_sim.robots.imu import imu_line
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.delay import delay_steps
-from humanoid_sim.simulation.floating_base import support_in_mode
+from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -70,6 +70,8 @@ class RobotSetup:
     check_policy: Callable[[PolicyContract], tuple[str, ...]]
     """What an operator should know about driving this robot with a policy that fits its joints, one line each. Raises
     `InputError` if it cannot be driven with it."""
+    base: BaseObserver | None = None
+    """Sees its floating base, from the thread of one who watches; None where it has none, or nobody can tell."""
     mode_listener: Callable[[Mode], str] | None = None
     """Told of each new mode; see `Session`."""
     notices: tuple[str, ...] = ()
@@ -131,6 +133,7 @@ def simulated_robot(
         model=lambda: build_model(description),
         simulated=True,
         check_policy=check_policy,
+        base=BaseObserver(robot.model, description) if description.is_floating else None,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else None,
         notices=(*imu, *robot.warnings),
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Container
+import math
+import shlex
+from collections.abc import Container, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,10 +16,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.evaluation.base_motion import BaseMotion
+from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
 from humanoid_sim.files import whole_file
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
+from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
@@ -62,16 +66,39 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "tracking": None if run.tracking is None else _tracking_figures(run.tracking.summary()),
         "anchor": _figures(run.anchor),
         "base": _figures(run.monitor.base),
+        "doctor": _doctor(plan.config),
+        "definitions": dict(DEFINITIONS),
         "hardware": plan.setup.figures(),
         "never_injected": list(plan.injector.pending),
         "recording": None if plan.outputs.record is None else str(plan.outputs.record),
     }
 
 
+def _doctor(config: PlayConfig) -> str:
+    """The command that finds out what is wired wrongly in this policy; empty where there is nothing to examine."""
+    if config.policy in (None, "placeholder"):
+        return ""
+    command = ["python", "-m", "humanoid_sim.policy", "doctor", str(config.policy), "--robot", config.robot]
+    for option in ("contract", "motion", "base_height"):
+        value = getattr(config, option)
+        if value is not None:
+            command += [f"--{option.replace('_', '-')}", str(value)]
+    return shlex.join(command)
+
+
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
-    """Write the summary as JSON, whole or not at all."""
+    """Write the summary as JSON, whole or not at all; what is no number is null."""
     with whole_file(path) as file:
-        file.write((json.dumps(summary, indent=1) + "\n").encode())
+        file.write((json.dumps(_strict(summary), indent=1, allow_nan=False) + "\n").encode())
+
+
+def _strict(value: Any) -> Any:
+    """JSON knows neither NaN nor infinity."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _strict(item) for key, item in value.items()}
+    return [_strict(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def print_report(console: Console, summary: dict[str, Any]) -> None:
@@ -89,6 +116,11 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
     for kind in ("fault", "safety"):
         for event in summary["faults" if kind == "fault" else kind][:_SHOWN]:
             console.print(f"[red]{kind} at {event['time']:.3f} s[/red]  {escape(event['message'])}", highlight=False)
+    base = summary["base"]
+    if base and base["fall"] is not None:
+        console.print(f"[bold red]the robot fell[/] after {base['fall']:.2f} s: {escape(base['fell'])}")
+        if summary["doctor"]:
+            console.print(f"which wiring would keep it up: {summary['doctor']}", markup=False, soft_wrap=True)
     for injection in summary["never_injected"]:
         console.print(f"[yellow]--inject {injection}: never came about[/yellow], the run was over or in another mode")
 
@@ -160,11 +192,13 @@ def _hardware(figures: dict[str, Any]) -> Table:
 
 def _base(base: dict[str, Any]) -> Table:
     table = _table("Base, from its release on")
-    forward, left = base["velocity"]
-    table.add_row("mean velocity after 2 s", f"{forward:.3f} m/s forward, {left:.3f} m/s to the left")
-    table.add_row("mean yaw rate after 2 s", f"{base['yaw_rate']:.3f} rad/s")
-    table.add_row("height", "{:.3f} / {:.3f} / {:.3f} m, least, mean, greatest".format(*base["height"]))
-    table.add_row("largest tilt", f"{np.degrees(base['tilt_max']):.1f}°")
+    if base["velocity"] is not None:
+        forward, left = base["velocity"]
+        table.add_row("mean velocity after 2 s", f"{forward:.3f} m/s forward, {left:.3f} m/s to the left")
+        table.add_row("mean yaw rate after 2 s", f"{base['yaw_rate']:.3f} rad/s")
+    table.add_row("height of its origin", "{:.3f} / {:.3f} / {:.3f} m, least, mean, greatest".format(*base["height"]))
+    if base["tilt_max"] is not None:
+        table.add_row("largest tilt after 2 s", f"{np.degrees(base['tilt_max']):.1f}°")
     stood, fell = f"none in {base['duration']:.2f} s", base["fall"]
     table.add_row("fall", stood if fell is None else f"[red]after {fell:.2f} s[/red]")
     return table

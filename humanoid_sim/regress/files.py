@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,7 +11,9 @@ from xml.etree import ElementTree
 import msgspec
 
 from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.evaluation.definitions import differing
 from humanoid_sim.files import regular_file, whole_file
+from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, describe_change, describe_margin
 
 __all__ = ["junit_xml", "matching_baseline", "read_baseline", "write_json", "write_junit"]
@@ -59,27 +62,46 @@ def read_baseline(path: Path) -> PolicyRun:
     return run
 
 
-def matching_baseline(digests: Mapping[str, str], baseline: PolicyRun, source: str) -> PolicyRun:
+def matching_baseline(digests: Mapping[str, str], baseline: PolicyRun, config: RegressConfig) -> PolicyRun:
     """The part of a stored baseline that a suite's cases are compared with.
 
     Args:
         digests: of the suite's cases.
         baseline: as it was stored.
-        source: its file.
+        config: the options, which name its file.
 
     Raises:
-        InputError: a case is not in it, or was another when the baseline was made.
+        InputError: a case is not in it, or was another when the baseline was made, or its figures mean something else.
     """
+    source = config.baseline
+    others = differing(baseline.definitions)
+    if others:
+        raise InputError(
+            f"{source}: was made with other definitions than today's ({', '.join(others)}), so its figures cannot be "
+            f"compared; make it again: {_remake(baseline, config)}"
+        )
     for name, digest in digests.items():
         if name not in baseline.case_digests:
             raise InputError(f"{source}: {known_names('case', name, baseline.case_digests)}")
         if baseline.case_digests[name] != digest:
             raise InputError(
                 f"{source}: its case '{name}' was run under other conditions (suite, motion or robot have changed "
-                "since); make a new baseline with --write-baseline"
+                f"since); make it again: {_remake(baseline, config)}"
             )
     kept = tuple(episode for episode in baseline.episodes if episode.case in digests)
     return msgspec.structs.replace(baseline, episodes=kept, case_digests=digests)
+
+
+def _remake(baseline: PolicyRun, config: RegressConfig) -> str:
+    """The command that makes a stored baseline again, under today's conditions and definitions."""
+    command = ["python", "-m", "humanoid_sim.regress", baseline.source, "--suite", config.suite]
+    for option in ("robot", "contract", "seeds", "first_seed"):
+        value = getattr(config, option)
+        if value is not None:
+            command += [f"--{option.replace('_', '-')}", str(value)]
+    if baseline.margins:
+        command.append("--margins")
+    return shlex.join([*command, "--write-baseline", str(config.baseline), "--overwrite"])
 
 
 def write_junit(path: Path, results: Results) -> None:

@@ -132,6 +132,8 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Case by case in the suite's order, within a case seed by seed."""
     margins: tuple[Margin, ...] = ()
     """Empty without `--margins`."""
+    definitions: Mapping[str, str] = {}
+    """What its figures mean, as `humanoid_sim.evaluation.definitions` had it: only equals are compared."""
     batching: str = ""
     """How inference was batched: `in batches`, or `row by row: …` and why not."""
     versions: Mapping[str, str] = {}

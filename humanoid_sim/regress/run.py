@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import detectable_changes, judge
 from humanoid_sim.regress.executors import LOCAL, Advance, Executor, LocalExecutor, RayExecutor
@@ -50,7 +51,7 @@ def regress(config: RegressConfig) -> int:
     if config.baseline is not None and config.baseline.endswith(".onnx"):
         baseline = prepare_policy(prepared, Path(config.baseline), contract)
     elif config.baseline is not None:
-        baseline = matching_baseline(prepared.digests, read_baseline(Path(config.baseline)), config.baseline)
+        baseline = matching_baseline(prepared.digests, read_baseline(Path(config.baseline)), config)
     console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is no picture
     with ExitStack() as stack:
         executor: Executor = LocalExecutor(config.threads)
@@ -144,6 +145,7 @@ def run_policy(
         sha256=policy.checkpoint.sha256,
         suite=suite.name,
         case_digests=prepared.digests,
+        definitions=dict(DEFINITIONS),
         episodes=tuple(episodes),
         margins=measure_margins(policy.cases, executor, advance) if margins else (),
         batching=policy.policy.batching,

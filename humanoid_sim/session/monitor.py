@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
+from humanoid_sim.controllers.rotation import rotate, rotate_inverse
 from humanoid_sim.evaluation.base_motion import BaseMotion
+from humanoid_sim.evaluation.failure import has_run_away
 from humanoid_sim.evaluation.tracking import AnchorErrors
-from humanoid_sim.messages import Mode, SafetyStatus, TickRecord
-from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray
+from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
+from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray, MITState
 from humanoid_sim.recording.summary import ModeSpan
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
-from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.floating_base import BaseObserver
 
 __all__ = ["RunMonitor", "Tracker"]
 
@@ -38,7 +42,8 @@ class RunMonitor(WorkerSink):
         tracker: Tracker | None = None,
         *,
         anchor: AnchorErrors | None = None,
-        floating_base: bool = False,
+        base: BaseObserver | None = None,
+        tell: Callable[[Event], None] = lambda _: None,
     ) -> None:
         """Start empty.
 
@@ -46,13 +51,16 @@ class RunMonitor(WorkerSink):
             effort_limit: shape (n,), N·m, of the joints.
             tracker: gets the joint positions of every policy step.
             anchor: gets the states of every policy step.
-            floating_base: `qpos` begins with the position of a free base, which is free in LOCOMOTION and REMOTE.
+            base: sees the floating base of a simulated robot, which is free in LOCOMOTION and REMOTE; None for none.
+            tell: is told of a fall when it happens.
         """
         super().__init__("monitor")
         self._effort_limit = effort_limit
         self._tracker = tracker
         self._anchor = anchor
-        self.base = BaseMotion() if floating_base else None
+        self.base = None if base is None else BaseMotion()
+        self._observer = base
+        self._tell = tell
         self.spans: list[ModeSpan] = []
         self.faults: list[tuple[float, str]] = []
         self.safety: list[tuple[float, str]] = []
@@ -105,10 +113,21 @@ class RunMonitor(WorkerSink):
                 self._tracker.update(output.policy_step.frame, state.joint_position)
             if self._anchor is not None:
                 self._anchor.update(output.policy_step.frame, state)
-        if self.base is not None and record.qpos is not None and control.mode.is_free:
-            velocity = state.extern[BASE_LINEAR_VELOCITY].value
-            base = BaseState(record.qpos[:3], state.imu_quaternion, velocity, state.imu_angular_velocity)
-            self.base.update(time, base)
+        if record.qpos is not None and control.mode.is_free:
+            self._watch_base(state, record.qpos)
+
+    def _watch_base(self, state: MITState, qpos: FloatArray) -> None:
+        """Of a tick in which the base is free; one in which the simulation breaks says nothing about the robot."""
+        observer, motion, time = self._observer, self.base, float(state.time)
+        if observer is None or motion is None or has_run_away(state.joint_velocity):
+            return
+        if not motion.is_released:
+            motion.release(time, observer.standing_height(qpos))
+        turning = rotate(state.imu_quaternion, state.imu_angular_velocity)
+        base = observer.moving(qpos, state.extern[BASE_LINEAR_VELOCITY].value, turning)
+        fell = motion.update(time, replace(base, angular_velocity=rotate_inverse(base.quaternion, turning)))
+        if fell:
+            self._tell(Event(time, fell, EventKind.FAILURE))
 
     def _note_safety(self, time: float, statuses: tuple[SafetyStatus, ...]) -> None:
         if all(status.is_ok for status in statuses):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import mujoco
@@ -15,11 +15,21 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.stance import CentreOfMass, Floor, clearance, standing_height
 
 if TYPE_CHECKING:
     from humanoid_sim.simulation.model import JointAddresses
 
-__all__ = ["BaseState", "FloatingBase", "StartPose", "Supported", "add_support", "base_addresses", "support_in_mode"]
+__all__ = [
+    "BaseObserver",
+    "BaseState",
+    "FloatingBase",
+    "StartPose",
+    "Supported",
+    "add_support",
+    "base_addresses",
+    "support_in_mode",
+]
 
 _SUPPORT = "humanoid_sim_support"
 """Name of the mocap body and of the weld: unlikely enough to be free in any user's MJCF."""
@@ -37,11 +47,23 @@ class BaseState:
     """Shape (..., 3), m/s, world frame."""
     angular_velocity: FloatArray
     """Shape (..., 3), rad/s, base frame."""
+    centre_of_mass: FloatArray
+    """Shape (..., 3), m, world frame, of the whole robot."""
+    floor: FloatArray
+    """Shape (...), m, world frame: how high the floor is under the centre of mass."""
+    up: FloatArray | None = None
+    """Shape (3,), base frame: the axis that points up where the robot stands; None for the z axis."""
 
     @property
     def height(self) -> FloatArray:
-        """Shape (...), m, above the world's origin."""
-        height: FloatArray = self.position[..., 2]
+        """Shape (...), m, of the base's origin above the floor."""
+        height: FloatArray = self.position[..., 2] - self.floor
+        return height
+
+    @property
+    def mass_height(self) -> FloatArray:
+        """Shape (...), m, of the centre of mass above the floor."""
+        height: FloatArray = self.centre_of_mass[..., 2] - self.floor
         return height
 
     @property
@@ -51,7 +73,12 @@ class BaseState:
 
     @property
     def tilt(self) -> FloatArray:
-        """Shape (...), rad, between the base's z axis and the vertical, 0 to π."""
+        """Shape (...), rad, between the axis that points up where the robot stands and the vertical, 0 to π."""
+        if self.up is not None:
+            gravity = self.gravity
+            down = sum((gravity[..., i] * self.up[i] for i in range(3)), start=np.zeros(()))
+            turned: FloatArray = np.arccos(np.clip(-down, -1.0, 1.0))
+            return turned
         x, y = self.quaternion[..., 1], self.quaternion[..., 2]
         tilt: FloatArray = 2.0 * np.arcsin(np.minimum(np.sqrt(x * x + y * y), 1.0))
         return tilt
@@ -97,6 +124,60 @@ def base_addresses(model: mujoco.MjModel, description: RobotDescription) -> tupl
     joint = int(model.body_jntadr[model.body(description.base.body).id])
     q, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
     return slice(q, q + 3), slice(q + 3, q + 7), slice(v, v + 3), slice(v + 3, v + 6)
+
+
+class BaseObserver:
+    """Sees pose and motion of a robot's floating base, its centre of mass and the floor under it. Not thread-safe."""
+
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
+        """Look at a robot in a model made by `build_model`."""
+        self._position, self._quaternion, self._linear, self._angular = base_addresses(model, description)
+        self._model, self._body = model, description.base.body
+        self._floor = Floor(model)
+        up = -gravity_direction(model.qpos0[self._quaternion])
+        axis = int(np.abs(up).argmax())
+        self._up: FloatArray | None = None
+        if axis != 2 or up[2] < 0.0:  # not every designer's bases stand on their z axes
+            self._up = np.where(np.arange(3) == axis, np.sign(up), 0.0)
+
+    @cached_property
+    def _centre_of_mass(self) -> CentreOfMass:
+        return CentreOfMass(self._model, self._body)
+
+    def at(self, qpos: FloatArray, qvel: FloatArray, centre_of_mass: FloatArray | None = None) -> BaseState:
+        """As MuJoCo's generalised position and velocity say; the values are copies.
+
+        Args:
+            qpos: shape (..., nq).
+            qvel: shape (..., nv).
+            centre_of_mass: shape (..., 3), m, world frame; None: computed, for one robot.
+        """
+        return self.moving(qpos, qvel[..., self._linear].copy(), qvel[..., self._angular].copy(), centre_of_mass)
+
+    def moving(
+        self,
+        qpos: FloatArray,
+        linear_velocity: FloatArray,
+        angular_velocity: FloatArray,
+        centre_of_mass: FloatArray | None = None,
+    ) -> BaseState:
+        """As `at`, with the velocities as `BaseState` has them."""
+        quaternion = qpos[..., self._quaternion]
+        quaternion = quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
+        mass = self._centre_of_mass(qpos) if centre_of_mass is None else centre_of_mass
+        return BaseState(
+            qpos[..., self._position].copy(),
+            quaternion,
+            linear_velocity,
+            angular_velocity,
+            mass,
+            self._floor.level(mass),
+            self._up,
+        )
+
+    def standing_height(self, qpos: FloatArray) -> float:
+        """m, of the centre of mass above the floor if the robot stood in this pose, shape (nq,)."""
+        return standing_height(self._model, self._body, qpos)
 
 
 class FloatingBase:
@@ -148,7 +229,7 @@ class FloatingBase:
             height = description.base.height
         if height is None:
             qpos[self._position], qpos[self._quaternion] = self._start[:3], self._start[3:]
-            height = float(self._start[2]) - _clearance(model, qpos)
+            height = float(self._start[2]) - clearance(model, qpos)
         self._start[2] = height
 
     def place(self, data: mujoco.MjData) -> None:
@@ -171,17 +252,6 @@ class FloatingBase:
     def release(self, data: mujoco.MjData) -> None:
         """Let the base go."""
         data.eq_active[self._weld] = 0
-
-    def state(self, data: mujoco.MjData) -> BaseState:
-        """Pose and motion at the data's present `qpos` and `qvel`; the values are copies."""
-        quaternion = data.qpos[self._quaternion].copy()
-        mujoco.mju_normalize4(quaternion)
-        return BaseState(
-            data.qpos[self._position].copy(),
-            quaternion,
-            data.qvel[self._linear].copy(),
-            data.qvel[self._angular].copy(),
-        )
 
 
 class Supported(Protocol):
@@ -214,13 +284,17 @@ class StartPose:
         self._joints = joints
         self._dof_count = int(model.nv)
         self._base_quaternion: slice | None = None
-        self.height = 0.0
-        """m, above the world's origin, of a floating base."""
+        self._model, self._base_body = model, description.base.body
         if description.is_floating:
             FloatingBase(model, description, data.qpos).place(data)
-            position, self._base_quaternion, _, _ = base_addresses(model, description)
-            self.height = float(data.qpos[position][2])
+            self._base_quaternion = base_addresses(model, description)[1]
         self._qpos: FloatArray = data.qpos.copy()
+
+    @cached_property
+    def standing_height(self) -> float:
+        """m, of the centre of mass above the floor; 0 for a fixed base."""
+        floats = self._base_quaternion is not None
+        return standing_height(self._model, self._base_body, self._qpos) if floats else 0.0
 
     def arrays(
         self,
@@ -249,23 +323,3 @@ class StartPose:
             turn = np.stack([np.cos(half), none, none, np.sin(half)], axis=-1)
             qpos[..., self._base_quaternion] = multiply(turn, self._qpos[self._base_quaternion])
         return qpos, qvel
-
-
-def _clearance(model: mujoco.MjModel, qpos: FloatArray) -> float:
-    """m, from the lowest part of the robot that can collide down to what stands still; 0 if there is nothing below."""
-    model = copy.copy(model)
-    is_static = model.body_weldid[model.geom_bodyid] == 0
-    # Contacts are found within a margin: one as large as the robot finds them however far it floats or is sunk in.
-    far = 10.0 + 4.0 * float(model.stat.extent)
-    model.geom_margin[is_static] = far
-    model.pair_margin[:] = far  # feet may touch the floor through explicit contact pairs, with margins of their own
-    # Bodies of several geoms are sorted out by margins that were taken when the model was compiled.
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_collision(model, data)
-    pairs = data.contact.geom
-    distances = data.contact.dist[is_static[pairs].any(axis=1)] if len(pairs) else np.empty(0)
-    return float(distances.min()) if len(distances) else 0.0

@@ -15,7 +15,7 @@ from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import DelayLine, delay_steps
-from humanoid_sim.simulation.floating_base import BaseState, FloatingBase
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase
 from humanoid_sim.simulation.plant import Actuation, make_plant
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
@@ -106,7 +106,9 @@ class MujocoRobot:
         self._warnings = self._stability.check_description()
         self._starts_held = support
         self._base: FloatingBase | None = None
+        self._observer: BaseObserver | None = None
         if description.is_floating:
+            self._observer = BaseObserver(self._plant.model, description)
             self._base = FloatingBase(
                 self._plant.model,
                 description,
@@ -195,7 +197,8 @@ class MujocoRobot:
     @property
     def base_state(self) -> BaseState | None:
         """Pose and motion of a floating base at the present simulation time, None for a fixed one. For monitors."""
-        return None if self._base is None else self._base.state(self._plant.data)
+        data = self._plant.data
+        return None if self._observer is None else self._observer.at(data.qpos, data.qvel)
 
     @property
     def qpos(self) -> FloatArray:

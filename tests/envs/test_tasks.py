@@ -81,6 +81,11 @@ def state(joint_position: FloatArray, **extern: FloatArray) -> MITState:
     return MITState(0.0, joint_position, zeros, zeros, zeros, quaternion, vector, vector, live)
 
 
+def state_of_base(position: FloatArray, quaternion: FloatArray, linear: FloatArray, angular: FloatArray) -> BaseState:
+    """With the centre of mass at the base's origin, on a floor at 0."""
+    return BaseState(position, quaternion, linear, angular, position, np.zeros(position.shape[:-1]))
+
+
 def sample(task: Task, batch: tuple[int, ...] = (), **changes: object) -> StepSample:
     """The robot at rest in its default pose, its bodies exactly on frame 0 of `two_body_frames`."""
     n, m = len(task.contract.joint_names), task.contract.action_count
@@ -98,7 +103,7 @@ def sample(task: Task, batch: tuple[int, ...] = (), **changes: object) -> StepSa
         "body_position": np.zeros((*batch, 2, 3)),
         "body_quaternion": quaternions,
         "command": np.zeros((*batch, 3)),
-        "base": BaseState(height, upright, np.zeros((*batch, 3)), np.zeros((*batch, 3))),
+        "base": state_of_base(height, upright, np.zeros((*batch, 3)), np.zeros((*batch, 3))),
     }
     return StepSample(**{**fields, **changes})  # type: ignore[arg-type]
 
@@ -195,7 +200,7 @@ def test_velocity_commands_hold_for_five_seconds(velocity: VelocityTask) -> None
 
 def test_walking_at_the_command_earns_the_weights_per_second(velocity: VelocityTask) -> None:
     quaternion = np.array([np.cos(0.5), 0.0, 0.0, np.sin(0.5)])  # turned left by 1 rad
-    base = BaseState(
+    base = state_of_base(
         np.array([5.0, 2.0, 1.0]), quaternion, rotate(quaternion, np.array([0.4, 0.1, 0.0])), np.array([0.0, 0.0, 0.3])
     )
     exact = velocity.judge(sample(velocity, base=base, command=np.array([0.4, 0.1, 0.3])))
@@ -210,7 +215,7 @@ def test_a_fall_is_a_tilt_or_a_low_base(velocity: VelocityTask) -> None:
     position = np.array([[0.0, 0.0, 1.0]] * 3 + [[0.0, 0.0, 0.59]])
     tilt = np.array([0.0, 0.9, 1.1, 0.0])
     quaternion = np.stack([np.cos(tilt / 2), np.sin(tilt / 2), np.zeros(4), np.zeros(4)], axis=-1)
-    judgement = velocity.judge(sample(velocity, (4,), base=BaseState(position, quaternion, zeros, zeros)))
+    judgement = velocity.judge(sample(velocity, (4,), base=state_of_base(position, quaternion, zeros, zeros)))
     np.testing.assert_array_equal(judgement.terminated, [False, False, True, True])
     np.testing.assert_allclose(judgement.terms["upright"], -DT * np.sin(tilt) ** 2, atol=1e-15)
 
@@ -262,10 +267,10 @@ def test_a_batch_gives_bit_for_bit_what_its_robots_give(name: str, request: pyte
     }
     position, motion = 3.0 * rng.normal(size=(5, n)), rng.normal(size=(3, 5, 3))
     batch = task.judge(
-        sample(task, (5,), **arrays, state=state(position), base=BaseState(motion[0], quaternion, *motion[1:]))
+        sample(task, (5,), **arrays, state=state(position), base=state_of_base(motion[0], quaternion, *motion[1:]))
     )
     for i in range(5):
-        base = BaseState(motion[0, i], quaternion[i], *motion[1:, i])
+        base = state_of_base(motion[0, i], quaternion[i], *motion[1:, i])
         one = task.judge(
             sample(task, **{key: value[i] for key, value in arrays.items()}, state=state(position[i]), base=base)
         )

@@ -20,7 +20,13 @@ def base(
     lean = np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
     quaternion = [turn[0] * lean[0], -turn[3] * lean[2], turn[0] * lean[2], turn[3] * lean[0]]
     position, rate = np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 0.3])
-    return BaseState(position, np.array(quaternion), np.array(velocity), rate)
+    return BaseState(position, np.array(quaternion), np.array(velocity), rate, 0.7 * position, np.zeros(()))
+
+
+def released(time: float) -> BaseMotion:
+    motion = BaseMotion()
+    motion.release(time, 0.56)
+    return motion
 
 
 def test_nothing_before_release() -> None:
@@ -28,7 +34,7 @@ def test_nothing_before_release() -> None:
 
 
 def test_speeds_are_in_the_heading_frame_from_two_seconds_on() -> None:
-    motion = BaseMotion()
+    motion = released(5.0)
     for k in range(301):
         time = 5.0 + 0.01 * k
         early = time < 7.0 - 1e-9
@@ -44,23 +50,36 @@ def test_speeds_are_in_the_heading_frame_from_two_seconds_on() -> None:
 
 
 def test_height_and_tilt() -> None:
-    motion = BaseMotion()
-    for time, height, tilt in ((0.0, 0.8, 0.0), (0.1, 0.7, 0.25), (0.2, 0.75, -0.1)):
+    motion = released(0.0)
+    for time, height, tilt in ((0.0, 0.8, 0.0), (0.1, 0.7, 0.6), (1.9, 0.75, 0.5), (2.0, 0.75, -0.1)):
         motion.update(time, base(height, tilt=tilt, yaw=1.0))
     summary = motion.summary()
     assert summary is not None
     assert summary.height == pytest.approx((0.7, 0.75, 0.8))
-    assert summary.tilt_max == pytest.approx(0.25)
-    assert math.isnan(summary.velocity[0])
+    assert summary.tilt_max == pytest.approx(0.1)  # not those of the release
 
 
-@pytest.mark.parametrize(("height", "tilt"), [(0.47, 0.0), (0.8, 1.01)])
-def test_a_fall_ends_the_figures(height: float, tilt: float) -> None:
-    motion = BaseMotion()
-    motion.update(1.0, base(0.8))
-    motion.update(1.5, base(height, tilt=tilt))
-    motion.update(2.0, base(0.1, velocity=(7.0, 0.0, 0.0)))
+def test_a_run_that_ends_before_it_has_settled_has_no_means() -> None:
+    motion = released(0.0)
+    motion.update(1.9, base(tilt=0.3))
     summary = motion.summary()
     assert summary is not None
-    assert summary.fall == 0.5
+    assert (summary.velocity, summary.yaw_rate, summary.tilt_max) == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("height", "tilt", "text"),
+    [
+        (0.47, 0.0, "fell: its centre of mass sank to 0.33 m, it stood at 0.56 m"),
+        (0.8, 1.01, "fell: tilted by 58°"),
+    ],
+)
+def test_a_fall_ends_the_figures(height: float, tilt: float, text: str) -> None:
+    motion = released(1.0)
+    assert motion.update(1.0, base(0.8)) == ""
+    assert motion.update(1.5, base(height, tilt=tilt)) == text
+    assert motion.update(2.0, base(0.1, velocity=(7.0, 0.0, 0.0))) == ""  # told once
+    summary = motion.summary()
+    assert summary is not None
+    assert (summary.fall, summary.fell) == (0.5, text)
     assert summary.height[0] == height

@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.evaluation.errors import PoseError
 from humanoid_sim.evaluation.failure import (
     body_has_strayed,
@@ -10,10 +14,15 @@ from humanoid_sim.evaluation.failure import (
     describe_fall,
     describe_stray,
     has_fallen,
+    has_run_away,
     has_strayed,
 )
-from humanoid_sim.mit import FloatArray
-from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.stance import clearance
 
 
 def leaning(tilt: FloatArray) -> FloatArray:
@@ -25,7 +34,7 @@ def base(height: FloatArray, tilt: FloatArray) -> BaseState:
     zeros = np.zeros((*height.shape, 3))
     position = zeros.copy()
     position[..., 2] = height
-    return BaseState(position, leaning(tilt), zeros, zeros)
+    return BaseState(zeros, leaning(tilt), zeros, zeros, position, np.zeros_like(height))
 
 
 def test_a_fall_is_a_tilt_of_more_than_1_rad_or_less_than_six_tenths_of_the_height() -> None:
@@ -36,13 +45,17 @@ def test_a_fall_is_a_tilt_of_more_than_1_rad_or_less_than_six_tenths_of_the_heig
 
 @pytest.mark.parametrize(
     ("height", "tilt", "text"),
-    [(0.3, 0.1, "fell: sank to 0.30 m"), (0.8, 1.2, "fell: tilted by 69°"), (0.3, 0.9, "fell: tilted by 52°")],
+    [
+        (0.3, 0.1, "fell: its centre of mass sank to 0.30 m, it stood at 0.80 m"),
+        (0.8, 1.2, "fell: tilted by 69°"),
+        (0.3, 0.9, "fell: tilted by 52°"),
+    ],
 )
 def test_a_fall_is_described_in_one_way_for_one_robot_and_for_one_of_many(
     height: float, tilt: float, text: str
 ) -> None:
-    assert describe_fall(base(np.array(height), np.array(tilt))) == text
-    assert describe_fall(base(np.array([0.8, height]), np.array([0.0, tilt])), 1) == text
+    assert describe_fall(base(np.array(height), np.array(tilt)), 0.8) == text
+    assert describe_fall(base(np.array([0.8, height]), np.array([0.0, tilt])), 0.8, 1) == text
 
 
 def test_an_anchor_strays_by_height_or_tilt_and_not_by_heading_or_place() -> None:
@@ -61,3 +74,125 @@ def test_a_body_strays_by_its_distance() -> None:
     assert body_has_strayed(distance**2).tolist() == [False, True, True]
     assert describe_body_stray(distance[1], ("left", "right")) == "strayed: left is 0.31 m from the motion"
     assert describe_body_stray(distance[2], ("left", "right")) == "strayed: left is nan m from the motion"
+
+
+ROBOT = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <geom name="ground" type="plane" size="0 0 0.05" pos="0 0 {floor}"/>
+    <body name="base" pos="0 0 1" {turn}>
+      <freejoint/>
+      <site name="imu"/>
+      <body name="frame" {back}><body name="hips" pos="0 0 {down}">
+        <geom type="box" size="0.1 0.15 0.2" pos="0 0 0.3" mass="10"/>
+        <body name="leg">
+          <joint name="hip" axis="0 1 0" range="-2 2" armature="0.02"/>
+          <geom type="box" size="0.05 0.1 0.25" pos="0 0 -0.25" mass="2" contype="0" conaffinity="0"/>
+          <body name="shank" pos="0 0 -0.5">
+            <joint name="knee" axis="0 1 0" range="-2.5 2.5" armature="0.02"/>
+            <geom type="box" size="0.1 0.15 0.2" pos="0 0 -0.2" mass="2"/>
+          </body>
+        </body>
+      </body></body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+"""1.4 m high, the hips at 0.9 m, with its base's frame anywhere: `down` is from there to the hips."""
+FRAMES = {"ground": 0.9, "hips": 0.0, "head": -0.5, "above the head": -0.8, "below the ground": 1.1}
+MASS = (10.0 * 1.2 + 2.0 * 0.65 + 2.0 * 0.2) / 14.0
+"""m, of its centre of mass where it stands."""
+FOLDED = np.array([-1.5, 2.4])
+"""rad: it sits on its heels."""
+
+
+@pytest.fixture(params=FRAMES)
+def figure(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Path]:
+    """Writes that robot."""
+
+    def make(floor: float = 0.0, turn: str = "", back: str = "") -> Path:
+        path = tmp_path / "figure.xml"
+        path.write_text(ROBOT.format(down=FRAMES[request.param], floor=floor, turn=turn, back=back))
+        return path
+
+    return make
+
+
+def posed(robot: MujocoRobot, joints: FloatArray, quaternion: FloatArray | None = None) -> BaseState:
+    """On the floor in some pose."""
+    observer = BaseObserver(robot.model, robot.description)
+    qpos = robot.qpos.copy()
+    qpos[7:] = joints
+    if quaternion is not None:
+        qpos[3:7] = quaternion
+    qpos[2] -= clearance(robot.model, qpos)
+    return observer.at(qpos, np.zeros(8))
+
+
+@pytest.mark.parametrize("floor", [0.0, -0.8, 1.7])
+def test_a_fall_is_one_wherever_the_base_frame_and_the_floor_lie(figure: Callable[..., Path], floor: float) -> None:
+    robot = MujocoRobot(load_robot(figure(floor)), support=False)
+    standing = BaseObserver(robot.model, robot.description).standing_height(robot.qpos)
+    assert standing == pytest.approx(MASS)
+    base = robot.base_state
+    assert base is not None
+    assert base.mass_height == pytest.approx(MASS)
+    assert not has_fallen(base, standing)
+    crouching = posed(robot, np.array([-0.6, 1.2]))
+    assert 0.75 * MASS < crouching.mass_height < 0.95 * MASS
+    assert not has_fallen(crouching, standing)
+    sitting = posed(robot, FOLDED)
+    assert sitting.mass_height < 0.6 * MASS
+    assert has_fallen(sitting, standing)
+    lying = posed(robot, np.zeros(2), np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]))
+    assert lying.tilt == pytest.approx(np.pi / 2)
+    assert has_fallen(lying, standing)
+
+
+TURNS = {
+    "upside down": ('euler="3.14159265358979 0 0"', (0.0, 1.0, 0.0, 0.0)),
+    "on its nose": ('euler="0 1.57079632679490 0"', (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)),
+    "on its side": ('euler="1.57079632679490 0 0"', (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_base_frame_may_be_turned_any_way_up(figure: Callable[..., Path], turn: str) -> None:
+    there, quaternion = TURNS[turn]
+    w, x, y, z = quaternion
+    robot = MujocoRobot(load_robot(figure(turn=there, back=f'quat="{w} {-x} {-y} {-z}"')), support=False)
+    base = robot.base_state
+    assert base is not None
+    assert base.tilt == pytest.approx(0.0, abs=1e-6)
+    assert base.mass_height == pytest.approx(MASS)
+    assert not has_fallen(base, MASS)
+    fallen = posed(robot, np.zeros(2), multiply(leaning(np.array(1.1)), np.array(quaternion)))
+    assert fallen.tilt == pytest.approx(1.1)
+    assert has_fallen(fallen, 0.0)
+
+
+def test_one_robot_and_a_batch_fall_at_the_same_height(figure: Callable[..., Path]) -> None:
+    """Under the same commands, falling over as it likes, with the floor below the world's origin."""
+    description = load_robot(figure(-0.3))
+    robot = MujocoRobot(description, support=False, actuation="affine")
+    batch = BatchSimulation(description, 2, threads=1)
+    command = MITCommand(np.array([-0.4, 0.9]), np.zeros(2), np.zeros(2), np.full(2, 200.0), np.full(2, 4.0))
+    both = MITCommand(*(np.tile(getattr(command, name), (2, 1)) for name in COMMAND_FIELDS))
+    seen = []
+    for _ in range(300):
+        robot.write(command)
+        batch.step(both)
+        one, many = robot.base_state, batch.base
+        assert one is not None
+        assert many is not None
+        np.testing.assert_allclose(many.mass_height, one.mass_height, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(many.tilt, one.tilt, rtol=0, atol=1e-9)
+        seen.append(bool(has_fallen(one, MASS)))
+        assert has_fallen(many, MASS).tolist() == [seen[-1]] * 2
+    batch.close()
+    assert (seen[0], seen[-1]) == (False, True)
+
+
+def test_joints_that_no_motor_could_turn_as_fast_are_a_fault() -> None:
+    assert has_run_away(np.array([[0.0, -99.0], [0.0, -101.0]])).tolist() == [False, True]

@@ -1,6 +1,7 @@
 """A robot whose base moves: where it starts, what holds it, how its motion is seen."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -224,7 +225,7 @@ def test_a_start_is_that_of_a_robot_turned_about_the_vertical(hopper: Path) -> N
     model = build_model(robot, scene="floor")
     pose = StartPose(model, robot, joint_addresses(model, robot.joint_names))
     turned = MujocoRobot(robot, base_yaw=0.7)
-    assert pose.height == pytest.approx(float(base_of(turned).height), abs=1e-12)
+    assert pose.standing_height == pytest.approx(float(base_of(turned).mass_height), abs=1e-12)
     qpos, qvel = pose.arrays(base_yaw=np.array(0.7))
     np.testing.assert_allclose(qpos, turned.qpos, rtol=0, atol=1e-15)
     assert not qvel.any()
@@ -246,8 +247,11 @@ def test_base_state_in_words() -> None:
         np.array([math.cos(half_pitch), 0, math.sin(half_pitch), 0]),
     )
     velocity = np.array([math.cos(2.0) * 0.5, math.sin(2.0) * 0.5, 0.1])
-    state = BaseState(np.array([1.0, 2.0, 0.7]), quaternion, velocity, np.array([-math.sin(0.4), 0.0, math.cos(0.4)]))
-    assert state.height == 0.7
+    turning = np.array([-math.sin(0.4), 0.0, math.cos(0.4)])
+    mass = np.array([1.1, 2.0, 0.6])
+    state = BaseState(np.array([1.0, 2.0, 0.7]), quaternion, velocity, turning, mass, np.array(0.25))
+    assert state.height == pytest.approx(0.45)
+    assert state.mass_height == pytest.approx(0.35)
     assert state.tilt == pytest.approx(0.4)
     assert state.yaw == pytest.approx(2.0)
     assert state.planar_velocity == pytest.approx([0.5, 0.0, 1.0])
@@ -255,7 +259,8 @@ def test_base_state_in_words() -> None:
 
 @pytest.mark.parametrize(("quaternion", "tilt"), [([1, 0, 0, 0], 0.0), ([0, 1, 0, 0], math.pi), ([0, 0, 0, 1], 0.0)])
 def test_tilt_from_upright_to_upside_down(quaternion: list[float], tilt: float) -> None:
-    state = BaseState(np.zeros(3), np.array(quaternion, dtype=float), np.zeros(3), np.zeros(3))
+    state = BaseState(*[np.zeros(3)] * 5, np.zeros(()))
+    state = replace(state, quaternion=np.array(quaternion, dtype=float))
     assert state.tilt == pytest.approx(tilt)
 
 
@@ -263,11 +268,12 @@ def test_a_batch_of_base_states_is_its_members_bit_for_bit() -> None:
     rng = np.random.default_rng(5)
     quaternion = rng.normal(size=(20, 4))
     quaternion /= np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
-    position, linear, angular = rng.normal(size=(3, 20, 3))
-    batch = BaseState(position, quaternion, linear, angular)
+    position, linear, angular, mass = rng.normal(size=(4, 20, 3))
+    up, floor = np.array([0.6, 0.0, 0.8]), rng.normal(size=20)
+    batch = BaseState(position, quaternion, linear, angular, mass, floor, up)
     for i in range(20):
-        one = BaseState(position[i], quaternion[i], linear[i], angular[i])
-        for name in ("height", "tilt", "yaw", "gravity", "planar_velocity"):
+        one = BaseState(position[i], quaternion[i], linear[i], angular[i], mass[i], floor[i], up)
+        for name in ("height", "mass_height", "tilt", "yaw", "gravity", "planar_velocity"):
             np.testing.assert_array_equal(getattr(batch, name)[i], getattr(one, name))
 
 

@@ -100,7 +100,7 @@ class BatchSensors:
         if base is not None:
             live[BASE_LINEAR_VELOCITY] = Extern(base.linear_velocity, 0.0)
         if self._is_anchored:
-            anchor = 17 + 7 * self._body_count
+            anchor = 20 + 7 * self._body_count
             live[ANCHOR_POSE] = Extern(measured[:, anchor : anchor + 7], 0.0)
         first = measured.shape[1] - 3 * len(self._points)
         for i, name in enumerate(self._points):
@@ -122,12 +122,16 @@ class BatchSensors:
 
     def poses(self, measured: FloatArray, *, in_base: bool) -> tuple[FloatArray, FloatArray]:
         """Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z, of the bodies, in the world or in the base."""
-        base = measured[:, 10:17]
-        poses = measured[:, 17 : 17 + 7 * self._body_count].reshape(len(measured), self._body_count, 7)
+        base = measured[:, 13:20]
+        poses = measured[:, 20 : 20 + 7 * self._body_count].reshape(len(measured), self._body_count, 7)
         position, quaternion = poses[..., :3], poses[..., 3:]
         if in_base:
             return seen_from(base[:, :3], base[:, 3:], position, quaternion)
         return position.copy(), quaternion.copy()
+
+    def centre_of_mass(self, measured: FloatArray) -> FloatArray:
+        """Of the whole robot, shape (N, 3), m, world frame; a new array."""
+        return measured[:, 10:13].copy()
 
     def disturb(self, state: MITState, keys: Words, step: npt.NDArray[np.int64]) -> MITState:
         """What the sensors make of the true state.
@@ -160,8 +164,8 @@ def _add_sensors(
 ) -> None:
     """What is measured, in this order.
 
-    IMU: orientation, gyroscope, accelerometer. Base, then bodies: position and orientation in the world. Sites, one of
-    which may be the IMU: velocity in the world.
+    IMU: orientation, gyroscope, accelerometer. The centre of mass in the world. Base, then bodies: position and
+    orientation in the world. Sites, one of which may be the IMU: velocity in the world.
     """
     for sensor in list(spec.sensors):
         spec.delete(sensor)
@@ -174,6 +178,8 @@ def _add_sensors(
     while base.parent.name != spec.worldbody.name:
         base = base.parent
     base.name = base.name or _BASE
+    whole = description.base.body if description.is_floating else base.name
+    spec.add_sensor(type=_SENSOR["mjSENS_SUBTREECOM"], objtype=mujoco.mjtObj.mjOBJ_BODY, objname=whole)
     for name in (base.name, *bodies):
         for kind in ("FRAMEPOS", "FRAMEQUAT"):
             spec.add_sensor(type=_SENSOR[f"mjSENS_{kind}"], objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name)

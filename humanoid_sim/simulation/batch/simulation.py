@@ -19,7 +19,7 @@ from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usabl
 from humanoid_sim.simulation.batch.randomisation import Randomisation, vary_models
 from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.delay import delay_steps
-from humanoid_sim.simulation.floating_base import BaseState, StartPose, base_addresses
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 from humanoid_sim.simulation.stability import DampingStability
 
@@ -92,7 +92,7 @@ class BatchSimulation:
         self._joints = joint_addresses(model, description.joint_names)
         push = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
         self._start = StartPose(model, description, self._joints)
-        self._base = base_addresses(model, description) if description.is_floating else None
+        self._base = BaseObserver(model, description) if description.is_floating else None
         self._pool = ModelPool(model, count)
         self.threads = min(usable_processors() if threads is None else threads, count)
         """Threads that step physics."""
@@ -160,14 +160,14 @@ class BatchSimulation:
 
     @property
     def base(self) -> BaseState | None:
-        """True pose and motion of floating bases, shape (N, …); None for fixed ones."""
+        """True pose and motion of floating bases, shape (N, …); None for fixed ones.
+
+        Their centres of mass are those of robots that weigh what the description says, whatever the randomisation does.
+        """
         if self._base is None:
             return None
-        position, orientation, linear, angular = self._base
-        quaternion = self._physics.qpos[:, orientation]
-        quaternion = quaternion / np.sqrt((quaternion * quaternion).sum(axis=1, keepdims=True))
-        linear_velocity, angular_velocity = (self._physics.qvel[:, i].copy() for i in (linear, angular))
-        return BaseState(self._physics.qpos[:, position].copy(), quaternion, linear_velocity, angular_velocity)
+        centre_of_mass = self._sensors.centre_of_mass(self._measure())
+        return self._base.at(self._physics.qpos, self._physics.qvel, centre_of_mass)
 
     def model(self, i: int) -> mujoco.MjModel:
         """The model of environment i, which others may share."""

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.simulation.stance import CentreOfMass, Floor, clearance, standing_height
+
+BALL = '<body name="ball" pos="0 0 {z}"><freejoint/><geom size="0.1" mass="2"/></body>'
+LIE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+
+def world(geoms: str, z: float = 1.0) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geoms}{BALL.format(z=z)}</worldbody></mujoco>")
+
+
+def levels(model: mujoco.MjModel, *points: tuple[float, float, float]) -> list[float]:
+    level: list[float] = Floor(model).level(np.array(points)).tolist()
+    return level
+
+
+def test_a_plane_is_the_floor_everywhere_however_large_its_picture_is() -> None:
+    model = world('<geom type="plane" size="1 1 0.1" pos="0 0 -0.3"/>')
+    assert levels(model, (0, 0, 1), (50, 0, 1), (0, 0, -5)) == [-0.3, -0.3, -0.3]
+    assert Floor(model).level(np.array([0.0, 0.0, 1.0])).shape == ()
+
+
+def test_what_cannot_be_touched_is_no_floor() -> None:
+    picture = '<geom type="box" size="3 3 0.1" pos="0 0 0.4" contype="0" conaffinity="0"/>'
+    assert levels(world(f'<geom type="plane" size="0 0 1"/>{picture}'), (0, 0, 1)) == [0.0]
+
+
+def test_a_step_is_the_floor_of_who_is_above_it_and_no_one_elses() -> None:
+    step = '<geom type="box" size="1 1 0.1" pos="5 0 0.1" rgba="0 0 0 0"/>'
+    model = world(f'<geom type="plane" size="1 1 1"/>{step}')
+    found = levels(model, (5, 0, 1), (3.9, 0, 1), (50, 0, 1), (5, 0, 0.05))
+    assert found == pytest.approx([0.2, 0.0, 0.0, 0.0])
+    batch = Floor(model).level(np.array([[[5.0, 0.0, 1.0], [0.0, 0.0, 1.0]]]))
+    assert batch.shape == (1, 2)
+
+
+def test_a_slope_and_a_second_plane_depend_on_the_place() -> None:
+    slope = '<geom type="plane" size="0 0 1" euler="0 -45 0"/>'
+    assert levels(world(slope), (1, 0, 3), (-1, 2, 3)) == pytest.approx([1.0, -1.0])
+    assert levels(world(f'{slope}<geom type="plane" size="0 0 1"/>'), (1, 0, 3), (-1, 2, 3)) == pytest.approx(
+        [1.0, 0.0]
+    )
+
+
+def test_beyond_the_edge_of_the_only_floor_one_sinks_to_its_lowest_part() -> None:
+    model = world('<geom type="box" size="1 1 0.05" pos="0 0 -0.05"/>')
+    on, off = levels(model, (0, 0, 1), (4, 0, 1))
+    assert on == pytest.approx(0.0)
+    assert off < -1.0
+
+
+def test_a_world_without_a_floor() -> None:
+    assert levels(world(""), (0, 0, 1)) == [0.0]
+
+
+def test_the_robot_itself_is_no_floor() -> None:
+    assert levels(world('<geom type="plane" size="0 0 1"/>'), (0, 0, 5)) == [0.0]
+    assert levels(world('<geom type="box" size="3 3 0.1" pos="0 0 -0.1"/>', z=2.0), (0, 0, 5)) == pytest.approx([0.0])
+
+
+def test_the_centre_of_mass_is_that_of_all_parts_together() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+      <mujoco><worldbody><geom type="plane" size="0 0 1"/><body name="foot"><freejoint/>
+        <geom size="0.1" mass="1"/>
+        <body pos="0 0 1"><joint axis="0 1 0"/><geom pos="1 0 0" size="0.1" mass="3"/></body>
+      </body></worldbody></mujoco>""")
+    measure = CentreOfMass(model, "foot")
+    assert measure(np.array([0.0, 2.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0])) == pytest.approx([0.75, 2.0, 1.25])
+    down = measure(np.array([0.0, 2.0, 0.5, 1.0, 0.0, 0.0, 0.0, np.pi / 2]))
+    assert down == pytest.approx([0.0, 2.0, 0.5])
+
+
+@pytest.mark.parametrize("floor", [0.0, -0.7, 2.0])
+@pytest.mark.parametrize("hung", [0.0, 0.4, -0.05])
+def test_the_standing_height_is_above_the_lowest_part_however_high_the_robot_hangs(floor: float, hung: float) -> None:
+    model = world(f'<geom type="plane" size="0 0 1" pos="0 0 {floor}"/>')
+    pose = LIE + np.array([0.0, 0.0, floor + 0.1 + hung, 0.0, 0.0, 0.0, 0.0])
+    assert clearance(model, pose) == pytest.approx(hung)
+    assert standing_height(model, "ball", pose) == pytest.approx(0.1)
