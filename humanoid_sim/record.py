@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, assert_never
@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.evaluation.definitions import DEFINITIONS, differing
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recover import default_output, recover
 from humanoid_sim.recording.summary import Summary, summarize
@@ -114,6 +115,7 @@ def _overview(summary: Summary) -> Table:
         "policy steps": str(summary.policy_steps),
         "size": f"{recording.size / 1e6:.2f} MB",
         "file": "complete" if recording.is_complete else f"not complete: {recording.damage}",
+        "definitions": _definitions(header.documents),
         "documents": ", ".join(f"{name} ({len(text)} B)" for name, text in header.documents.items()) or "none",
         "attachments": ", ".join(f"{name} ({len(data)} B)" for name, data in header.attachments.items()) or "none",
     }
@@ -122,6 +124,16 @@ def _overview(summary: Summary) -> Table:
     for name, text in rows.items():
         table.add_row(name, text if name == "missing" else escape(text))
     return table
+
+
+def _definitions(documents: Mapping[str, str]) -> str:
+    """Whether what judged the run, if anything did, meant by a fall and by an error what is meant today."""
+    try:
+        recorded = json.loads(documents["settings"])["definitions"]
+    except (KeyError, TypeError, ValueError):
+        return "not recorded"
+    others = differing(recorded) if isinstance(recorded, dict) else ()
+    return f"others than today's: {', '.join(others)}" if others else "today's, of " + ", ".join(DEFINITIONS)
 
 
 def _timeline(summary: Summary) -> Table:

@@ -191,7 +191,8 @@ def test_a_recordings_header_gives_the_same_stack_again() -> None:
     for name, table in loaded.reference.terms.items():
         assert policy.reference.terms[name].tobytes() == table.tobytes()
     settings = json.loads(head.documents["settings"])
-    assert set(settings) == {"policy", "versions", "platform"}
+    assert set(settings) == {"policy", "definitions", "versions", "platform"}
+    assert set(settings["definitions"]) == {"fall", "loss", "errors"}
     assert settings["policy"] == "p.onnx"
     assert settings["versions"]["numpy"] == np.__version__
 

@@ -72,6 +72,27 @@ def test_beyond_the_end_the_last_frame_counts(lite):
     assert errors.summary().hands.position_max < 1e-6
 
 
+def test_errors_end_with_the_motion_however_long_its_last_frame_is_held(lite):
+    path = np.zeros((3, 14))
+    errors = TrackingErrors(lite, _frames(lite, path), BODIES, 0.02)
+    for frame in (0, 1, 2):
+        errors.update(frame, path[frame])
+    for _ in range(25):
+        errors.update(2, np.full(14, 0.5))  # it drifts away, when there is nothing left to follow
+    assert errors.summary().samples == 3
+    assert errors.summary().hands.position_max < 1e-6
+    errors.update(0, np.full(14, 0.5))  # the motion begins again
+    assert errors.summary().samples == 4
+    assert errors.summary().hands.position_max > 0.01
+
+
+def test_a_single_frame_is_a_pose_to_be_held(lite):
+    errors = TrackingErrors(lite, _frames(lite, np.zeros((1, 14))), BODIES, 0.02)
+    for _ in range(4):
+        errors.update(0, np.zeros(14))
+    assert errors.summary().samples == 4
+
+
 def test_nothing_measured_is_nan(lite):
     summary = TrackingErrors(lite, _frames(lite, np.zeros((1, 14))), BODIES, 0.02).summary()
     assert summary.samples == 0
@@ -150,3 +171,15 @@ def test_a_state_without_the_anchor_is_not_counted() -> None:
     errors = AnchorErrors(REFERENCE, ("a", "b"), ("a", "b"), align=True)
     errors.update(0, MITState.unknown(2))
     assert errors.summary() is None
+
+
+def test_the_anchors_errors_end_with_the_motion_too() -> None:
+    errors = AnchorErrors(REFERENCE, ("a", "b"), ("a", "b"), align=False)
+    errors.update(0, state([0.1, 0.2], [0.0, 0.0, 0.8], 0.0))
+    errors.update(1, state([0.3, 0.4], [1.0, 0.3, 0.8], 0.0))
+    for k in range(25):
+        errors.update(1, state([0.3, 0.4], [1.0, 0.3 + 0.1 * k, 0.8], 0.0))
+    summary = errors.summary()
+    assert summary is not None
+    assert summary.samples == 2
+    assert summary.anchor_position == pytest.approx((0.15, 0.3), abs=1e-6)

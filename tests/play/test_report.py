@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from rich.console import Console
 
-from humanoid_sim.play.report import loop_figures, loop_table
+from humanoid_sim.play.report import loop_figures, loop_table, write_summary
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
@@ -62,3 +65,14 @@ def test_a_simulation_has_neither_deadlines_nor_jitter(capsys: pytest.CaptureFix
     assert "none to miss; 1 ticks took longer than the control period" in out
     assert "tick time, physics aside" in out
     assert "late" not in out
+
+
+def test_a_summary_is_json_as_the_standard_has_it(tmp_path: Path) -> None:
+    path = tmp_path / "s.json"
+    write_summary(path, {"a": float("nan"), "b": [1.5, (float("inf"), 2)], "c": {"d": None, "e": True, "f": "nan"}})
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    summary = json.loads(path.read_text(), parse_constant=refuse)
+    assert summary == {"a": None, "b": [1.5, [None, 2]], "c": {"d": None, "e": True, "f": "nan"}}

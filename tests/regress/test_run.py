@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -166,7 +167,22 @@ def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, caps
     capsys.readouterr()
     other = yaml_suite(tmp_path, ONE.replace("mass: [0.9, 1.1]", "mass: [0.8, 1.2]"))
     line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
+    remade = f"python -m humanoid_sim.regress {SAMPLE} --suite {{}} --write-baseline {base} --overwrite"
     assert line.startswith(f"{base}: its case 'wave' was run under other conditions")
+    assert line.endswith(f"; make it again: {remade.format(other)}")
+    older = json.loads(base.read_text())
+    older["definitions"]["fall"] = "the base's frame is below 0.6 of its height"
+    base.write_text(json.dumps(older))
+    line = complaint(capsys, str(SAMPLE), "--suite", suite, "--seeds", "2", "--baseline", str(base))
+    again = remade.format(f"{suite} --seeds 2")
+    assert line == (
+        f"{base}: was made with other definitions than today's (fall), so its figures cannot be compared; "
+        f"make it again: {again}"
+    )
+    del older["definitions"]
+    base.write_text(json.dumps(older))
+    line = complaint(capsys, str(SAMPLE), "--suite", suite, "--baseline", str(base))
+    assert "(fall, loss, errors)" in line
     other = yaml_suite(tmp_path, ONE.replace("name: wave", "name: circle").replace("[wave]", "[circle]"))
     line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
     assert line == f"{base}: unknown case 'circle'; known: wave"

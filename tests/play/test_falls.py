@@ -1,0 +1,116 @@
+"""What a run says of a robot that falls, or does not, whose base frame lies at the ground."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+WALKER = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <geom type="plane" size="0 0 0.05"/>
+    <body name="base" pos="0 0 0.1">
+      <freejoint/>
+      <site name="imu" pos="0 0 0.8"/>
+      <geom type="box" size="0.1 0.15 0.2" pos="0 0 0.8" mass="5"/>
+      <body name="leg" pos="0 0 0.6">
+        <joint name="hip" axis="0 1 0" range="-2 2" armature="0.02"/>
+        <geom type="box" size="0.2 0.2 0.29" pos="0 0 -0.3" mass="5"/>
+        <body name="weight"><joint name="swing" axis="0 1 0" range="-3 3" armature="0.02"/>
+          <geom type="box" size="0.05 0.05 0.05" pos="0 0.3 0" mass="1"/></body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+CONTRACT = """
+task_type: locomotion
+joint_names: [hip, swing]
+observation: [base_ang_vel, projected_gravity, velocity_commands, joint_pos, joint_vel, actions]
+default_joint_pos: [0, 0]
+joint_stiffness: [60, 20]
+joint_damping: [6, 1]
+action_scale: 1.0
+policy_dt: 0.02
+"""
+
+
+def write(folder: Path, action: tuple[float, float]) -> tuple[str, ...]:
+    """The robot, and a policy that gives the same answer whatever it sees."""
+    (folder / "walker.xml").write_text(WALKER)
+    (folder / "contract.yaml").write_text(CONTRACT)
+    graph = helper.make_graph(
+        [helper.make_node("Gemm", ["obs", "weight", "bias"], ["action"])],
+        "constant",
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, 15])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 2])],
+        [
+            numpy_helper.from_array(np.zeros((15, 2), dtype=np.float32), "weight"),
+            numpy_helper.from_array(np.array(action, dtype=np.float32), "bias"),
+        ],
+    )
+    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
+    onnx.save(model, str(folder / "p.onnx"))
+    return "--policy", "p.onnx", "--robot", "walker.xml", "--physics-timestep", "0.001"
+
+
+def test_a_robot_stands_whose_base_frame_lies_at_the_ground(run: Any, folder: Path) -> None:
+    result = run(*write(folder, (0.0, 0.0)), "--policy-seconds", "2.5")
+    assert result.status == 0, result.err
+    base = result.summary["base"]
+    assert (base["fall"], base["fell"]) == (None, "")
+    assert base["duration"] == pytest.approx(2.5, abs=0.03)
+    assert base["height"][1] == pytest.approx(0.0, abs=0.02)
+    assert base["tilt_max"] < 0.05
+    assert "the robot fell" not in result.out
+
+
+def test_a_fall_is_told_when_it_happens_and_at_the_end_with_what_to_do(run: Any, folder: Path) -> None:
+    result = run(*write(folder, (1.6, 0.0)), "--policy-seconds", "3")
+    assert result.status == 1
+    base = result.summary["base"]
+    assert 0.05 < base["fall"] < 1.5
+    assert base["fell"].startswith("fell: ")
+    told = result.out.index(base["fell"])
+    assert told < result.out.index("support holds the base") < result.out.index("Modes")
+    end = result.out.index(f"the robot fell after {base['fall']:.2f} s: {base['fell']}")
+    assert end > result.out.index("Modes")
+    doctor = "python -m humanoid_sim.policy doctor p.onnx --robot walker.xml"
+    assert f"which wiring would keep it up: {doctor}" in result.out
+    assert result.summary["doctor"] == doctor
+    assert (base["velocity"], base["yaw_rate"], base["tilt_max"]) == (None, None, None)
+
+
+def test_a_fault_is_not_called_a_fall(run: Any, folder: Path) -> None:
+    result = run(*write(folder, (float("nan"), 0.0)), "--policy-seconds", "1")
+    assert result.status == 1
+    assert [fault["message"] for fault in result.summary["faults"]] != []
+    assert "fell" not in result.out
+    assert result.summary["base"] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "with_"),
+    [
+        (("--duration", "5"), "--duration"),
+        (("--script", "damp"), "--script"),
+        (("--remote", "gravity"), "--remote"),
+        (("--hardware", "virtual:lite"), "--hardware"),
+    ],
+)
+def test_who_else_decides_how_long_the_policy_runs(run: Any, options: tuple[str, ...], with_: str) -> None:
+    result = run("--policy-seconds", "5", *options)
+    assert (result.status, with_ in result.err, "--policy-seconds: means nothing with" in result.err) == (2, True, True)
+
+
+def test_a_motion_may_be_cut_short_or_held_at_its_end(run: Any, quick: str) -> None:
+    short = run("--robot", quick, "--policy-seconds", "0.5")
+    assert short.status == 0, short.err
+    spans = {span["mode"]: span["end"] - span["start"] for span in short.summary["modes"]}
+    assert spans["LOCOMOTION"] == pytest.approx(0.5, abs=0.02)
