@@ -170,7 +170,8 @@ def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, caps
     remade = f"python -m humanoid_sim.regress {SAMPLE} --suite {{}} --write-baseline {base} --overwrite"
     assert line.startswith(f"{base}: its case 'wave' was run under other conditions")
     assert line.endswith(f"; make it again: {remade.format(other)}")
-    older = json.loads(base.read_text())
+    today = base.read_text()
+    older = json.loads(today)
     older["definitions"]["fall"] = "the base's frame is below 0.6 of its height"
     base.write_text(json.dumps(older))
     line = complaint(capsys, str(SAMPLE), "--suite", suite, "--seeds", "2", "--baseline", str(base))
@@ -183,6 +184,7 @@ def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, caps
     base.write_text(json.dumps(older))
     line = complaint(capsys, str(SAMPLE), "--suite", suite, "--baseline", str(base))
     assert "(fall, loss, errors)" in line
+    base.write_text(today)
     other = yaml_suite(tmp_path, ONE.replace("name: wave", "name: circle").replace("[wave]", "[circle]"))
     line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
     assert line == f"{base}: unknown case 'circle'; known: wave"
