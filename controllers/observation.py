@@ -16,6 +16,7 @@ from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.term_values import ObservationContext, Request, Source
 from humanoid_sim.controllers.terms import Term
+from humanoid_sim.errors import FieldError
 
 __all__ = [
     "ObservationLayout",
@@ -36,11 +37,8 @@ class ObservationTerm:
     start: int
     stop: int
     source: Source
-    is_plain: bool = field(init=False)
+    is_plain: bool
     """Neither clipped nor scaled: most terms are, and a multiplication by 1 in every tick is not free."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "is_plain", self.term.is_plain)
 
     @property
     def name(self) -> str:
@@ -106,8 +104,11 @@ def resolve_observation(
     for term in contract.terms:
         kind = contract.kind(term)
         width, source = kind.source(Request(term, kind, contract, robot_joints, reference, extern))
-        term.check_width(width)
-        terms.append(ObservationTerm(term, start, start + width, source))
+        size = np.shape(term.scale)
+        if size not in ((), (1,), (width,)):
+            raise FieldError(f"observation term '{term.name}': scale has {size[0]} values, expected 1 or {width}")
+        is_plain = term.clip is None and bool(np.all(np.equal(term.scale, 1.0)))
+        terms.append(ObservationTerm(term, start, start + width, source, is_plain))
         start += width
     return ObservationLayout(tuple(terms), contract.history_layout)
 

@@ -86,21 +86,19 @@ class PolicyWiring:
         set_field(self, "takes_velocity_command", self.contract.takes_velocity_command)
 
     def activate(self, state: MITState) -> PolicyMemory:
-        """Frame 0, no last action, and the reference laid onto the robot as it stands."""
+        """Frame 0, no last action, and the reference laid onto the robot as it stands.
+
+        Without anchor poses there is nothing to align; a pose that is not known makes the first observation NaN.
+        """
         batch = state.joint_position.shape[:-1]
+        aligns = self.contract.align_reference and "anchor_pos" in self.reference.terms
+        live = state.extern.get(ANCHOR_POSE) if aligns else None
         return PolicyMemory(
             frame=np.zeros(batch, dtype=np.int64) if batch else 0,
             last_action=np.zeros((*batch, self.contract.action_count), dtype=np.float32),
             walked=np.zeros(batch) if batch else 0.0,
-            alignment=self._align(state),
+            alignment=None if live is None else self.reference.align(live.value),
         )
-
-    def _align(self, state: MITState) -> Alignment | None:
-        """Nothing to align without anchor poses; a pose that is not known makes the first observation NaN."""
-        live = state.extern.get(ANCHOR_POSE)
-        if not self.contract.align_reference or "anchor_pos" not in self.reference.terms or live is None:
-            return None
-        return self.reference.align(live.value)
 
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:
         """The observation, shape (..., N), and the memory with it.

@@ -101,26 +101,11 @@ class Term:
             if getattr(self, name) not in accepted:
                 raise FieldError(f"{where}: {name} is {getattr(self, name)!r}, expected one of {', '.join(accepted)}")
 
-    @property
-    def is_plain(self) -> bool:
-        """Neither clipped nor scaled."""
-        return self.clip is None and bool(np.all(np.equal(self.scale, 1.0)))
-
     def process(self, value: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Clip, then scale, a value of shape (..., width)."""
         if self.clip is not None:
             value = np.clip(value, *self.clip)
         return value * self.scale
-
-    def check_width(self, width: int) -> None:
-        """Refuse a scale that has another width than the term.
-
-        Raises:
-            FieldError: naming both.
-        """
-        size = np.shape(self.scale)
-        if size not in ((), (1,), (width,)):
-            raise FieldError(f"observation term '{self.name}': scale has {size[0]} values, expected 1 or {width}")
 
     def others(self, convention: str) -> tuple[str, ...]:
         """What an option with a choice of words could be instead."""

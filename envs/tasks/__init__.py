@@ -51,16 +51,11 @@ def make_task(
         InputError: there is no such task, or it is not one for this robot and motion.
     """
     if name == "auto":
-        name = _fitting(description, contract, reference)
+        walks = description.is_floating and contract.task_type == "locomotion"
+        followed = (task for task, term in _NEEDS.items() if term in reference.terms)
+        name = next(followed, "velocity" if walks else "balance")
     if name not in TASKS:
         raise InputError(f"task: {known_names('task', name, ('auto', *TASKS))}")
     if name in _NEEDS and _NEEDS[name] not in reference.terms:
         raise InputError(f"task: {name} needs a motion with {_NEEDS[name]}, and the policy's has none")
     return TASKS[name](description, contract, reference, **options)
-
-
-def _fitting(description: RobotDescription, contract: PolicyContract, reference: MotionReference) -> str:
-    for name, term in _NEEDS.items():
-        if term in reference.terms:
-            return name
-    return "velocity" if description.is_floating and contract.task_type == "locomotion" else "balance"

@@ -129,11 +129,8 @@ class Task(ABC):
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
         self._pose = np.clip(contract.default_joint_pos[order], self._lower, self._upper)
         self._noise = joint_noise, velocity_noise
-
-    @property
-    def draws(self) -> int:
+        self.draws = 2 * len(order) + 1
         """Random numbers that one start takes."""
-        return 2 * len(self._pose) + 1
 
     def start(self, numbers: FloatArray) -> Start:
         """The start that uniform random numbers in [0, 1), shape (..., draws), stand for.
@@ -163,7 +160,15 @@ class Task(ABC):
     def judge(self, sample: StepSample) -> Judgement:
         """Reward, and whether the episode is over."""
         values, terminated = self._measure(sample)
-        values |= self._care(sample)
+        change = sample.action - sample.previous_action
+        share = sample.torque * self._inverse_effort
+        q = sample.state.joint_position
+        beyond = np.maximum(np.maximum(self._soft_lower - q, q - self._soft_upper), 0.0)
+        values |= {
+            "action_rate": total(change * change),
+            "effort": total(share * share),
+            "joint_stops": total(beyond),
+        }
         if self._is_floating:
             assert sample.base is not None
             terminated = terminated | has_fallen(sample.base, self._standing_height)
@@ -184,18 +189,6 @@ class Task(ABC):
     @abstractmethod
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         """The values of the task's own terms, before their weights, and whether the robot has failed at it."""
-
-    def _care(self, sample: StepSample) -> dict[str, FloatArray]:
-        """The values of the terms of every task."""
-        change = sample.action - sample.previous_action
-        share = sample.torque * self._inverse_effort
-        q = sample.state.joint_position
-        beyond = np.maximum(np.maximum(self._soft_lower - q, q - self._soft_upper), 0.0)
-        return {
-            "action_rate": total(change * change),
-            "effort": total(share * share),
-            "joint_stops": total(beyond),
-        }
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.step) >= self.episode_steps

@@ -77,11 +77,7 @@ class VelocityTask(Task):
         self._low, self._width = ranges[:, 0], ranges[:, 1] - ranges[:, 0]
         self._command_steps = max(round(_COMMAND_SECONDS / contract.policy_dt), 1)
         self._command_count = -(-self.episode_steps // self._command_steps)
-
-    @property
-    def draws(self) -> int:
-        """See `Task.draws`."""
-        return super().draws + 4 * self._command_count
+        self.draws += 4 * self._command_count
 
     def _commands(self, numbers: FloatArray) -> FloatArray:
         drawn = numbers.reshape(*numbers.shape[:-1], self._command_count, 4)

@@ -26,6 +26,7 @@ from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file, whole_file
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.readers.values import names
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
@@ -159,20 +160,15 @@ def _parse(path: Path, file: IO[bytes]) -> Motion:
     try:
         return Motion(
             frames=np.stack(rows),
-            body_names=_names(metadata, "body_names"),
+            body_names=names(metadata.get("body_names", "")),
             policy_dt=_policy_dt(metadata, times),
             task_type=metadata.get("task_type", ""),
             robot=metadata.get("robot", ""),
             layout=layout,  # type: ignore[arg-type]  # checked at construction
-            joint_names=_names(metadata, "joint_names"),
+            joint_names=names(metadata.get("joint_names", "")),
         )
     except FieldError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def _names(metadata: Mapping[str, str], key: str) -> tuple[str, ...]:
-    text = metadata.get(key, "")
-    return tuple(name.strip() for name in text.split(",")) if text.strip() else ()
 
 
 def _read_rows(path: Path, stream: McapStream) -> tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]:

@@ -173,11 +173,6 @@ class OnnxPolicy:
         self._time_step = "" if time_step is None else time_step.name
         self._frame_type = np.float32 if time_step is None else _NUMBERS[time_step.type]
 
-    @property
-    def metadata(self) -> dict[str, str]:
-        """The model's `custom_metadata_map`."""
-        return self.model.metadata
-
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
         """One inference."""
         action: npt.NDArray[np.float32] = self.run([self.action_name], observation, frame)[0][0]

@@ -96,19 +96,11 @@ class InverseKinematics:
         mujoco.mj_comPos(model, data)
         rows, errors = [], []
         jac_position, jac_rotation = np.empty((3, model.nv)), np.empty((3, model.nv))
+        quaternion, turn = np.empty(4), np.empty(3)  # rad, axis times angle
         for i, body in enumerate(self._ids):
             mujoco.mj_jacBody(model, data, jac_position, jac_rotation, body)
             rows += [jac_position[:, self._addresses.dof], _LENGTH * jac_rotation[:, self._addresses.dof]]
-            errors += [
-                position[i] - data.xpos[body],
-                _LENGTH * _rotation_vector(rotation[i] @ data.xmat[body].reshape(3, 3).T),
-            ]
+            mujoco.mju_mat2Quat(quaternion, (rotation[i] @ data.xmat[body].reshape(3, 3).T).ravel())
+            mujoco.mju_quat2Vel(turn, quaternion, 1.0)
+            errors += [position[i] - data.xpos[body], _LENGTH * turn]
         return np.concatenate(errors), np.concatenate(rows)
-
-
-def _rotation_vector(rotation: FloatArray) -> FloatArray:
-    """Axis times angle of a rotation matrix (3, 3): shape (3,), rad."""
-    quaternion, vector = np.empty(4), np.empty(3)
-    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
-    mujoco.mju_quat2Vel(vector, quaternion, 1.0)
-    return vector

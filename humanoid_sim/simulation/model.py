@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -61,7 +61,9 @@ def build_model(
         InputError: the MJCF cannot be read, or does not have what the description names.
     """
     spec = read_spec(description.mjcf_path)
-    _remove_actuation(spec)
+    driven = [sensor for sensor in spec.sensors if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype)]
+    for element in (*driven, *spec.actuators, *spec.keys):
+        spec.delete(element)
     _check_names(description, spec)
     spec.option.timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
@@ -119,16 +121,6 @@ def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:
     return tuple(int(model.body(name).id) for name in names)
 
 
-def _remove_actuation(spec: mujoco.MjSpec) -> None:
-    for sensor in list(spec.sensors):
-        if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype):
-            spec.delete(sensor)
-    for actuator in list(spec.actuators):
-        spec.delete(actuator)
-    for key in list(spec.keys):
-        spec.delete(key)
-
-
 def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
     path = description.mjcf_path
     joints = [joint.name for joint in spec.joints if joint.type in _SCALAR_JOINTS]
@@ -159,7 +151,9 @@ def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:
 
 
 def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:
+    limited, unlimited = mujoco.mjtLimited.mjLIMITED_TRUE, mujoco.mjtLimited.mjLIMITED_FALSE
     for joint in description.joints:
+        has_limit = math.isfinite(joint.effort_limit)
         spec.add_actuator(
             name=joint.name,
             target=joint.name,
@@ -168,14 +162,9 @@ def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) ->
             gainprm=[1.0, *[0.0] * 9],
             biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             biasprm=[0.0] * 10,
-            **_force_limit(joint.effort_limit),
+            forcelimited=limited if has_limit else unlimited,
+            forcerange=[-joint.effort_limit, joint.effort_limit] if has_limit else [0.0, 0.0],
         )
-
-
-def _force_limit(effort_limit: float) -> dict[str, Any]:
-    if math.isinf(effort_limit):
-        return {"forcelimited": mujoco.mjtLimited.mjLIMITED_FALSE}
-    return {"forcelimited": mujoco.mjtLimited.mjLIMITED_TRUE, "forcerange": [-effort_limit, effort_limit]}
 
 
 def _set_joints(model: mujoco.MjModel, description: RobotDescription) -> None:

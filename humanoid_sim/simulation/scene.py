@@ -115,17 +115,6 @@ def _add_floor_material(spec: mujoco.MjSpec) -> None:
     spec.add_material(name=_FLOOR_MATERIAL, textures=textures, texrepeat=[2.0, 2.0], texuniform=True)
 
 
-def _is_floor(model: mujoco.MjModel, geom: int) -> bool:
-    """Whether a robot could stand on it: a plane, terrain, or anything else fixed that extends a metre all around."""
-    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-    if kind in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD):
-        return True
-    is_fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
-    can_collide = model.geom_contype[geom] or model.geom_conaffinity[geom]
-    half_size = model.geom_aabb[geom, 3:]
-    return bool(is_fixed and can_collide and (half_size[:2] >= 1.0).all())
-
-
 def add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription, *, material: str = "") -> None:
     """Add a floor to a robot that brings none, the only part of a room that dynamics know.
 
@@ -137,7 +126,12 @@ def add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescr
         description: the robot, and how high its floor lies.
         material: of the spec; empty for plain grey.
     """
-    if any(_is_floor(bare, i) for i in range(bare.ngeom)):
+    # A robot could stand on a plane, on terrain, and on anything else fixed that extends a metre all around.
+    is_ground = np.isin(bare.geom_type, (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)))
+    is_fixed = bare.body_weldid[bare.geom_bodyid] == 0
+    can_collide = (bare.geom_contype != 0) | (bare.geom_conaffinity != 0)
+    is_wide = (bare.geom_aabb.reshape(-1, 6)[:, 3:5] >= 1.0).all(axis=1)
+    if (is_ground | (is_fixed & can_collide & is_wide)).any():
         return
     spec.worldbody.add_geom(
         name="floor" if spec.geom("floor") is None else "",

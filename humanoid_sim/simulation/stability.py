@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import joint_addresses
 
@@ -47,9 +46,10 @@ class DampingStability:
         self, model: mujoco.MjModel, description: RobotDescription, *, samples: int = 64, seed: int = 0
     ) -> None:
         """Sample poses: the description's own, and `samples` drawn uniformly within the joint limits."""
+        n = description.joint_count
         self._description = description
         self._timestep = float(model.opt.timestep)
-        poses = [
+        poses: list[npt.ArrayLike] = [
             description.initial_position,
             *description.standby_controller_a.pose_segments,
             *description.standby_controller_b.pose_segments,
@@ -58,9 +58,21 @@ class DampingStability:
         draw = np.random.default_rng(seed).uniform(
             np.where(np.isfinite(lower), lower, -np.pi),
             np.where(np.isfinite(upper), upper, np.pi),
-            (samples, description.joint_count),
+            (samples, n),
         )
-        self._inverse_mass = _inverse_mass(model, description.joint_names, np.concatenate([np.array(poses), draw]))
+        poses.extend(draw)
+        self._inverse_mass = np.empty((len(poses), n, n))
+        """Of each pose the joints' block of M⁻¹; other joints of the model (a base) are free to move."""
+        addresses = joint_addresses(model, description.joint_names)
+        data = mujoco.MjData(model)
+        mass = np.empty((model.nv, model.nv))
+        for i, pose in enumerate(poses):
+            data.qpos[addresses.qpos] = pose
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_makeM(model, data)
+            mujoco.mj_fullM(model, data, mass)
+            self._inverse_mass[i] = np.linalg.inv(mass)[np.ix_(addresses.dof, addresses.dof)]
 
     def measure(self, damping: npt.ArrayLike) -> DampingMeasure:
         """Measure a K_d: shape (n,) or scalar, N·m·s/rad. Infinite at the largest if it is beyond all measure."""
@@ -130,19 +142,3 @@ def _round_step_below(limit: float) -> float:
     """s: the longest step below `limit` out of 1, 2.5 and 5 times a power of ten, which divide the usual periods."""
     decade = 10.0 ** math.floor(math.log10(limit))
     return max(factor * decade for factor in (0.5, 1.0, 2.5, 5.0) if factor * decade < limit)
-
-
-def _inverse_mass(model: mujoco.MjModel, joints: tuple[str, ...], poses: FloatArray) -> FloatArray:
-    """Shape (poses, n, n): the joints' block of M⁻¹; other joints of the model (a base) are free to move."""
-    addresses = joint_addresses(model, joints)
-    data = mujoco.MjData(model)
-    mass = np.empty((model.nv, model.nv))
-    result = np.empty((len(poses), len(joints), len(joints)))
-    for i, pose in enumerate(poses):
-        data.qpos[addresses.qpos] = pose
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_makeM(model, data)
-        mujoco.mj_fullM(model, data, mass)
-        result[i] = np.linalg.inv(mass)[np.ix_(addresses.dof, addresses.dof)]
-    return result

@@ -117,7 +117,10 @@ class BatchMotors:
             self._control[:] = control[:, None]
             return self._control
         begin = step * self._steps
-        arrival = begin + own.delay + self._draw_jitter(step)
+        arrival = begin + own.delay
+        if self._jitter:
+            drawn = uniforms(own.keys, _JITTER_STREAM, step, 1)[:, 0]
+            arrival += np.floor(drawn * (self._jitter + 1)).astype(np.int64)
         moving: slice | IndexArray = slice(None) if chosen is None else chosen
         for line, newest in (
             (self._targets, np.stack([command.position, command.velocity, command.effort], axis=1)),
@@ -146,12 +149,6 @@ class BatchMotors:
         self._bias, *others = (array.copy() for array in snapshot)
         self._targets, self._controls, self._arrival, self._control = others
         self._pool.set_gains(np.arange(len(self._bias)), self._bias)
-
-    def _draw_jitter(self, step: IntArray) -> IntArray:
-        if not self._jitter:
-            return np.zeros(len(step), dtype=np.int64)
-        drawn = uniforms(self.differences.keys, _JITTER_STREAM, step, 1)[:, 0]
-        return np.floor(drawn * (self._jitter + 1)).astype(np.int64)
 
     def _set_gains(self, bias: FloatArray, command: MITCommand) -> None:
         """Put a command's gains, which are `bias`, into the models and apply them to the targets under way."""

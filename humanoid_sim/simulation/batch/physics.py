@@ -127,12 +127,9 @@ class BatchPhysics:
         """Shape (N, nv), of the latest physics step."""
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         # A pool of one thread would only hand its work over.
-        self._rollout: rollout.Rollout | None = rollout.Rollout(nthread=threads if threads > 1 else 0)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether `close` was called."""
-        return self._rollout is None
+        self._rollout = rollout.Rollout(nthread=threads if threads > 1 else 0)
+        self.is_closed = False
+        """Whether `close` was called: there are no threads any more."""
 
     def set(self, indices: IndexArray, qpos: FloatArray, qvel: FloatArray) -> None:
         """Put some environments into a state at time 0, nothing remembered."""
@@ -153,7 +150,6 @@ class BatchPhysics:
         Returns:
             Shape (k,) or (N,), those of them whose simulation broke: their state is what it was.
         """
-        assert self._rollout is not None
         everyone = chosen is None
         count = len(self._state) if chosen is None else len(chosen)
         if not count:
@@ -207,7 +203,6 @@ class BatchPhysics:
         Returns:
             Shape (N, nsensordata), a new array.
         """
-        assert self._rollout is not None
         sensordata = np.empty((len(force), 1, model.nsensordata))
         with mujoco_silenced:
             self._rollout.rollout(
@@ -234,6 +229,6 @@ class BatchPhysics:
 
     def close(self) -> None:
         """Stop the threads. May be called twice."""
-        if self._rollout is not None:
+        if not self.is_closed:
+            self.is_closed = True
             self._rollout.close()
-            self._rollout = None

@@ -67,11 +67,18 @@ class Randomisation:
             InputError: naming the field, its value and what is accepted.
         """
         for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(field.default, tuple):
-                object.__setattr__(self, field.name, _checked_range(field.name, value))
-            elif not _is_number(value) or not 0.0 <= value < math.inf:
-                raise InputError(f"randomisation: {field.name} is {value!r}, expected a finite number >= 0")
+            value, is_range = getattr(self, field.name), isinstance(field.default, tuple)
+            bounds = value if is_range and isinstance(value, Sequence) else (value,)
+            are_numbers = all(isinstance(bound, int | float) and not isinstance(bound, bool) for bound in bounds)
+            if (
+                len(bounds) != (2 if is_range else 1)
+                or not are_numbers
+                or not 0.0 <= bounds[0] <= bounds[-1] < math.inf
+            ):
+                accepted = "two finite numbers >= 0, the least and the greatest" if is_range else "a finite number >= 0"
+                raise InputError(f"randomisation: {field.name} is {value!r}, expected {accepted}")
+            if is_range:
+                object.__setattr__(self, field.name, (float(bounds[0]), float(bounds[1])))
         if self.command_delay[1] > LONGEST_DELAY:
             raise InputError(
                 f"randomisation: command_delay is {self.command_delay}, expected at most {LONGEST_DELAY:g} s"
@@ -120,23 +127,6 @@ class Randomisation:
         counter = np.zeros(keys.shape[1], dtype=np.int64)
         drawn: FloatArray = low + (high - low) * uniforms(keys, _STREAMS[name], counter, width)
         return drawn
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _checked_range(name: str, value: object) -> Range:
-    if (
-        not isinstance(value, Sequence)
-        or len(value) != 2
-        or not all(_is_number(bound) and math.isfinite(bound) for bound in value)
-        or not 0.0 <= value[0] <= value[1]
-    ):
-        raise InputError(
-            f"randomisation: {name} is {value!r}, expected two finite numbers >= 0, the least and the greatest"
-        )
-    return float(value[0]), float(value[1])
 
 
 def vary_models(

@@ -141,9 +141,10 @@ class BatchSensors:
             keys: shape (2, N), of the noise.
             step: shape (N,), which report since the environment's start this is.
         """
-        noise, n = self._noise, state.joint_count
+        noise = self._noise
         if not noise.is_noisy:
             return state
+        n = state.joint_count
         drawn = normals(keys, _NOISE_STREAM, step, 2 * n + 9)
         tilt = 0.5 * noise.orientation_noise * drawn[:, 2 * n : 2 * n + 3]
         turn = np.concatenate([np.ones((len(tilt), 1)), tilt], axis=1)
