@@ -21,6 +21,7 @@ from humanoid_sim.mit import BASE, EXTERN_WIDTHS, VELOCITY_COMMAND, FloatArray, 
 
 __all__ = [
     "FORMS",
+    "JOINT_LIMITS",
     "Form",
     "HistoryLayout",
     "ModelDamping",
@@ -35,6 +36,7 @@ TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
 ModelDamping = Literal["undecided", "keep", "drop"]
 Speed = Literal["command", "planar", "forward"]
+JOINT_LIMITS = "joint_limits"
 
 _OWNER = "PolicyContract"
 
@@ -43,9 +45,12 @@ _OWNER = "PolicyContract"
 class Form:
     """What a field of the contract holds, and who has to say it."""
 
-    kind: Literal["choice", "names", "text", "flag", "number", "limit", "values", "pairs", "steps", "axes", "structure"]
-    """`limit`: a number that may be infinite; `values`: one number for each joint; `pairs`: least and greatest for each
-    joint; `axes`: pairs for vx, vy and yaw rate; `steps`: whole numbers; `structure`: fields of its own."""
+    kind: Literal[
+        "choice", "names", "text", "flag", "number", "limit", "values", "limits", "pairs", "steps", "axes", "structure"
+    ]
+    """`limit`: a number that may be infinite; `values`: one number for each joint; `limits`: one limit for each joint;
+    `pairs`: least and greatest for each joint; `axes`: pairs for vx, vy and yaw rate; `steps`: whole numbers;
+    `structure`: fields of its own."""
     joints: str = ""
     """The field that names the joints: of values and pairs those in their order, of names those that may be named."""
     minimum: float = -np.inf
@@ -57,6 +62,8 @@ class Form:
     """Whether it is one of the thirteen keys of a model's metadata."""
     is_required: bool = False
     """Whether some source has to state it; a kind of observation term may require another field."""
+    instead: tuple[str | None, ...] = ()
+    """Accepted in the place of such a value."""
 
 
 def _choice(choices: Any, *, in_metadata: bool = False) -> Form:
@@ -167,14 +174,22 @@ class PolicyContract:
     """Shape (m,) or scalar, rad, added to the scaled action; None: the default pose of the driven joints."""
     action_clip: Annotated[float, Form("limit")] = float("inf")
     """Magnitude at which a raw action is clipped before it is scaled."""
-    position_clip: Annotated[FloatArray | None, Form("pairs", "action_joint_names")] = None
-    """Shape (m, 2) or (1, 2), rad, least and greatest position that leaves as a command; None: any."""
+    action_limit: Annotated[float | None, Form("limit", instead=(None,))] = None
+    """Magnitude of a raw action beyond which the policy has failed; None: `ACTION_LIMIT`."""
+    position_clip: Annotated[
+        FloatArray | str | None, Form("pairs", "action_joint_names", instead=(None, JOINT_LIMITS))
+    ] = None
+    """Shape (m, 2) or (1, 2), rad, least and greatest position that leaves as a command; None: any; `joint_limits`:
+    those of the robot's joints."""
+    effort_limit: Annotated[FloatArray | None, Form("limits", "joint_names", instead=(None,))] = None
+    """Shape (n,) or scalar, N·m, the torques that the policy was trained with, infinite where it was not limited. A
+    robot with lower limits keeps them. None: the robot's."""
     model_joint_damping: Annotated[ModelDamping, _choice(ModelDamping)] = "undecided"
     """What becomes of the damping that a robot's own model gives its joints, in simulation: it acts beside
     `joint_damping`, or it is dropped. Undecided: it stays, and checks ask for a decision."""
     history_layout: Annotated[HistoryLayout, _choice(HistoryLayout)] = "per_term"
     """Of terms that show more than one step: each term's steps together, or each step's terms together."""
-    command_ranges: Annotated[FloatArray | None, Form("axes")] = None
+    command_ranges: Annotated[FloatArray | None, Form("axes", instead=(None,))] = None
     """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
     phase: Annotated[PhaseRule | None, Form("structure")] = None
     """The gait clock of policies that observe one."""
@@ -245,23 +260,19 @@ class PolicyContract:
 
     def _checked(self, name: str, form: Form, value: Any) -> Any:
         """The value as it is kept; the fields before it are checked already."""
+        if (value is None or isinstance(value, str)) and value in form.instead:
+            return value
+        if form.joints or form.kind in ("names", "axes"):
+            return self._checked_arrays(name, form, value)
         match form.kind:
             case "choice":
                 accepted, is_right = f"one of {', '.join(form.choices)}", value in form.choices
-            case "names":
-                return self._checked_names(name, form, value)
             case "number":
                 return number(_OWNER, name, value, above=True)
             case "limit":
                 is_number = isinstance(value, int | float | np.floating) and not isinstance(value, bool)
                 accepted, is_right = "a number > 0", is_number and value > 0.0
                 value = float(value) if is_right else value
-            case "values":
-                if value is None:  # the offset of an action that is counted from the default pose
-                    value = self.default_joint_pos[[self.joint_names.index(joint) for joint in self.action_joint_names]]
-                return per_joint(_OWNER, name, value, getattr(self, form.joints), minimum=form.minimum)
-            case "pairs" | "axes":
-                return None if value is None else self._checked_pairs(name, form, value)
             case "steps":
                 value = tuple(value) if isinstance(value, Iterable) else value
                 accepted, is_right = "integers >= 0", isinstance(value, tuple) and all(map(_is_step, value))
@@ -272,6 +283,18 @@ class PolicyContract:
             raise FieldError(f"{_OWNER}.{name}: is {value!r}, expected {accepted}")
         return value
 
+    def _checked_arrays(self, name: str, form: Form, value: Any) -> Any:
+        match form.kind:
+            case "names":
+                return self._checked_names(name, form, value)
+            case "limits":
+                return self._checked_limits(name, form, value)
+            case "pairs" | "axes":
+                return self._checked_pairs(name, form, value)
+        if value is None:  # the offset of an action that is counted from the default pose
+            value = self.default_joint_pos[[self.joint_names.index(joint) for joint in self.action_joint_names]]
+        return per_joint(_OWNER, name, value, getattr(self, form.joints), minimum=form.minimum)
+
     def _checked_names(self, name: str, form: Form, value: Any) -> tuple[str, ...]:
         names = joint_tuple(_OWNER, value, name, may_be_empty=form.may_be_empty)
         strangers = [joint for joint in names if form.joints and joint not in self.joint_names]
@@ -279,6 +302,13 @@ class PolicyContract:
             known = ", ".join(self.joint_names)
             raise FieldError(f"{_OWNER}.{name}: {', '.join(strangers)} not in {form.joints}: {known}")
         return names
+
+    def _checked_limits(self, name: str, form: Form, value: Any) -> FloatArray:
+        limits, joints = frozen_array(_OWNER, name, value), getattr(self, form.joints)
+        if limits.shape not in ((), (len(joints),)) or not (limits > 0.0).all():
+            accepted = f"a number > 0 for each of {len(joints)} joints, or one for all"
+            raise FieldError(f"{_OWNER}.{name}: is {limits.tolist()}, expected {accepted}")
+        return frozen_array(_OWNER, name, np.broadcast_to(limits, len(joints)))
 
     def _checked_pairs(self, name: str, form: Form, value: Any) -> FloatArray:
         limits = frozen_array(_OWNER, name, value)

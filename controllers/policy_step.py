@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import JOINT_LIMITS, PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, pack, resolve_observation, stack
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
@@ -27,6 +27,7 @@ __all__ = [
     "PolicyMemory",
     "PolicyWiring",
     "action_command",
+    "action_limit_of",
     "advance_phase",
     "resolve_action",
 ]
@@ -37,8 +38,16 @@ Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
 
 ACTION_LIMIT = 100.0
-"""Largest magnitude of a raw action unless another is given: trained policies stay within a few units, and beyond this
-one has diverged."""
+"""Largest magnitude of a raw action unless another is given: most trained policies stay within a few units, and beyond
+this one has diverged."""
+_RAISE_IT = "--action-limit, or action_limit in a contract.yaml, raises it"
+
+
+def action_limit_of(contract: PolicyContract, given: float | None = None) -> float:
+    """The largest magnitude of a raw action: what was given, or else the contract's, or else `ACTION_LIMIT`."""
+    if given is not None:
+        return given
+    return ACTION_LIMIT if contract.action_limit is None else contract.action_limit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,15 +81,20 @@ class PolicyWiring:
     reference: MotionReference
     extern: Mapping[str, int]
     """Name and width of the live inputs that states carry."""
-    action_limit: float = ACTION_LIMIT
-    """Largest magnitude of a raw action; beyond it the policy has failed."""
+    action_limit: float | None = None
+    """Largest magnitude of a raw action; beyond it the policy has failed. None: as `action_limit_of` says."""
+    limit: float = field(init=False)
+    """The same as a number."""
     layout: ObservationLayout = field(init=False, repr=False)
     action_map: ActionMap = field(init=False, repr=False)
     takes_velocity_command: bool = field(init=False, repr=False)
     """Whether what is observed depends on the velocity command."""
 
     def __post_init__(self) -> None:
+        if isinstance(self.contract.position_clip, str):
+            raise FieldError(f"position_clip: is '{JOINT_LIMITS}', and no robot is known whose they are")
         set_field = object.__setattr__
+        set_field(self, "limit", action_limit_of(self.contract, self.action_limit))
         set_field(self, "action_map", resolve_action(self.contract, self.joints))
         set_field(self, "layout", resolve_observation(self.contract, self.joints, self.reference, self.extern))
         set_field(self, "takes_velocity_command", self.contract.takes_velocity_command)
@@ -137,10 +151,11 @@ class PolicyWiring:
             return ""
         i = int(np.argmin(within))
         joint = self.contract.action_joint_names[i]
-        return f"action of {joint} is {action[i]}, expected a magnitude <= {self.action_limit:g}"
+        hint = f": {_RAISE_IT}" if np.isfinite(action[i]) else ""
+        return f"action of {joint} is {action[i]}, expected a magnitude <= {self.limit:g}{hint}"
 
     def _within(self, action: Float32Array) -> npt.NDArray[np.bool_]:
-        within: npt.NDArray[np.bool_] = np.abs(action) <= np.float64(self.action_limit)  # in float32 1e300 is infinite
+        within: npt.NDArray[np.bool_] = np.abs(action) <= np.float64(self.limit)  # in float32 1e300 is infinite
         return within
 
     def act(self, memory: PolicyMemory, action: Float32Array) -> tuple[PolicyMemory, MITCommand]:
@@ -191,7 +206,7 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
         stiffness=contract.joint_stiffness[robot_order],
         damping=contract.joint_damping[robot_order],
         clip=contract.action_clip,
-        position_clip=contract.position_clip,
+        position_clip=None if isinstance(contract.position_clip, str) else contract.position_clip,
     )
 
 

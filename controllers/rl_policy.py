@@ -13,7 +13,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.base import DAMPING, Fault, Memory
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_tuple, joints_problem, number
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, PolicyMemory, PolicyWiring
+from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring, action_limit_of
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
@@ -61,8 +61,8 @@ class RLPolicyController:
     policy: Policy
     control_period: float
     """s between two ticks; `policy_dt` is a whole multiple of it."""
-    action_limit: float = ACTION_LIMIT
-    """Largest magnitude of a raw action."""
+    action_limit: float | None = None
+    """Largest magnitude of a raw action; None: as `action_limit_of` says."""
     extern: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """Name and width of the live observation terms."""
     decimation: int = field(init=False)
@@ -74,7 +74,8 @@ class RLPolicyController:
         set_field = object.__setattr__
         set_field(self, "joints", joint_tuple(owner, self.joints))
         set_field(self, "control_period", number(owner, "control_period", self.control_period, above=True))
-        set_field(self, "action_limit", number(owner, "action_limit", self.action_limit, above=True))
+        limit = action_limit_of(self.contract, self.action_limit)
+        set_field(self, "action_limit", number(owner, "action_limit", limit, above=True))
         decimation, is_whole = ticks_per_step(self.contract.policy_dt, self.control_period)
         if not is_whole:
             raise FieldError(

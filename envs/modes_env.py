@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot
@@ -63,7 +62,7 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         remote: bool = False,
         control_frequency: float | None = None,
         actuation: Actuation = "affine",
-        action_limit: float = ACTION_LIMIT,
+        action_limit: float | None = None,
         episode_seconds: float = 60.0,
         render_mode: str | None = None,
         width: int = 480,
@@ -79,7 +78,7 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
             remote: whether REMOTE is available, and the action has a remote command.
             control_frequency: Hz; None for the robot's.
             actuation: `affine`, stepped natively, or `qfrc_applied`, the reference.
-            action_limit: largest magnitude of the policy's raw action.
+            action_limit: largest magnitude of the policy's raw action; None: the contract's, or 100.
             episode_seconds: s after which an episode is truncated.
             render_mode: `rgb_array`, `human` or None.
             width: pixels of a picture.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT, PolicyMemory
+from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.copying import CopyableEnv
@@ -69,7 +69,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         command_delay: float = 0.0,
         state_delay: float = 0.0,
         state_sampling: StateSampling = "now",
-        action_limit: float = ACTION_LIMIT,
+        action_limit: float | None = None,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
@@ -89,7 +89,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             command_delay: s from a step's beginning to its command's arrival.
             state_delay: s from a state to its being observed.
             state_sampling: `now` or `on_command`; see `MujocoRobot`.
-            action_limit: largest magnitude of a raw action.
+            action_limit: largest magnitude of a raw action; None: the contract's, or 100.
             render_mode: `rgb_array`, `human` or None.
             width: pixels of a picture.
             height: pixels of a picture.

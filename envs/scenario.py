@@ -10,7 +10,7 @@ import numpy as np
 
 from humanoid_sim.assets import asset_path, motion_path
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, PolicyWiring
+from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.mit import ANCHOR_POSE, BASE, VELOCITY_COMMAND, point_velocity
@@ -19,7 +19,7 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
 from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
@@ -66,7 +66,7 @@ def make_scenario(
     *,
     task: str = "auto",
     physics_timestep: float | None = None,
-    action_limit: float = ACTION_LIMIT,
+    action_limit: float | None = None,
     motion_source: str = "motion",
     **task_options: Any,
 ) -> Scenario:
@@ -78,21 +78,22 @@ def make_scenario(
         motion: what the policy follows, as `read_policy` takes it.
         task: as `make_task` takes it.
         physics_timestep: s; None for the robot's.
-        action_limit: largest magnitude of a raw action; beyond it the policy has failed.
+        action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
+            or 100.
         motion_source: what to call a motion that is given itself.
         task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
 
     Raises:
         InputError: one line that says what cannot be read, or what does not fit.
     """
-    if not 0.0 < action_limit <= _MOST:
+    if action_limit is not None and not 0.0 < action_limit <= _MOST:
         raise InputError(f"action_limit: is {action_limit}, expected a number > 0 and at most {_MOST:g}")
     for name in task_options:
         if name not in TASK_OPTIONS:
             raise InputError(known_names("task option", name, TASK_OPTIONS))
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
     loaded = read_policy(contract, motion, described.joint_names, motion_source)
-    read = loaded.contract
+    read = with_joint_limits(loaded.contract, described)
     description = with_contract(described, read)
     points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
     told = {VELOCITY_COMMAND, *points, *([ANCHOR_POSE] if read.anchor_body else [])}

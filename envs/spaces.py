@@ -64,7 +64,7 @@ def action_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
         reach = description.effort_limit[driven] / actions.stiffness[driven]
         ends = np.stack([description.lower[driven] - reach, description.upper[driven] + reach])
         raw = np.sort((ends - actions.offset) / actions.scale, axis=0)
-    exact = min(wiring.action_limit, actions.clip)
+    exact = min(wiring.limit, actions.clip)
     limit = np.float32(exact)
     if limit > np.float64(exact):  # rounded up: the bound itself would be refused
         limit = np.nextafter(limit, np.float32(0.0))
@@ -76,7 +76,7 @@ def action_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
 def observation_space(wiring: PolicyWiring, description: RobotDescription) -> Box:
     """Bounds of the observation, shape (N,)."""
     step = np.empty((2, wiring.layout.step_width), dtype=np.float32)
-    limits = Limits(description.lower, description.upper, wiring.action_limit)
+    limits = Limits(description.lower, description.upper, wiring.limit)
     for resolved in wiring.layout.terms:
         term, kind = resolved.term, wiring.contract.kind(resolved.term)
         request = Request(term, kind, wiring.contract, wiring.joints, wiring.reference, wiring.extern)

@@ -12,7 +12,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
@@ -62,7 +61,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         *,
         task: str = "auto",
         physics_timestep: float | None = None,
-        action_limit: float = ACTION_LIMIT,
+        action_limit: float | None = None,
         randomisation: Randomisation | Mapping[str, Any] | None = None,
         threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -82,7 +81,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             motion: what a tracking policy follows, as `PolicyEnv` takes it.
             task: as `PolicyEnv` takes it.
             physics_timestep: s; None for the robot's.
-            action_limit: largest magnitude of a raw action.
+            action_limit: largest magnitude of a raw action; None: the contract's, or 100.
             randomisation: how the environments differ, or its fields by name; None: not at all.
             threads: that step physics; None for one per processor that this process may use.
             autoreset_mode: what happens after an episode's end, as Gymnasium defines it.

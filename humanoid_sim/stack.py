@@ -21,7 +21,7 @@ from humanoid_sim.controllers.base import (
 )
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, action_limit_of
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
@@ -33,7 +33,7 @@ from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.metadata import parse_metadata
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
-from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.schema import StandbySettings
 
 __all__ = [
@@ -58,7 +58,7 @@ def build_supervisor(
     *,
     remote: bool = False,
     live: Mapping[str, int] | None = None,
-    action_limit: float = ACTION_LIMIT,
+    action_limit: float | None = None,
 ) -> Supervisor:
     """The supervisor of a robot with the controllers that are available.
 
@@ -69,7 +69,8 @@ def build_supervisor(
         remote: makes REMOTE available.
         live: names and widths of the live inputs that this robot and its operator provide; a policy that needs another
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
-        action_limit: largest magnitude of a raw action; beyond it the policy has failed.
+        action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
+            or 100.
 
     Raises:
         InputError: if the policy does not fit the robot.
@@ -86,7 +87,7 @@ def build_supervisor(
         try:
             controllers[RL_POLICY] = RLPolicyController(
                 joints,
-                loaded.contract,
+                with_joint_limits(loaded.contract, description),
                 loaded.reference,
                 loaded.policy,
                 control_period,
@@ -125,7 +126,7 @@ def run_header(
     settings: Mapping[str, object],
     start_time_ns: int = 0,
     remote: bool = False,
-    action_limit: float = ACTION_LIMIT,
+    action_limit: float | None = None,
 ) -> SessionHeader:
     """What a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
@@ -142,10 +143,13 @@ def run_header(
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
+    limit = ACTION_LIMIT if action_limit is None else action_limit
+    if loaded is not None:
+        limit = action_limit_of(loaded.contract, action_limit)
     documents = {
         "robot": description.to_json(),
         "settings": json.dumps(told, indent=1),
-        "controllers": json.dumps({"remote": remote, "action_limit": action_limit}),
+        "controllers": json.dumps({"remote": remote, "action_limit": limit}),
     }
     if loaded is not None:
         documents["contract"] = encode(loaded.contract)

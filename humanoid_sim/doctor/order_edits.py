@@ -78,6 +78,7 @@ def reordered(order: tuple[str, ...]) -> Change:
         driven = tuple(name for name in order if name in contract.action_joint_names)
         actions = joint_indices(driven, contract.action_joint_names, "action joints of the policy")
         assert contract.action_offset is not None  # filled in at construction
+        limits, clip = contract.effort_limit, contract.position_clip
         return replace(
             contract,
             joint_names=order,
@@ -87,7 +88,8 @@ def reordered(order: tuple[str, ...]) -> Change:
             default_joint_pos=contract.default_joint_pos[joints],
             action_scale=contract.action_scale[actions],
             action_offset=contract.action_offset[actions],
-            position_clip=None if contract.position_clip is None else contract.position_clip[actions],
+            position_clip=clip if clip is None or isinstance(clip, str) else clip[actions],
+            effort_limit=None if limits is None else limits[joints],
             observation=tuple(_sorted_joints(term, order) for term in contract.terms),
         )
 

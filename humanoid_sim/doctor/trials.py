@@ -21,7 +21,7 @@ from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import EXTERN_WIDTHS
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
-from humanoid_sim.robots.description import with_contract
+from humanoid_sim.robots.description import with_contract, with_joint_limits
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -74,6 +74,7 @@ class TrialRunner:
             robot = self._robot(contract, trial)
             extern = {**loaded.extern, **EXTERN_WIDTHS}
             robot.activate()
+            contract = with_joint_limits(contract, robot.description)
             wiring = PolicyWiring(robot.joints, contract, loaded.reference, extern)
             one = OneRobot(robot)
             loop = ClosedLoop(one, wiring, np.array(trial.command))
@@ -105,7 +106,7 @@ class TrialRunner:
             except InputError:
                 continue
             observed = contract.anchor_body, contract.velocity_points
-            key = (pose, contract.policy_dt, observed, contract.model_joint_damping, trial.yaw, timestep)
+            key = (pose, contract.policy_dt, observed, _physics_key(contract), trial.yaw, timestep)
             robot = self._robots.get(key)
             if robot is None:
                 robot = self._robots[key] = self._build(contract, trial, timestep)
@@ -149,3 +150,10 @@ def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Tri
             return Outcome(step * period, trial.seconds, Quality({**goal.parts(), **strain.parts()}), lost)
         strain.update(state, loop.act(inferred.action))
     return Outcome(trial.seconds, trial.seconds, Quality({**goal.parts(), **strain.parts()}))
+
+
+def _physics_key(contract: PolicyContract) -> tuple[object, ...]:
+    """The same for contracts under which the simulated robot has the same damping and the same torque limits."""
+    limits = contract.effort_limit
+    efforts = None if limits is None else limits[np.argsort(contract.joint_names)].tobytes()
+    return contract.model_joint_damping, efforts

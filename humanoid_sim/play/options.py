@@ -69,8 +69,9 @@ class PlayConfig:
     policy_seconds: float | None = None
     """Seconds for which the policy drives the robot where nobody drives the FSM. Default: until its motion ends; 10
     for a policy that follows none."""
-    action_limit: float = 100.0
-    """Largest magnitude of a raw action; beyond it the policy has failed, and the robot is damped."""
+    action_limit: float | None = None
+    """Largest magnitude of a raw action; beyond it the policy has failed, and the robot is damped. Default: the
+    contract's action_limit, or else 100."""
     manual: bool = False
     """Drive the FSM from the keyboard."""
     script: str | None = None

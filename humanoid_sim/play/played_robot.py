@@ -14,7 +14,7 @@ from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.policy.robot_check import model_damping_findings
+from humanoid_sim.policy.robot_check import effort_findings, model_damping_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.imu import imu_line
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
@@ -124,7 +124,8 @@ def simulated_robot(
     def check_policy(contract: PolicyContract) -> tuple[str, ...]:
         gains = resolve_action(contract, description.joint_names)
         doubled = model_damping_findings(contract, own_joint_damping(bare, description))
-        return robot.stability.check(gains.damping, "policy"), *map(str, doubled)
+        limits = effort_findings(contract, description)
+        return robot.stability.check(gains.damping, "policy"), *map(str, (*doubled, *limits))
 
     return RobotSetup(
         robot,

@@ -35,7 +35,7 @@ def encode(contract: PolicyContract) -> str:
     document: dict[str, Any] = {"version": _VERSION}
     for name, form in FORMS.items():
         value = getattr(contract, name)
-        if form.kind != "limit" or math.isfinite(value):
+        if form.kind != "limit" or value is None or math.isfinite(value):
             document[name] = plain_value(name, value)
     return json.dumps({**document, "provenance": dict(contract.provenance)})
 

@@ -22,6 +22,7 @@ __all__ = [
     "Finding",
     "Severity",
     "body_findings",
+    "effort_findings",
     "estimate_findings",
     "joint_findings",
     "model_damping_findings",
@@ -112,6 +113,27 @@ def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -
         doubled = any(kd > 0.0 for kd, _ in pairs)
         message = f"nobody decides, so both act: {what}; `{field}: keep` or `drop` in a contract.yaml decides"
         yield Finding("warning" if doubled else "info", field, message)
+
+
+def effort_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Joints whose torque nothing limits, and those whose robot is weaker than the policy was trained with.
+
+    Args:
+        contract: of the policy.
+        description: of the robot, as it is by itself.
+    """
+    own = {joint.name: joint.effort_limit for joint in description.joints}
+    limits = np.full(len(contract.joint_names), np.inf) if contract.effort_limit is None else contract.effort_limit
+    trained = dict(zip(contract.joint_names, limits.tolist(), strict=True))
+    free = [name for name in contract.joint_names if np.isinf(own.get(name, 0.0)) and np.isinf(trained[name])]
+    if free:
+        who = "all joints" if len(free) == len(own) else ", ".join(free)
+        message = f"neither the contract nor '{description.name}' limits the torque of {who}; no motor is that strong"
+        yield Finding("warning", "effort_limit", message)
+    for name, limit in trained.items():
+        if own.get(name, np.inf) < limit < np.inf:
+            message = f"is {limit:g} N·m, but '{description.name}' allows {own[name]:g}, which stays"
+            yield Finding("warning", "effort_limit", message, name, limit, own[name])
 
 
 def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -> Iterator[Finding]:
@@ -205,6 +227,8 @@ def _action(contract: PolicyContract, i: int, joint: str, limits: tuple[float, f
     if 0.0 < scale < _STUCK:
         message = f"is {scale:g} rad: an action of 1 hardly moves the joint"
         yield Finding("warning", "action_scale", message, joint, scale, _STUCK)
+    if isinstance(contract.position_clip, str):  # the joint's own range
+        return
     if contract.position_clip is not None:
         low, high = (float(value) for value in contract.position_clip[i])
         if low < lower - _TOLERANCE or high > upper + _TOLERANCE:

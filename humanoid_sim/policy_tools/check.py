@@ -14,7 +14,7 @@ from rich.markup import escape
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT, resolve_action
+from humanoid_sim.controllers.policy_step import action_limit_of, resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
@@ -26,6 +26,7 @@ from humanoid_sim.policy.robot_check import (
     Finding,
     Severity,
     body_findings,
+    effort_findings,
     estimate_findings,
     joint_findings,
     model_damping_findings,
@@ -130,6 +131,7 @@ def _findings(
     yield from _golden(checkpoint)
     yield from motor_findings(contract, description, hardware=hardware)
     yield from range_findings(contract, description)
+    yield from effort_findings(contract, description)
     if not joints:
         yield from _stability(contract, description, physics_timestep)
     model = bare_model(description)
@@ -185,10 +187,11 @@ def _answers(checkpoint: Checkpoint, width: int) -> Iterator[Finding]:
     if not np.isfinite(action).all():
         joint = joints[int(np.argmax(~np.isfinite(action)))]
         yield Finding("error", "model", "answers an observation of zeros with a number that is not finite", joint)
-    elif action.max() > ACTION_LIMIT:
+    elif action.max() > (limit := action_limit_of(checkpoint.contract)):
         worst = int(np.argmax(action))
-        message = f"answers an observation of zeros with {action[worst]:g}, expected at most {ACTION_LIMIT:g}"
-        yield Finding("error", "model", message, joints[worst], float(action[worst]), ACTION_LIMIT)
+        message = f"answers an observation of zeros with {action[worst]:g}, expected at most {limit:g}"
+        message += ": action_limit in a contract.yaml raises it"
+        yield Finding("error", "model", message, joints[worst], float(action[worst]), limit)
 
 
 def _deaf(checkpoint: Checkpoint, layout: ObservationLayout) -> Iterator[Finding]:

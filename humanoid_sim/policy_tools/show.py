@@ -122,7 +122,7 @@ def _joints(contract: PolicyContract) -> Table:
     table.add_column("joint", overflow="fold")
     for heading in ("default rad", "stiffness N·m/rad", "damping N·m·s/rad", "driven", "scale rad", "offset rad"):
         table.add_column(heading, justify="right")
-    clip = contract.position_clip
+    clip = None if isinstance(contract.position_clip, str) else contract.position_clip
     if clip is not None:
         table.add_column("position rad", justify="right")
     assert contract.action_offset is not None  # filled in at construction

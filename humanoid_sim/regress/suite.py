@@ -12,7 +12,6 @@ from typing import Literal
 
 import msgspec
 
-from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName
 from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch.randomisation import Randomisation
@@ -134,8 +133,8 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     pushes: Pushes | None = None
     settle: float = 1.0
     """s at the start of a velocity episode that its errors do not count: the robot begins at rest."""
-    action_limit: float = ACTION_LIMIT
-    """Largest magnitude of a raw action, as of the controller."""
+    action_limit: float | None = None
+    """Largest magnitude of a raw action, as of the controller; default: each policy's own, or else 100."""
     physics_timestep: float | None = None
     """s; default: the robot's."""
     base_height: float | None = None

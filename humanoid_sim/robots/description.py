@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import os
 from pathlib import Path
 from typing import Any, get_args
@@ -20,7 +22,15 @@ from humanoid_sim.robots.completion import bounded, completed, is_partial
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
 
-__all__ = ["RobotDescription", "load_robot", "shipped_robots", "with_contract", "with_contract_physics", "with_imu"]
+__all__ = [
+    "RobotDescription",
+    "load_robot",
+    "shipped_robots",
+    "with_contract",
+    "with_contract_physics",
+    "with_imu",
+    "with_joint_limits",
+]
 
 
 def shipped_robots() -> tuple[str, ...]:
@@ -159,10 +169,11 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         )
         for settings in (description.standby_controller_a, description.standby_controller_b)
     )
+    limited = with_contract_physics(description, contract)
     return replace(
-        with_contract_physics(description, contract),
+        limited,
         joints=tuple(
-            replace(joint, stiffness=stiffness[i], damping=damping[i]) for i, joint in enumerate(description.joints)
+            replace(joint, stiffness=stiffness[i], damping=damping[i]) for i, joint in enumerate(limited.joints)
         ),
         initial_position=pose,
         damping_controller=DampingSettings(damping=damping),
@@ -178,8 +189,29 @@ def with_imu(description: RobotDescription, frame: str | None) -> RobotDescripti
 
 
 def with_contract_physics(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
-    """The description simulated as the contract wants it: with the joints' own damping, or without it."""
-    if contract.model_joint_damping == "undecided":
-        return description
-    simulation = msgspec.structs.replace(description.simulation, joint_damping=contract.model_joint_damping)
-    return msgspec.structs.replace(description, simulation=simulation)
+    """The description simulated as the contract wants it.
+
+    With the joints' own damping or without it, and with the torque limits that the policy was trained with, as far as
+    they are below the robot's own.
+    """
+    replace = msgspec.structs.replace
+    if contract.model_joint_damping != "undecided":
+        simulation = replace(description.simulation, joint_damping=contract.model_joint_damping)
+        description = replace(description, simulation=simulation)
+    if contract.effort_limit is not None:
+        limits = dict(zip(contract.joint_names, contract.effort_limit.tolist(), strict=True))
+        joints = (
+            replace(joint, effort_limit=min(joint.effort_limit, limits.get(joint.name, math.inf)))
+            for joint in description.joints
+        )
+        description = replace(description, joints=tuple(joints))
+    return description
+
+
+def with_joint_limits(contract: PolicyContract, description: RobotDescription) -> PolicyContract:
+    """The contract whose `position_clip: joint_limits` are this robot's; any other contract as it is."""
+    if not isinstance(contract.position_clip, str):
+        return contract
+    places = [description.joint_names.index(name) for name in contract.action_joint_names]
+    ranges = np.stack([description.lower[places], description.upper[places]], axis=1)
+    return dataclasses.replace(contract, position_clip=ranges)

@@ -90,7 +90,7 @@ class StackMachine(RuleBasedStateMachine):
         learned = self.stack.controllers.get(RL)
         count, limit, self.externs = 1, ACTION_LIMIT, dict[str, int]()
         if isinstance(learned, RLPolicyController):
-            count, limit, self.externs = learned.contract.action_count, learned.action_limit, dict(learned.extern)
+            count, limit, self.externs = learned.contract.action_count, learned.wiring.limit, dict(learned.extern)
         self.answers: dict[str, Answer] = {"well behaved": well_behaved(count), **misbehaviours(count, limit)}
         self.extern_names = tuple(dict.fromkeys((*self.externs, *EXTERN_NAMES)))
         self.rest = self.position or (0.5,) * self.joint_count

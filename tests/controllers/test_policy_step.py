@@ -145,9 +145,26 @@ def test_actions_are_accepted_one_by_one() -> None:
     actions = np.array([[1.0, -100.0], [1.0, 100.5], [np.nan, 0.0], [0.0, np.inf]], dtype=np.float32)
     np.testing.assert_array_equal(wiring.accepts(actions), [True, False, False, False])
     assert wiring.accepts(actions[0])
-    assert wiring.action_problem(actions[1]) == "action of c is 100.5, expected a magnitude <= 100"
+    hint = "--action-limit, or action_limit in a contract.yaml, raises it"
+    assert wiring.action_problem(actions[1]) == f"action of c is 100.5, expected a magnitude <= 100: {hint}"
     assert wiring.action_problem(actions[2]) == "action of b is nan, expected a magnitude <= 100"
     assert wiring.action_problem(actions[0]) == ""
+
+
+def test_the_contract_says_how_large_actions_are_unless_it_is_overridden() -> None:
+    large = contract(action_limit=500.0)
+    assert wiring_of(contract()).limit == 100.0
+    reference = build_world_reference(large, frames(), JOINTS, ("torso",))
+    wiring = PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS)
+    np.testing.assert_array_equal(wiring.accepts(np.array([[440.0, -499.0], [0.0, 501.0]], np.float32)), [True, False])
+    assert PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS, 50.0).limit == 50.0
+    controller = RLPolicyController(JOINTS, large, reference, lambda *_: [0, 0], 0.02, extern=EXTERN_WIDTHS)
+    assert controller.action_limit == 500.0
+
+
+def test_limits_of_a_robot_that_nobody_knows_are_refused() -> None:
+    with pytest.raises(FieldError, match="position_clip: is 'joint_limits', and no robot is known whose they are"):
+        wiring_of(contract(position_clip="joint_limits"))
 
 
 @pytest.mark.parametrize(

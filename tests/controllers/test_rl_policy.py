@@ -192,7 +192,11 @@ def test_the_policy_step_is_reported_as_it_was():
         ("NaN", "action of shoulder is nan, expected a magnitude <= 100"),
         ("infinite", "action of elbow is -inf, expected a magnitude <= 100"),
         ("beyond float32", "action of elbow is inf, expected a magnitude <= 100"),
-        ("over the limit", "action of elbow is 100.5, expected a magnitude <= 100"),
+        (
+            "over the limit",
+            "action of elbow is 100.5, expected a magnitude <= 100: "
+            "--action-limit, or action_limit in a contract.yaml, raises it",
+        ),
         ("too short", "action has shape (1,), expected (2,)"),
         ("too long", "action has shape (3,), expected (2,)"),
         ("a batch", "action has shape (1, 2), expected (2,)"),

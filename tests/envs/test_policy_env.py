@@ -120,11 +120,12 @@ def test_a_bad_action_is_a_counted_fault_and_ends_the_episode(arms: PolicyEnv, v
     observation, _ = arms.reset(seed=0)
     observation, *_ = arms.step(np.zeros(14))
     before, count = arms.robot.qpos, arms.fault_count
+    hint = ": --action-limit, or action_limit in a contract.yaml, raises it" if value == 101.0 else ""
     action = np.zeros(14)
     action[3] = value
     after, reward, terminated, truncated, info = arms.step(action)
     assert (reward, terminated, truncated, arms.fault_count) == (0.0, True, False, count + 1)
-    assert info["fault"] == f"action of left_elbow_pitch is {shown}, expected a magnitude <= 100"
+    assert info["fault"] == f"action of left_elbow_pitch is {shown}, expected a magnitude <= 100{hint}"
     np.testing.assert_array_equal(after, observation)
     np.testing.assert_array_equal(arms.robot.qpos, before)  # nothing was commanded
     arms.reset(seed=0)

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contract_file
+from humanoid_sim.policy.contract_json import decode, encode
+from humanoid_sim.policy.readers.contract_yaml import find_contract, parse_contract, read_contract_file
+from humanoid_sim.policy.readers.merge import merge
 
 
 def read(path: Path, text: str) -> str:
@@ -109,3 +111,37 @@ def test_options_in_the_observation_and_in_terms_are_the_same(tmp_path: Path) ->
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"gone\.yaml: no such file, expected a YAML file"):
         read_contract_file(tmp_path / "gone.yaml")
+
+
+def test_limits_by_joint_and_in_words() -> None:
+    document = {
+        "joint_names": ["hip", "knee"],
+        "joint_stiffness": 20.0,
+        "joint_damping": 1.0,
+        "default_joint_pos": 0.0,
+        "observation": ["joint_pos"],
+        "action_scale": 1.0,
+        "policy_dt": 0.02,
+        "effort_limit": {"knee": 60},
+        "action_limit": 440,
+        "position_clip": "joint_limits",
+    }
+    contract = merge(parse_contract(document, "contract.yaml", "contract.yaml"), "policy.onnx")
+    assert contract.effort_limit.tolist() == [np.inf, 60.0]  # type: ignore[union-attr]
+    assert (contract.action_limit, contract.position_clip) == (440.0, "joint_limits")
+    again = decode(encode(contract), "here")
+    assert again.effort_limit.tolist() == [np.inf, 60.0]  # type: ignore[union-attr]
+    assert (again.action_limit, again.position_clip) == (440.0, "joint_limits")
+    for field, value, message in (
+        ("effort_limit", {"toe": 1.0}, r"unknown joint in effort_limit 'toe'; known: hip, knee \(contract\.yaml\)"),
+        (
+            "effort_limit",
+            [1.0, 0.0],
+            r"effort_limit: is \[1\.0, 0\.0\], expected a number > 0 for each of 2 joints, or one",
+        ),
+        ("effort_limit", "strong", r"effort_limit: is 'strong', expected a number or a mapping or a list or null"),
+        ("action_limit", 0, r"action_limit: is 0(\.0)?, expected a number > 0"),
+        ("position_clip", "limits", r"position_clip: is 'limits', expected "),
+    ):
+        with pytest.raises(InputError, match=message):
+            merge(parse_contract({**document, field: value}, "contract.yaml", "contract.yaml"), "policy.onnx")

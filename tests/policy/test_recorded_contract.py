@@ -44,7 +44,9 @@ WALKER = models.contract(
     ],
     action_scale=0.3,
     action_clip=2.0,
+    action_limit=300.0,
     position_clip=[[-0.5, 0.5]],
+    effort_limit=40.0,
     command_ranges=[[-0.3, 0.3], [-0.2, 0.2], [-1.0, 1.0]],
     phase=PhaseRule(0.7, standing_threshold=0.05, standing_value=None, standing_restarts=False),
 )

@@ -17,7 +17,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.robot_check import Finding, range_findings
+from humanoid_sim.policy.robot_check import Finding, effort_findings, range_findings
 from humanoid_sim.policy_tools.check import check_checkpoint
 from humanoid_sim.policy_tools.stamp import add_metadata
 from humanoid_sim.robots.description import RobotDescription
@@ -134,6 +134,24 @@ def test_poses_and_actions_beyond_the_joints(robot: RobotDescription) -> None:
     )
     wide = contract(position_clip=[[-1.0, 3.0]] * 3)
     assert "wider than" in found(range_findings(wide, robot), "warning", "position_clip", "right_knee").message
+
+
+def test_joints_whose_torque_nothing_limits_are_named(robot: RobotDescription) -> None:
+    (free,) = effort_findings(contract(), robot)
+    assert str(free) == (
+        "effort_limit: neither the contract nor 'walker' limits the torque of all joints; no motor is that strong"
+    )
+    (some,) = effort_findings(contract(effort_limit=[20.0, np.inf, 30.0, np.inf]), robot)
+    names = contract().joint_names
+    assert f"limits the torque of {names[1]}, {names[3]}; no motor" in str(some)
+    assert list(effort_findings(contract(effort_limit=25.0), robot)) == []
+
+
+def test_a_robot_that_is_weaker_than_the_one_of_the_training_is_named(lite: RobotDescription) -> None:
+    wiring = lite_contract(lite, effort_limit=5.0)
+    weaker = [finding.joint for finding in effort_findings(wiring, lite)]
+    assert weaker == [joint.name for joint in lite.joints if joint.effort_limit < 5.0]
+    assert "is 5 N·m, but 'lite' allows 4, which stays" in str(next(effort_findings(wiring, lite)))
 
 
 def test_a_rounded_limit_is_no_error(robot: RobotDescription) -> None:

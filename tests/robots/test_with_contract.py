@@ -5,7 +5,7 @@ import pytest
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.description import load_robot, with_contract
+from humanoid_sim.robots.description import load_robot, with_contract, with_contract_physics, with_joint_limits
 
 ROBOT = load_robot("lite_biped")
 N = ROBOT.joint_count
@@ -68,3 +68,29 @@ def test_another_robots_contract_is_refused_by_name() -> None:
 def test_what_becomes_of_the_models_own_damping(decision: str, kept: str) -> None:
     robot = with_contract(ROBOT, contract(ROBOT.joint_names, model_joint_damping=decision))
     assert robot.simulation.joint_damping == kept
+
+
+def test_the_torque_limits_of_the_training_are_taken_as_far_as_they_are_lower() -> None:
+    own = ROBOT.effort_limit
+    backwards = ROBOT.joint_names[::-1]
+    limits = np.full(N, np.inf)
+    limits[0], limits[1] = 2.0, 1e6
+    for with_limits in (with_contract, with_contract_physics):
+        robot = with_limits(ROBOT, contract(backwards, effort_limit=limits))
+        assert robot.effort_limit.tolist() == [*own[:-1].tolist(), 2.0]
+    everywhere = with_contract(ROBOT, contract(backwards, effort_limit=3.0))
+    assert everywhere.effort_limit.tolist() == np.minimum(own, 3.0).tolist()
+    assert with_contract(ROBOT, contract(backwards)).effort_limit.tolist() == own.tolist()
+
+
+def test_joint_limits_are_those_of_the_driven_joints() -> None:
+    driven = (ROBOT.joint_names[4], ROBOT.joint_names[1])
+    made = with_joint_limits(
+        contract(ROBOT.joint_names, action_joint_names=driven, position_clip="joint_limits"), ROBOT
+    )
+    assert made.position_clip.tolist() == [  # type: ignore[union-attr]
+        [ROBOT.lower[4], ROBOT.upper[4]],
+        [ROBOT.lower[1], ROBOT.upper[1]],
+    ]
+    plain = contract(ROBOT.joint_names)
+    assert with_joint_limits(plain, ROBOT) is plain

@@ -6,9 +6,11 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from humanoid_sim.controllers.contract import FORMS
 from humanoid_sim.controllers.term_kinds import TermKind, term_kind
-from humanoid_sim.errors import FieldError
+from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.policy.readers.partial import Given, derived, is_assumed
 
 __all__ = ["complete", "missing_fields"]
@@ -36,6 +38,7 @@ def complete(
     chosen, patterns = known.pop("action_joint_places", None), known.pop("action_joint_patterns", None)
     if "joint_names" in known:
         joints: tuple[str, ...] = known["joint_names"].value
+        _by_joint(known, joints)
         if "action_joint_names" not in known:
             known["action_joint_names"] = _action_joints(joints, chosen, patterns)
         for name, options in terms.items():
@@ -46,6 +49,18 @@ def complete(
         _complete_task(known, _kinds(known, terms))
     if "default_joint_pos" in known and "action_offset" not in known:
         known["action_offset"] = derived(None, "default_joint_pos")
+
+
+def _by_joint(known: dict[str, Given], joints: tuple[str, ...]) -> None:
+    """Values that are given by the names of joints, in the order of the joints; joints left out have no limit."""
+    for name, form in FORMS.items():
+        given = known.get(name)
+        if form.kind != "limits" or given is None or not isinstance(given.value, dict):
+            continue
+        strangers = [joint for joint in given.value if joint not in joints]
+        if strangers:
+            raise FieldError(f"{known_names(f'joint in {name}', strangers[0], joints)} ({given.source})")
+        known[name] = Given(np.array([given.value.get(joint, np.inf) for joint in joints]), given.source)
 
 
 def missing_fields(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[str]:

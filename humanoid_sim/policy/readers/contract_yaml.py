@@ -79,9 +79,10 @@ _TYPES: dict[str, Any] = {
     "number": float,
     "limit": float,
     "values": Numbers,
-    "pairs": list[Pair] | None,
+    "limits": Numbers | dict[str, float],
+    "pairs": list[Pair],
     "steps": list[int],
-    "axes": _COMMAND | None,
+    "axes": _COMMAND,
 }
 """What YAML holds for each form of a field."""
 _STRUCTURES: dict[str, Any] = {"observation": list[str | _TERM], "phase": _PHASE | None, "tensors": _TENSORS}
@@ -90,7 +91,11 @@ _STRUCTURES: dict[str, Any] = {"observation": list[str | _TERM], "phase": _PHASE
 def _type(name: str, form: Form) -> Any:
     if form.kind == "choice":
         return Literal[form.choices]
-    return _STRUCTURES[name] if form.kind == "structure" else _TYPES[form.kind]
+    if form.kind == "structure":
+        return _STRUCTURES[name]
+    words = tuple(word for word in form.instead if word is not None)
+    accepted = _TYPES[form.kind] | Literal[words] if words else _TYPES[form.kind]
+    return accepted | None if None in form.instead else accepted
 
 
 ContractFields = _struct(
@@ -214,8 +219,8 @@ def _options(term: msgspec.Struct, source: str) -> dict[str, Given]:
 
 def _value(name: str, value: Any) -> Any:
     """A field as a `PolicyContract` takes it, of the observation the names alone."""
-    if value is None:
-        return None
+    if value is None or (isinstance(value, str) and value in FORMS[name].instead):
+        return value
     if name == "observation":
         return tuple(term if isinstance(term, str) else term.name for term in value)
     match FORMS[name].kind:
@@ -230,6 +235,15 @@ def _value(name: str, value: Any) -> Any:
 
 def _number_or_array(value: Any) -> Any:
     return np.array(value, dtype=np.float64) if isinstance(value, list) else value
+
+
+def _choices(annotation: Any) -> list[str]:
+    """The words that a type accepts, and what else it does."""
+    choices = [choice if isinstance(choice, str) else "" for choice in get_args(annotation)]
+    if all(choices):
+        return choices
+    words = [word for part in get_args(annotation) for word in get_args(part) if isinstance(word, str)]
+    return [*words, "or values"]
 
 
 _ACCEPTED = {
@@ -255,6 +269,6 @@ def _problem(message: str, document: Any, struct: type[msgspec.Struct]) -> str:
     elif problem.startswith("Object contains unknown field"):
         problem = known_names("field", problem.split("`")[1], type_at(struct, place).__struct_fields__)
     elif problem.startswith("Invalid enum value"):
-        accepted = ", ".join(get_args(type_at(struct, place)))
+        accepted = ", ".join(_choices(type_at(struct, place)))
         problem = f"is {cut(repr(value_at(document, place)), 60)}, expected one of {accepted}"
     return f"{place}: {problem}" if place else problem

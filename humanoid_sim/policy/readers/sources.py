@@ -13,6 +13,7 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.policy.contract_json import STAMP_KEY, STAMP_SOURCE, decode, read_stamp
 from humanoid_sim.policy.graph_motion import graph_conventions
 from humanoid_sim.policy.metadata import METADATA_KEYS, OWN_SOURCE, is_own, read_own, write_metadata
+from humanoid_sim.policy.readers.berkeley import find_berkeley, read_berkeley
 from humanoid_sim.policy.readers.contract_yaml import find_contract, read_contract_file
 from humanoid_sim.policy.readers.holosoma import HOLOSOMA_SOURCE, is_holosoma, read_holosoma
 from humanoid_sim.policy.readers.merge import merge
@@ -26,7 +27,7 @@ __all__ = ["assemble_contract", "assumptions", "metadata_contract"]
 _DIALECTS = ((MJLAB_SOURCE, is_mjlab, read_mjlab), (HOLOSOMA_SOURCE, is_holosoma, read_holosoma))
 """Of trainers that write into a model's metadata: their name, whether it is there, and what it says. A new dialect is a
 module, and a line here or below."""
-_SIDE_FILES = ((find_deploy, read_deploy),)
+_SIDE_FILES = ((find_deploy, read_deploy), (find_berkeley, read_berkeley))
 """Of trainers that write a file beside the model: where it is, and what it says."""
 
 
