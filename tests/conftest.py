@@ -32,6 +32,17 @@ settings.register_profile(
 )
 settings.load_profile("normal")
 
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--complete", action="store_true", help="fuzz for two minutes where slow tests fuzz for 20 s")
+
+
+@pytest.fixture
+def fuzzing_seconds(request: pytest.FixtureRequest) -> float:
+    """s of wall time that a slow fuzzing test goes on."""
+    return 120.0 if request.config.getoption("--complete") else 20.0
+
+
 _PATIENCE = 2.0
 """s that threads get to end after a test."""
 

@@ -324,6 +324,6 @@ def test_many_random_frames() -> None:
 
 
 @pytest.mark.slow
-def test_random_frames_for_minutes() -> None:
+def test_random_frames_for_minutes(fuzzing_seconds: float) -> None:
     seed = random.SystemRandom().getrandbits(32)
-    print(f"seed {seed}: {_fuzz(120.0, 1, seed)} frames")
+    print(f"seed {seed}: {_fuzz(fuzzing_seconds, 1, seed)} frames")
