@@ -1,9 +1,13 @@
 """Is a candidate worse than the baseline? Metric by metric, with an interval for the change and a tolerance.
 
 The intervals are by the bootstrap: how far the mean would move with other episodes of the same cases. Cases are fixed,
-seeds are a sample: resampling draws seeds within each case, and the cases' means weigh equally. The spread of a
-resampled mean is too narrow by √((n-1)/n) for n seeds, and is widened by that (Hesterberg 2015, "What teachers should
-know about the bootstrap"). The same numbers give the same interval: the generator is seeded.
+seeds are a sample: resampling draws seeds within each case, and the cases' means weigh equally. For few seeds such an
+interval is too narrow: its spread by √((n-1)/n) for n seeds, its quantiles because the spread is measured, not known.
+It is widened by both, the latter by Student's t with the degrees of freedom of Welch and Satterthwaite (Hesterberg
+2015, "What teachers should know about the bootstrap"). The generator is seeded: the same numbers, the same interval.
+
+A mean hides two things, so both are looked at by themselves: a case that is much worse than the others, and a failure
+of a kind that its case never had.
 """
 
 from __future__ import annotations
@@ -11,51 +15,55 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
-from itertools import groupby
-from operator import itemgetter
 from statistics import NormalDist
 
 import numpy as np
+from msgspec.structs import replace
 
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.regress.margins import compare_margins
+from humanoid_sim.regress.metrics import ALWAYS
 from humanoid_sim.regress.results import (
     Candidate,
+    CaseComparison,
     Comparison,
     Detectable,
-    Margin,
-    MarginComparison,
     MetricInfo,
     PolicyRun,
     Verdict,
 )
-from humanoid_sim.regress.suite import AXES, Suite
+from humanoid_sim.regress.suite import Suite
 
 __all__ = [
+    "FEW_SEEDS",
     "POWER",
     "Interval",
-    "compare_margins",
     "compare_runs",
     "detectable_changes",
-    "difference_error",
     "judge",
     "mean_interval",
     "mean_of_cases",
+    "student_quantile",
 ]
 
 POWER = 0.8
 """Probability with which a change of the size that is announced is found."""
+FEW_SEEDS = 6
+"""With fewer seeds of each case, their spread is hardly known, and a warning says so."""
 _SEED = 2026
+_MOST_FREEDOM = 1e4
+_ANGLES = np.linspace(0.0, 0.5 * np.pi, 20_001)
+"""That the integral of `student_quantile` is taken over."""
 
 
-def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun) -> Candidate:
-    """The verdicts on a run."""
+def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun, *, strict: bool = False) -> Candidate:
+    """The verdicts on a run; `strict` fails what is unclear."""
     if baseline is None:
         return Candidate(run=run, passed=True)
     comparisons = compare_runs(suite, suite.metrics, baseline, run)
     margins = compare_margins(suite, baseline.margins, run.margins) if run.margins else ()
-    is_worse = any(comparison.verdict == "worse" or comparison.is_lost for comparison in comparisons)
-    passed = not is_worse and all(margin.verdict != "worse" for margin in margins)
-    return Candidate(run=run, passed=passed, comparisons=comparisons, margins=margins)
+    candidate = Candidate(run=run, passed=False, comparisons=comparisons, margins=margins)
+    return replace(candidate, passed=not candidate.worse and not (strict and candidate.unclear))
 
 
 def compare_runs(
@@ -64,8 +72,9 @@ def compare_runs(
     """Every metric of a run against the baseline's, in the order of `metrics`.
 
     Runs over the same seeds, or of which one has all those of the other, are compared pair by pair, so that what a seed
-    does to both cancels; runs over other seeds case by case. The confidence of the suite is that of all intervals
-    together (Bonferroni), so that a suite does not raise more false alarms for having more metrics.
+    does to both cancels; runs over other seeds case by case. The confidence of the suite is that of all metrics'
+    intervals together (Bonferroni), so that a suite does not raise more false alarms for having more metrics; the
+    intervals of single cases share it once more among themselves.
     """
     before, after = ({(e.case, e.seed) for e in r.episodes} for r in (baseline, run))
     paired = before <= after or after <= before
@@ -76,98 +85,153 @@ def _compare(
     suite: Suite, count: int, metric: MetricInfo, baseline: PolicyRun, run: PolicyRun, paired: bool
 ) -> Comparison:
     """One of `count` metrics."""
-    before, after = _values(metric.name, baseline), _values(metric.name, run)
-    cases = {case for case, _ in before} & {case for case, _ in after}
-    kept = before.keys() & after.keys() if paired else {key for key in before.keys() | after.keys() if key[0] in cases}
-    was, now = _by_case(before, kept), _by_case(after, kept)
-    if not was or not now:
-        return Comparison(
-            metric=metric.name,
-            verdict="unmeasured",
-            baseline=mean_of_cases(_by_case(before, before.keys())) if before else None,
-            candidate=mean_of_cases(_by_case(after, after.keys())) if after else None,
-            change=None,
-            low=None,
-            high=None,
-            tolerance=None,
-            episodes=0,
-            paired=paired,
-        )
-    plus, minus = ([b - a for a, b in zip(was, now, strict=True)], []) if paired else (now, was)
-    interval = mean_interval(plus, minus, 1.0 - (1.0 - suite.confidence) / count, suite.resamples)
-    tolerance = suite.tolerance(metric.name, mean_of_cases(was))
-    low, high = (interval.low, interval.high) if metric.better == "lower" else (-interval.high, -interval.low)
-    verdict: Verdict = "same" if high <= tolerance else "unclear"
-    if low > tolerance:
-        verdict = "worse"
-    elif high < -tolerance:
-        verdict = "better"
-    return Comparison(
-        metric=metric.name,
-        verdict=verdict,
-        baseline=mean_of_cases(was),
-        candidate=mean_of_cases(now),
+    name, is_failure = metric.name, metric.name in ALWAYS[suite.task]
+    old, new = _values(name, baseline), _values(name, run)
+    both = {case: (old[case].keys() & new[case].keys() if paired else None) for case in sorted(old) if case in new}
+    was, now = ({case: _array(v[case], kept) for case, kept in both.items() if kept != set()} for v in (old, new))
+    missing = [{(e.case, e.seed) for e in r.failures if e.metrics.get(name) is None} for r in (baseline, run)]
+    shared = {(e.case, e.seed) for e in baseline.episodes} & {(e.case, e.seed) for e in run.episodes}
+    comparison = Comparison(
+        metric=name,
+        verdict="unmeasured",
+        baseline=mean_of_cases([*was.values()] or [_array(values) for values in old.values()]) if old else None,
+        candidate=mean_of_cases([*now.values()] or [_array(values) for values in new.values()]) if new else None,
+        change=None,
+        low=None,
+        high=None,
+        tolerance=None,
+        episodes=sum(map(len, now.values())),
+        paired=paired,
+        left_out=len((missing[0] | missing[1]) & shared) if paired else len(missing[0]) + len(missing[1]),
+    )
+    if not was:
+        return comparison
+
+    def interval_of(cases: Sequence[str], share: int) -> tuple[Interval, float, float]:
+        """The change in some cases, and between what the worsening lies, with this share of the room for error."""
+        plus = [now[case] - was[case] if paired else now[case] for case in cases]
+        minus = [] if paired else [was[case] for case in cases]
+        found = mean_interval(plus, minus, 1.0 - (1.0 - suite.confidence) / share, suite.resamples)
+        return found, *((found.low, found.high) if metric.better == "lower" else (-found.high, -found.low))
+
+    interval, low, high = interval_of([*was], count)
+    never = {case for case, values in old.items() if not any(values.values())}
+    tolerance = 0.0 if is_failure and never >= old.keys() else suite.tolerance(name, mean_of_cases([*was.values()]))
+    new_failures = [e.label for e in run.episodes if is_failure and e.case in never and e.metrics.get(name)]
+    cases = []
+    for case in () if is_failure else was:
+        if len(was[case]) > 1 and len(now[case]) > 1:
+            room = suite.case_tolerance * suite.tolerance(name, was[case].mean())
+            alone, least, most = interval_of([case], count * len(was))
+            cases.append(
+                CaseComparison(
+                    case=case,
+                    verdict=_verdict(least, most, room),
+                    baseline=float(was[case].mean()),
+                    candidate=float(now[case].mean()),
+                    change=alone.mean,
+                    low=alone.low,
+                    high=alone.high,
+                    tolerance=float(room),
+                )
+            )
+    verdict = _verdict(low, high, tolerance) if cases or is_failure else "unclear"  # one value has no spread
+    is_worse = bool(new_failures) or any(case.verdict == "worse" for case in cases)
+    return replace(
+        comparison,
+        verdict="worse" if is_worse else verdict,
         change=interval.mean,
         low=interval.low,
         high=interval.high,
         tolerance=tolerance,
-        episodes=sum(len(values) for values in now),
-        paired=paired,
+        detectable=None if metric.unit == "share" else tolerance + interval.detectable,
+        cases=tuple(cases),
+        new_failures=tuple(new_failures),
     )
 
 
-def _values(metric: str, run: PolicyRun) -> dict[tuple[str, int], float]:
+def _verdict(low: float, high: float, tolerance: float) -> Verdict:
+    """Of a worsening that lies between `low` and `high`."""
+    if low > tolerance:
+        return "worse"
+    if high < -tolerance:
+        return "better"
+    if high > tolerance:
+        return "unclear"
+    return "worse, tolerated" if low > 0.0 else "same"
+
+
+def _values(metric: str, run: PolicyRun) -> dict[str, dict[int, float]]:
     """By case and seed, of the episodes that have the metric."""
-    values = {(episode.case, episode.seed): episode.metrics.get(metric) for episode in run.episodes}
-    return {key: value for key, value in values.items() if value is not None}
+    found: dict[str, dict[int, float]] = {}
+    for episode in run.episodes:
+        value = episode.metrics.get(metric)
+        if value is not None:
+            found.setdefault(episode.case, {})[episode.seed] = value
+    return found
 
 
-def _by_case(values: Mapping[tuple[str, int], float], kept: Set[tuple[str, int]]) -> list[FloatArray]:
-    """The values to be kept, one array per case, both in a fixed order."""
-    groups = groupby(sorted(values.keys() & kept), key=itemgetter(0))
-    return [np.array([values[key] for key in keys]) for _, keys in groups]
+def _array(values: Mapping[int, float], kept: Set[int] | None = None) -> FloatArray:
+    """Those of some seeds, or all, in the seeds' order."""
+    return np.array([values[seed] for seed in sorted(values.keys() if kept is None else kept)])
 
 
 def detectable_changes(suite: Suite, metrics: Sequence[MetricInfo], baseline: PolicyRun) -> tuple[Detectable, ...]:
-    """How small a worsening the suite finds with a probability of `POWER`: the tolerance and (z + z') standard errors.
+    """How small a worsening the suite finds with a probability of `POWER` in a candidate that runs with other seeds.
 
-    From the baseline and the suite's number of seeds alone, as if the candidate were run with other seeds: comparing
-    pair by pair can only make it smaller. A metric that no episode of the baseline has is left out.
+    That is the tolerance and (t + z) standard errors, from the baseline and the suite's number of seeds alone: those of
+    the candidate are taken to spread as the baseline's do. Of a failure that the baseline does not have, one is enough:
+    the share of the episodes that must fail for one in the suite to do so. A metric that no episode of the baseline has
+    is left out.
     """
-    quantile = NormalDist().inv_cdf
     confidence = 1.0 - (1.0 - suite.confidence) / max(len(metrics), 1)
-    factor = quantile(0.5 + 0.5 * confidence) + quantile(POWER)
     found = []
     for metric in metrics:
         values = _values(metric.name, baseline)
-        cases = _by_case(values, values.keys())
+        cases = [_array(values[case]) for case in sorted(values)]
         if not cases:
             continue
         mean = mean_of_cases(cases)
         tolerance = suite.tolerance(metric.name, mean)
-        error = difference_error(cases, suite.seeds)
-        if metric.unit == "share":
+        count, planned = sum(map(len, cases)), suite.seeds * len(cases)
+        if metric.name in ALWAYS[suite.task] and not mean:
+            tolerance, change = 0.0, 1.0 - (1.0 - POWER) ** (1.0 / planned)
+        elif metric.unit == "share":
             # None failing of n does not mean that none ever would: Laplace's rule, (k + 1) / (n + 2).
-            share = (sum(values.values()) + 1.0) / (len(values) + 2.0)
-            error = math.sqrt(share * (1.0 - share) * (1.0 / len(values) + 1.0 / (suite.seeds * len(cases))))
-        change = tolerance + factor * error
-        found.append(Detectable(metric=metric.name, baseline=mean, tolerance=tolerance, change=change, power=POWER))
+            share = (sum(map(sum, cases)) + 1.0) / (count + 2.0)
+            normal = NormalDist().inv_cdf
+            error = math.sqrt(share * (1.0 - share) * (1.0 / count + 1.0 / planned))
+            change = tolerance + (normal(0.5 + 0.5 * confidence) + normal(POWER)) * error
+        else:
+            # As many new seeds as the suite has, with the spread of those that are known.
+            variances = [v.var(ddof=1) * (1.0 / len(v) + 1.0 / suite.seeds) if len(v) > 1 else 0.0 for v in cases]
+            error = math.sqrt(sum(variances)) / len(cases)
+            quantile = student_quantile(0.5 + 0.5 * confidence, variances, [len(v) + suite.seeds - 2 for v in cases])
+            change = tolerance + (quantile + NormalDist().inv_cdf(POWER)) * error
+        found.append(
+            Detectable(metric=metric.name, baseline=mean, tolerance=tolerance, change=float(change), power=POWER)
+        )
     return tuple(found)
-
-
-def difference_error(cases: Sequence[FloatArray], count: int) -> float:
-    """Standard error of the difference to be expected between these samples' mean and that of `count` new seeds a case.
-
-    From the spread of the seeds within each case, which the new ones are taken to share; a case with one seed adds
-    nothing.
-    """
-    variances = [values.var(ddof=1) * (1.0 / len(values) + 1.0 / count) for values in cases if len(values) > 1]
-    return math.sqrt(sum(variances)) / len(cases) if cases else math.nan
 
 
 def mean_of_cases(cases: Sequence[FloatArray]) -> float:
     """The mean over cases of each case's mean; NaN without any."""
     return float(np.mean([case.mean() for case in cases])) if cases else math.nan
+
+
+def student_quantile(probability: float, variances: Sequence[float], freedom: Sequence[int]) -> float:
+    """The quantile, above the median, of Student's t for a sum of variances with their degrees of freedom.
+
+    With t = √ν tan α the density is proportional to cos(α)^(ν-1). ν is Satterthwaite's: (Σ v)² / Σ (v² / ν). Without
+    any variance it is the normal distribution's.
+    """
+    squares = sum(v * v / n for v, n in zip(variances, freedom, strict=True) if v > 0.0)
+    if not squares:
+        return NormalDist().inv_cdf(probability)
+    total = min(sum(variances) ** 2 / squares, _MOST_FREEDOM)
+    density = np.cos(_ANGLES) ** (total - 1.0)
+    area = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    return math.sqrt(total) * math.tan(float(np.interp(2.0 * probability - 1.0, area / area[-1], _ANGLES)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +241,8 @@ class Interval:
     mean: float
     low: float
     high: float
+    detectable: float = 0.0
+    """How far from 0 the mean has to be for an interval like this not to hold 0 with a probability of `POWER`."""
 
 
 def mean_interval(
@@ -192,6 +258,8 @@ def mean_interval(
     """
     generator = np.random.default_rng(_SEED)
     spread = np.zeros(resamples)
+    variances: list[float] = []
+    freedom: list[int] = []
     for sign, samples in ((1.0, plus), (-1.0, minus)):
         for values in samples:
             n = len(values)
@@ -199,33 +267,11 @@ def mean_interval(
                 drawn = values[generator.integers(n, size=(resamples, n))]
                 deviation = (drawn.mean(axis=1) - values.mean()) * math.sqrt(n / (n - 1))
                 spread += sign * deviation / len(samples)
+                variances.append(float(values.var(ddof=1)) / n / len(samples) ** 2)
+                freedom.append(n - 1)
     mean = mean_of_cases(plus) - (mean_of_cases(minus) if minus else 0.0)
     tail = 0.5 * (1.0 - confidence)
-    low, high = np.quantile(spread, [tail, 1.0 - tail])
-    return Interval(mean, mean + float(low), mean + float(high))
-
-
-def compare_margins(suite: Suite, before: Sequence[Margin], after: Sequence[Margin]) -> tuple[MarginComparison, ...]:
-    """The margins that both have, in the suite's order.
-
-    One level of the sweep more or less is within what a few seeds can tell, and counts as the same.
-    """
-    if suite.margins is None:
-        return ()
-    old, new = ({margin.axis: margin for margin in margins} for margins in (before, after))
-    found = []
-    for sweep in suite.margins.sweeps:
-        if sweep.name in old and sweep.name in new:
-            levels = [AXES[sweep.axis][1], *sweep.levels]
-            baseline, candidate = old[sweep.name].limit, new[sweep.name].limit
-            steps = _place(levels, candidate) - _place(levels, baseline)
-            verdict = "worse" if steps < -1 else "better" if steps > 1 else "same"
-            found.append(
-                MarginComparison(axis=sweep.name, baseline=baseline, candidate=candidate, verdict=verdict)  # type: ignore[arg-type]
-            )
-    return tuple(found)
-
-
-def _place(levels: Sequence[float], limit: float) -> int:
-    """The level that a limit is, or is nearest to: a stored baseline's sweep may have had others."""
-    return min(range(len(levels)), key=lambda i: abs(levels[i] - limit))
+    quantile = student_quantile(1.0 - tail, variances, freedom)
+    low, high = np.quantile(spread, [tail, 1.0 - tail]) * (quantile / NormalDist().inv_cdf(1.0 - tail))
+    detectable = (quantile + NormalDist().inv_cdf(POWER)) * math.sqrt(sum(variances))
+    return Interval(mean, mean + float(low), mean + float(high), detectable)

@@ -1,10 +1,10 @@
-"""Results on disk, whole or not at all: baselines and everything that was found as JSON, verdicts as JUnit XML."""
+"""Results on disk: baselines and everything that was found as JSON, verdicts as JUnit XML."""
 
 from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,33 +12,19 @@ import msgspec
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.definitions import differing
-from humanoid_sim.files import regular_file, whole_file
+from humanoid_sim.files import regular_file
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, describe_change, describe_margin
 
-__all__ = ["junit_xml", "matching_baseline", "read_baseline", "write_json", "write_junit"]
+__all__ = ["json_of", "junit_xml", "matching_baseline", "read_baseline"]
 
 _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """What XML 1.0 cannot hold, not even escaped."""
 
 
-def write_json(path: Path, value: msgspec.Struct) -> None:
-    """Write a result, indented, such that a difference of two files can be read.
-
-    Raises:
-        InputError: if the file cannot be written.
-    """
-    with whole_file(path) as file:
-        file.write(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
-
-
-def _is_result(data: bytes) -> bool:
-    """Whether a file is what `--json` writes: taken for a baseline more often than anything else."""
-    try:
-        document = msgspec.json.decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError):
-        return False
-    return isinstance(document, dict) and "candidates" in document
+def json_of(value: msgspec.Struct) -> bytes:
+    """A result as JSON, indented, such that a difference of two files can be read."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n"
 
 
 def read_baseline(path: Path) -> PolicyRun:
@@ -54,7 +40,7 @@ def read_baseline(path: Path) -> PolicyRun:
     try:
         run = msgspec.json.decode(data, type=PolicyRun)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        if _is_result(data):
+        if b'"candidates"' in data and b'"suite"' in data:  # taken for a baseline more often than anything else
             raise InputError(f"{path}: is a result of --json, expected a baseline of --write-baseline") from None
         raise InputError(f"{path}: is no baseline of `regress --write-baseline`: {error}") from None
     if not run.episodes:
@@ -104,55 +90,60 @@ def _remake(baseline: PolicyRun, config: RegressConfig) -> str:
     return shlex.join([*command, "--write-baseline", str(config.baseline), "--overwrite"])
 
 
-def write_junit(path: Path, results: Results) -> None:
-    """Write the verdicts.
+def junit_xml(results: Results, seconds: Sequence[float] = ()) -> bytes:
+    """The verdicts as a JUnit XML document.
 
-    Raises:
-        InputError: if the file cannot be written.
+    A metric without a baseline to compare with, or without episodes, is a skipped case.
+
+    Args:
+        results: of the run.
+        seconds: that each candidate took; its cases share them equally, as every verdict is of all its episodes.
     """
-    with whole_file(path) as file:
-        file.write(junit_xml(results))
-
-
-def junit_xml(results: Results) -> bytes:
-    """The XML document; a metric without a baseline to compare with, or without episodes, is a skipped case."""
-    root = ElementTree.Element("testsuites", name=f"regress {_clean(results.suite.name)}")
-    for candidate in results.candidates:
-        root.append(_policy(results, candidate))
+    root = ElementTree.Element("testsuites", name=_clean(f"regress {results.suite.name}"))
+    for i, candidate in enumerate(results.candidates):
+        root.append(_policy(results, candidate, seconds[i] if seconds else None))
     for total in ("tests", "failures", "skipped"):
         root.set(total, str(sum(int(suite.get(total, "0")) for suite in root)))
+    if seconds:
+        root.set("time", f"{sum(seconds):.3f}")
     ElementTree.indent(root)
     document: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return document + b"\n"
 
 
-def _policy(results: Results, candidate: Candidate) -> ElementTree.Element:
-    suite = ElementTree.Element("testsuite", name=f"{_clean(results.suite.name)}: {_clean(candidate.run.name)}")
-    place = f"regress.{_clean(results.suite.name)}.{_clean(candidate.run.name)}"
+def _policy(results: Results, candidate: Candidate, seconds: float | None) -> ElementTree.Element:
+    name = _clean(candidate.run.name)
+    suite = ElementTree.Element("testsuite", name=f"{_clean(results.suite.name)}: {name}")
+    place = f"regress.{_clean(results.suite.name)}.{name}"
     by_metric = {comparison.metric: comparison for comparison in candidate.comparisons}
+    verdicts: list[tuple[str, str, str]] = []
     for metric in results.metrics:
-        case = ElementTree.SubElement(suite, "testcase", name=metric.name, classname=place)
         comparison = by_metric.get(metric.name)
-        if comparison is not None and comparison.is_lost:
-            message = f"{metric.name} is lost: no episode got to its end"
-            ElementTree.SubElement(case, "failure", message=message, type="regression")
+        if comparison is None:
+            verdicts.append((metric.name, "skipped", "no baseline"))
+        elif comparison.is_lost:
+            verdicts.append((metric.name, "lost", "no episode got to its end"))
+        elif comparison.verdict == "unmeasured":
+            verdicts.append((metric.name, "skipped", "no episodes to compare"))
+        else:
+            verdicts.append((metric.name, comparison.verdict, describe_change(metric, comparison)))
+    verdicts += [(f"margin {margin.axis}", margin.verdict, describe_margin(margin)) for margin in candidate.margins]
+    for title, verdict, words in verdicts:
+        case = ElementTree.SubElement(suite, "testcase", name=title, classname=place)
+        if verdict == "skipped":
+            ElementTree.SubElement(case, "skipped", message=words)
             continue
-        if comparison is None or comparison.verdict == "unmeasured":
-            reason = "no baseline" if comparison is None else "no episodes to compare"
-            ElementTree.SubElement(case, "skipped", message=reason)
-            continue
-        words = _clean(describe_change(metric, comparison))
-        if comparison.verdict == "worse":
-            ElementTree.SubElement(case, "failure", message=f"{metric.name} is worse: {words}", type="regression")
-        ElementTree.SubElement(case, "system-out").text = f"{comparison.verdict}: {words}"
-    for margin in candidate.margins:
-        case = ElementTree.SubElement(suite, "testcase", name=f"margin {margin.axis}", classname=place)
-        if margin.verdict == "worse":
-            message = f"margin {margin.axis} is worse: {describe_margin(margin)}"
+        if verdict in ("worse", "lost") or (results.strict and verdict == "unclear"):
+            message = _clean(f"{title} is {verdict}: {words}")
             ElementTree.SubElement(case, "failure", message=message, type="regression")
+        ElementTree.SubElement(case, "system-out").text = _clean(f"{verdict}: {words}")
     suite.set("tests", str(len(suite)))
     for kind, total in (("failure", "failures"), ("skipped", "skipped")):
         suite.set(total, str(sum(case.find(kind) is not None for case in suite)))
+    if seconds is not None:
+        suite.set("time", f"{seconds:.3f}")
+        for case in suite:
+            case.set("time", f"{seconds / len(suite):.3f}")
     lines = [f"{episode.label}: {episode.failure}" for episode in candidate.run.failures]
     if lines:
         ElementTree.SubElement(suite, "system-out").text = _clean("failed episodes:\n" + "\n".join(lines))

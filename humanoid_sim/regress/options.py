@@ -15,8 +15,9 @@ __all__ = ["RegressConfig", "check_outputs"]
 class RegressConfig:
     """Run policies over a suite and compare them, metric by metric, with a baseline.
 
-    Exit status 0: no metric of any policy is worse than the baseline by more than the suite tolerates. 1: one is. 2:
-    something that was given cannot be used.
+    Exit status 0: no metric of any policy is worse than the baseline by more than the suite tolerates, over all cases
+    or in one, and no episode failed in a way in which none of the baseline's did. 1: otherwise. 2: something that was
+    given cannot be used.
     """
 
     policies: tuple[str, ...]
@@ -35,14 +36,19 @@ class RegressConfig:
     """The first of them. Default: the suite's."""
     only: str | None = None
     """Run only the cases whose name contains this text."""
+    strict: bool = False
+    """Fail what is unclear, too: what the episodes are too few to decide."""
     margins: bool = False
     """Also raise each of the suite's disturbances until the policy fails."""
+    episode: str | None = None
+    """CASE:SEED: run nothing but this episode of each policy and write it as a recording, whether it fails or not, to
+    --record-failures, or to runs."""
     write_baseline: Path | None = None
     """Write what the first policy did to this file (.json), for --baseline."""
     json: Path | None = None
     """Write everything that was found to this file."""
     junit: Path | None = None
-    """Write the verdicts to this file as JUnit XML, for continuous integration."""
+    """Write the verdicts to this file as JUnit XML, with times, for continuous integration."""
     report: Path | None = None
     """Write a report to this file: one self-contained page (.html)."""
     record_failures: Path | None = None
@@ -60,6 +66,9 @@ class RegressConfig:
     """Print verdicts only."""
 
 
+_OUTPUTS = ("write_baseline", "json", "junit", "report")
+
+
 def check_outputs(config: RegressConfig) -> None:
     """Refuse outputs that could not be written at the end of a long run.
 
@@ -68,12 +77,17 @@ def check_outputs(config: RegressConfig) -> None:
     """
     if not config.policies:
         raise InputError("POLICIES: is empty, expected one or more ONNX checkpoints")
-    files = {
-        "--write-baseline": (config.write_baseline, ".json"),
-        "--json": (config.json, ".json"),
-        "--junit": (config.junit, ".xml"),
-        "--report": (config.report, ".html"),
-    }
+    if config.episode is not None:
+        case, _, seed = config.episode.rpartition(":")
+        if not case or not seed.isdecimal():
+            raise InputError(f"--episode: is '{config.episode}', expected CASE:SEED, such as wave:3")
+        idle = ("baseline", "seeds", "first_seed", "only", "margins", "strict", *_OUTPUTS)
+        for name in idle:
+            if getattr(config, name):
+                option = name.replace("_", "-")
+                raise InputError(f"--{option}: has no effect with --episode, which judges nothing; leave one out")
+    suffixes = {"junit": ".xml", "report": ".html"}
+    files = {f"--{name.replace('_', '-')}": (getattr(config, name), suffixes.get(name, ".json")) for name in _OUTPUTS}
     named: dict[Path, str] = {}
     for option, (path, suffix) in files.items():
         if path is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +29,15 @@ __all__ = [
     "PreparedCase",
     "PreparedSuite",
     "TestedPolicy",
+    "distinct_names",
     "prepare_case",
     "prepare_policy",
     "prepare_suite",
-    "unique_names",
 ]
 
 _IK_DAMPING = 1e-3
 """m/rad: the poses of a motion can be reached, and the joints are to be exact."""
-_JUDGING = ("seeds", "first_seed", "tolerances", "confidence", "resamples", "margins")
+_JUDGING = ("seeds", "first_seed", "tolerances", "case_tolerance", "confidence", "resamples", "margins")
 _NAMES = ("name", "summary", "robot", "cases")
 _INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
 
@@ -164,8 +164,10 @@ def _mjcf(path: Path, depth: int = 8) -> Iterator[bytes]:
             yield from _mjcf(path.parent / name.decode(errors="replace"), depth - 1)
 
 
-def prepare_policy(prepared: PreparedSuite, path: Path, contract_file: Path | None = None) -> TestedPolicy:
-    """Load a checkpoint and bring it together with every case of a suite.
+def prepare_policy(
+    prepared: PreparedSuite, path: Path, contract_file: Path | None = None, name: str = ""
+) -> TestedPolicy:
+    """Load a checkpoint and bring it together with every case of a suite; its name is by default the file's.
 
     Raises:
         InputError: one line that names the file and what is wrong, or does not fit.
@@ -183,7 +185,7 @@ def prepare_policy(prepared: PreparedSuite, path: Path, contract_file: Path | No
     cases = (
         prepare_case(suite, case, checkpoint, policy, description, prepared.motions[case.name]) for case in suite.cases
     )
-    return TestedPolicy(path.stem, checkpoint, policy, tuple(cases))
+    return TestedPolicy(name or path.stem, checkpoint, policy, tuple(cases))
 
 
 def prepare_case(
@@ -247,14 +249,21 @@ def _joint_reference(scenario: Scenario, motion: Motion, count: int) -> FloatArr
     return solver.solve_path(position, rotation, np.array(description.initial_position))
 
 
-def unique_names(policies: Sequence[TestedPolicy]) -> list[TestedPolicy]:
-    """The policies, with names that tell them apart: the file's, and its folder's where that is not enough."""
-    names = [policy.name for policy in policies]
-    if len(set(names)) < len(names):
-        paths = [Path(policy.checkpoint.source).resolve() for policy in policies]
-        names = [f"{path.parent.name}/{path.stem}" for path in paths]
-    for i, name in enumerate(names):
-        count = names[:i].count(name)
-        if count:
-            names[i] = f"{name} ({count + 1})"
-    return [replace(policy, name=name) for policy, name in zip(policies, names, strict=True)]
+def distinct_names(sources: Sequence[Path]) -> list[str]:
+    """Names of files that tell them apart: their own, or, where two share it, what differs in their paths.
+
+    `runs/a/policy.onnx` and `runs/b/policy.onnx` are `a` and `b`. A file that is given twice has one name.
+    """
+    paths = [source.resolve().with_suffix("").parts for source in sources]
+    distinct = set(paths)
+    shortest = min(map(len, distinct))
+    first = last = 0
+    while first < shortest - 1 and len({parts[first] for parts in distinct}) == 1:
+        first += 1
+    while last < shortest - first and len({parts[-1 - last] for parts in distinct}) == 1:
+        last += 1
+    for begin, end in ((-1, 0), (first, last), (first, 0)):
+        names = ["/".join(parts[begin : len(parts) - end]) or parts[-1] for parts in paths]
+        if len(set(names)) == len(distinct):
+            break
+    return names

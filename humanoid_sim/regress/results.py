@@ -14,6 +14,7 @@ import msgspec
 
 __all__ = [
     "Candidate",
+    "CaseComparison",
     "Comparison",
     "Detectable",
     "Episode",
@@ -26,14 +27,20 @@ __all__ = [
     "Verdict",
     "describe_change",
     "describe_detectable",
+    "describe_left_out",
+    "describe_limit",
     "describe_margin",
     "displayed_unit",
     "quantity",
 ]
 
-Verdict = Literal["worse", "better", "same", "unclear", "unmeasured"]
-"""Of one metric: `worse` and `better` are shown to be beyond the tolerance, `same` to be within it; `unclear` is
-neither (too few episodes), and `unmeasured` has no episodes that could be compared."""
+Verdict = Literal["worse", "worse, tolerated", "better", "same", "unclear", "unmeasured"]
+"""Of one metric: `worse` and `better` are shown to be beyond the tolerance, `worse, tolerated` and `same` to be within
+it, the former with a worsening that is not chance; `unclear` is none of these (too few episodes), and `unmeasured` has
+no episodes that could be compared."""
+
+_LISTED = 3
+"""Episodes that a sentence names."""
 
 
 class MetricInfo(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -113,6 +120,14 @@ class Margin(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     failed_share: tuple[float, ...] = ()
     """At each level the share of the episodes that failed, or missed the suite's limit."""
 
+    @property
+    def fails_at(self) -> float | None:
+        """The smallest value that was tried and failed; None where none did."""
+        if self.reached_end:
+            return None
+        beyond = [level for level in self.levels if abs(level - self.nominal) > abs(self.limit - self.nominal)]
+        return min(beyond, key=lambda level: abs(level - self.nominal), default=None)
+
 
 class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One policy over the whole suite. Written to a file it is a baseline."""
@@ -146,7 +161,10 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Detectable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How small a worsening the suite can detect: said before the candidate has run, from the baseline alone."""
+    """How small a worsening the suite can detect in a candidate that runs with other seeds, from the baseline alone.
+
+    What pairs of the same seeds detect is known once the candidate has run: `Comparison.detectable`.
+    """
 
     metric: str
     baseline: float
@@ -156,6 +174,22 @@ class Detectable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     change: float
     """The worsening that is found with a probability of `power`, tolerance included, in the metric's unit."""
     power: float
+
+
+class CaseComparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One metric in one case: a mean over all cases hides what a single one of them does."""
+
+    case: str
+    verdict: Verdict
+    baseline: float
+    candidate: float
+    change: float
+    """Candidate less baseline, in the metric's unit."""
+    low: float
+    """Lower end of the confidence interval of the change."""
+    high: float
+    tolerance: float
+    """The worsening that the suite lets pass in a single case, a positive number."""
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -176,6 +210,31 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Pairs that are compared, or, unpaired, the candidate's episodes."""
     paired: bool
     """By case and seed; where the baseline was run with other seeds, the two are compared case by case instead."""
+    detectable: float | None = None
+    """The worsening that these very episodes detect with a probability of `Detectable.power`, tolerance included. Pairs
+    detect less than the baseline alone announces, because what a seed does to both cancels."""
+    left_out: int = 0
+    """Pairs (unpaired: episodes of both) that have no value because an episode failed."""
+    cases: tuple[CaseComparison, ...] = ()
+    """Case by case; one that is worse makes the whole metric worse. Empty for shares of failed episodes."""
+    new_failures: tuple[str, ...] = ()
+    """Of a share of failed episodes: the candidate's that failed, in cases in which none of the baseline's did. One is
+    enough to make the metric worse."""
+
+    @property
+    def reasons(self) -> str:
+        """What makes the metric worse whatever its mean is, such as `wave alone by +17.1 %`; '' if nothing does."""
+        found = []
+        if self.new_failures:
+            more = f" and {len(self.new_failures) - _LISTED} more" if len(self.new_failures) > _LISTED else ""
+            found.append(f"{len(self.new_failures)} new: {'; '.join(self.new_failures[:_LISTED])}{more}")
+        alone = [case for case in self.cases if case.verdict == "worse"]
+        if alone and len(alone) < len(self.cases):
+            shares = (
+                f" by {100.0 * case.change / abs(case.baseline):+.1f} %" if case.baseline else "" for case in alone
+            )
+            found.append("in " + ", ".join(f"{case.case}{share}" for case, share in zip(alone, shares, strict=True)))
+        return "; ".join(found)
 
     @property
     def is_lost(self) -> bool:
@@ -194,10 +253,12 @@ class MarginComparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """A margin beside the baseline's."""
 
     axis: str
+    unit: str
     baseline: float
+    """The baseline's limit."""
     candidate: float
     verdict: Literal["worse", "better", "same"]
-    """One level of the sweep more or less is within what the seeds can tell, and counts as the same."""
+    """`worse`: even the value at which the candidate failed is further from the baseline's limit than is tolerated."""
 
 
 class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -205,7 +266,7 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     run: PolicyRun
     passed: bool
-    """No metric and no margin is worse, and no metric is lost."""
+    """No metric and no margin is worse, and no metric is lost; with `--strict`, none is unclear either."""
     comparisons: tuple[Comparison, ...] = ()
     """Empty without a baseline."""
     margins: tuple[MarginComparison, ...] = ()
@@ -215,6 +276,11 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """Names of the metrics that are worse or lost and, with the prefix `margin `, of the margins that are worse."""
         metrics = [c.metric for c in self.comparisons if c.verdict == "worse" or c.is_lost]
         return (*metrics, *(f"margin {margin.axis}" for margin in self.margins if margin.verdict == "worse"))
+
+    @property
+    def unclear(self) -> tuple[str, ...]:
+        """Names of the metrics that more episodes would have to decide."""
+        return tuple(comparison.metric for comparison in self.comparisons if comparison.verdict == "unclear")
 
 
 class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -231,6 +297,12 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     detectable: tuple[Detectable, ...]
     """Empty without a baseline."""
     candidates: tuple[Candidate, ...]
+    strict: bool = False
+    """A metric that is unclear fails."""
+    warnings: tuple[str, ...] = ()
+    """What to keep in mind when reading the verdicts, such as few seeds."""
+    arguments: tuple[str, ...] = ()
+    """Of the command line, what says how an episode is run: suite, robot and contract."""
 
     @property
     def passed(self) -> bool:
@@ -265,26 +337,45 @@ def quantity(value: float | None, unit: str, *, signed: bool = False) -> str:
 def describe_change(metric: MetricInfo, comparison: Comparison) -> str:
     """Such as `12.1 mm, was 10.3 mm: +1.8 mm (+17.5 %), between +1.5 and +2.1 mm; tolerated: 0.515 mm`."""
     unit = metric.unit
-    if comparison.change is None:
-        return f"{quantity(comparison.candidate, unit)}, was {quantity(comparison.baseline, unit)}"
-    relative = "" if comparison.relative is None else f" ({100.0 * comparison.relative:+.1f} %)"
+    text = f"{quantity(comparison.candidate, unit)}, was {quantity(comparison.baseline, unit)}"
+    if comparison.change is not None:
+        relative = "" if comparison.relative is None else f" ({100.0 * comparison.relative:+.1f} %)"
+        text += (
+            f": {quantity(comparison.change, unit, signed=True)}{relative}, between "
+            f"{quantity(comparison.low, unit, signed=True)} and {quantity(comparison.high, unit, signed=True)}; "
+            f"tolerated: {quantity(comparison.tolerance, unit)}"
+        )
+    if comparison.left_out:
+        text += f"; without {describe_left_out(comparison)}"
+    return f"{text}; {comparison.reasons}" if comparison.reasons else text
+
+
+def describe_left_out(comparison: Comparison) -> str:
+    """Such as `5 of 48 pairs in which an episode failed`."""
+    planned = comparison.left_out + comparison.episodes
     return (
-        f"{quantity(comparison.candidate, unit)}, was {quantity(comparison.baseline, unit)}: "
-        f"{quantity(comparison.change, unit, signed=True)}{relative}, between "
-        f"{quantity(comparison.low, unit, signed=True)} and {quantity(comparison.high, unit, signed=True)}; "
-        f"tolerated: {quantity(comparison.tolerance, unit)}"
+        f"{comparison.left_out} of {planned} pairs in which an episode failed"
+        if comparison.paired
+        else f"{comparison.left_out} episodes that failed"
     )
 
 
-def describe_detectable(metric: MetricInfo, detectable: Detectable) -> str:
-    """Such as `+0.9 mm (8.7 %)`: the worsening that the suite finds."""
-    if metric.unit == "share" and detectable.change > 1.0:
+def describe_detectable(metric: MetricInfo, change: float | None, baseline: float | None) -> str:
+    """Such as `+0.9 mm (8.7 %)`: the worsening that the suite finds; `-` where that is not known."""
+    if change is None:
+        return "-"
+    if metric.unit == "share" and change > 1.0:
         return "too few episodes"  # not even if all of them failed
     sign = 1.0 if metric.better == "lower" else -1.0
-    relative = f" ({100.0 * detectable.change / abs(detectable.baseline):.1f} %)" if detectable.baseline else ""
-    return f"{quantity(sign * detectable.change, metric.unit, signed=True)}{relative}"
+    relative = f" ({100.0 * change / abs(baseline):.1f} %)" if baseline else ""
+    return f"{quantity(sign * change, metric.unit, signed=True)}{relative}"
 
 
 def describe_margin(margin: MarginComparison) -> str:
-    """Such as `0.02, was 0.03`."""
-    return f"{margin.candidate:g}, was {margin.baseline:g}"
+    """Such as `up to 20 ms, was 30 ms`."""
+    return f"up to {quantity(margin.candidate, margin.unit)}, was {quantity(margin.baseline, margin.unit)}"
+
+
+def describe_limit(margin: Margin | None) -> str:
+    """Such as `20 ms`, and `≥ 20 ms` where the sweep ended there; `-` where none was measured."""
+    return "-" if margin is None else f"{'≥ ' if margin.reached_end else ''}{quantity(margin.limit, margin.unit)}"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import platform
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 
 import mujoco
 import numpy as np
@@ -15,16 +17,16 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from humanoid_sim import __version__
-from humanoid_sim.cli import ExitStatus
+from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.files import whole_file
-from humanoid_sim.regress.compare import detectable_changes, judge
-from humanoid_sim.regress.executors import LOCAL, Advance, Executor, LocalExecutor, RayExecutor
-from humanoid_sim.regress.files import matching_baseline, read_baseline, write_json, write_junit
-from humanoid_sim.regress.margins import measure_margins
+from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, judge
+from humanoid_sim.regress.executors import LOCAL, Executor, LocalExecutor, RayExecutor
+from humanoid_sim.regress.files import json_of, junit_xml, matching_baseline, read_baseline
+from humanoid_sim.regress.margins import measure_margins, planned_levels
 from humanoid_sim.regress.options import RegressConfig, check_outputs
-from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, prepare_policy, prepare_suite, unique_names
+from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.report import report_page, require_report
 from humanoid_sim.regress.results import PolicyRun, Results, SuiteInfo
@@ -32,6 +34,9 @@ from humanoid_sim.regress.show import show_candidate, show_detectable, show_run,
 from humanoid_sim.regress.suite_file import chosen_suite, load_suite
 
 __all__ = ["regress", "run_policy"]
+
+_RECORDINGS = Path("runs")
+"""Where --episode writes, unless --record-failures says."""
 
 
 def regress(config: RegressConfig) -> int:
@@ -46,25 +51,36 @@ def regress(config: RegressConfig) -> int:
     suite, folder = load_suite(config.suite)
     prepared = prepare_suite(chosen_suite(suite, config), folder, config.robot)
     contract = None if config.contract is None else Path(config.contract)
-    policies = unique_names([prepare_policy(prepared, Path(path), contract) for path in config.policies])
+    checkpoint = config.baseline if config.baseline and config.baseline.endswith(".onnx") else None
+    names = distinct_names([Path(path) for path in (*config.policies, checkpoint) if path is not None])
+    policies = []
+    for i, path in enumerate(config.policies):
+        again = names[:i].count(names[i])
+        name = f"{names[i]} ({again + 1})" if again else names[i]
+        policies.append(prepare_policy(prepared, Path(path), contract, name))
     baseline: TestedPolicy | PolicyRun | None = None
-    if config.baseline is not None and config.baseline.endswith(".onnx"):
-        baseline = prepare_policy(prepared, Path(config.baseline), contract)
-    elif config.baseline is not None:
-        baseline = matching_baseline(prepared.digests, read_baseline(Path(config.baseline)), config)
+    if config.baseline is not None:
+        file = Path(config.baseline)
+        if checkpoint is not None:
+            baseline = prepare_policy(prepared, file, contract, names[-1])
+        else:
+            baseline = matching_baseline(prepared.digests, read_baseline(file), config)
+            if any(policy.name == baseline.name and policy.checkpoint.sha256 != baseline.sha256 for policy in policies):
+                baseline = replace(baseline, name=file.stem)
     console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is no picture
     with ExitStack() as stack:
         executor: Executor = LocalExecutor(config.threads)
         if config.ray is not None:
             processors = config.threads if config.ray == LOCAL else None
             executor = stack.enter_context(closing(RayExecutor(config.ray, processors)))
-        results = _run(config, prepared, baseline, policies, executor, console)
-    plain = Console(emoji=False)
-    for candidate in results.candidates:
-        show_verdict(plain, results, candidate)
-    _write(config, results)
-    if config.record_failures is not None:
-        _record(config.record_failures, config.record_limit, prepared, policies, results, console)
+        results, seconds = _run(config, prepared, baseline, policies, executor, console)
+    if config.episode is None:
+        plain = Console(emoji=False)
+        for candidate in results.candidates:
+            show_verdict(plain, results, candidate)
+    _write(config, results, seconds)
+    if config.record_failures is not None or config.episode is not None:
+        _record(config, prepared, policies, results)
     return ExitStatus.of(results.passed)
 
 
@@ -75,11 +91,17 @@ def _run(
     policies: Sequence[TestedPolicy],
     executor: Executor,
     console: Console,
-) -> Results:
-    """The baseline first, then what it can tell apart, then the candidates."""
+) -> tuple[Results, list[float]]:
+    """The baseline first, then what it can tell apart, then the candidates; with the seconds that each of these took.
+
+    The seconds are no part of the results: the same command gives the same results.
+    """
     suite, cases = prepared.suite, policies[0].cases
     if isinstance(baseline, TestedPolicy):
-        baseline = _run_with_bar(config, prepared, baseline, executor, "baseline")
+        baseline = run_policy(prepared, baseline, executor, config.margins, "" if config.quiet else "baseline")
+    fewest = min([suite.seeds, *(Counter(episode.case for episode in baseline.episodes).values() if baseline else ())])
+    few = f"{fewest} seeds of each case are few, expected {FEW_SEEDS} or more: their intervals are wide and uncertain"
+    options = {"--suite": config.suite, "--robot": config.robot, "--contract": config.contract}
     results = Results(
         suite=SuiteInfo(
             name=suite.name,
@@ -97,36 +119,29 @@ def _run(
         baseline=baseline,
         detectable=() if baseline is None else detectable_changes(suite, suite.metrics, baseline),
         candidates=(),
+        strict=config.strict,
+        warnings=(few,) if baseline is not None and fewest < FEW_SEEDS else (),
+        arguments=tuple(word for option, value in options.items() if value for word in (option, value)),
     )
+    for warning in results.warnings:
+        complain(f"warning: {warning}")
     show_detectable(console, results)
+    seconds = []
     for policy in policies:
-        candidate = judge(suite, baseline, _run_with_bar(config, prepared, policy, executor, policy.name))
+        begin = perf_counter()
+        run = run_policy(prepared, policy, executor, config.margins, "" if config.quiet else policy.name)
+        candidate = judge(suite, baseline, run, strict=config.strict)
+        seconds.append(perf_counter() - begin)
         results = replace(results, candidates=(*results.candidates, candidate))
         if baseline is None:
             show_run(console, results, candidate.run)
         else:
             show_candidate(console, results, candidate)
-    return results
-
-
-def _run_with_bar(
-    config: RegressConfig, prepared: PreparedSuite, policy: TestedPolicy, executor: Executor, label: str
-) -> PolicyRun:
-    """With a bar on stderr, if a person is watching."""
-    suite, stderr = prepared.suite, Console(stderr=True)
-    levels = sum(len(sweep.levels) for sweep in suite.margins.sweeps) if config.margins and suite.margins else 0
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=stderr, transient=True, disable=config.quiet or not stderr.is_terminal) as bar:
-        task = bar.add_task(label, total=len(suite.cases) * suite.seeds + levels)
-        return run_policy(prepared, policy, executor, config.margins, lambda count: bar.advance(task, count))
+    return results, seconds
 
 
 def run_policy(
-    prepared: PreparedSuite,
-    policy: TestedPolicy,
-    executor: Executor,
-    margins: bool = False,
-    advance: Advance = lambda _: None,
+    prepared: PreparedSuite, policy: TestedPolicy, executor: Executor, margins: bool = False, label: str = ""
 ) -> PolicyRun:
     """Every episode of a policy.
 
@@ -135,10 +150,19 @@ def run_policy(
         policy: the policy.
         executor: runs the episodes.
         margins: measure the robustness margins too.
-        advance: told how many episodes, or levels of margins, have ended.
+        label: of a bar on stderr, if a person is watching; empty for none.
     """
-    suite = prepared.suite
-    episodes = executor.run(policy.cases, suite.seed_numbers, suite.disturbance, advance)
+    suite, stderr = prepared.suite, Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    total = len(suite.cases) * suite.seeds + (planned_levels(suite) if margins else 0)
+    with Progress(*columns, console=stderr, transient=True, disable=not label or not stderr.is_terminal) as bar:
+        task = bar.add_task(label, total=total)
+
+        def advance(count: int) -> None:
+            bar.advance(task, count)
+
+        episodes = executor.run(policy.cases, suite.seed_numbers, suite.disturbance, advance)
+        found = measure_margins(policy.cases, executor, advance) if margins else ()
     return PolicyRun(
         name=policy.name,
         source=policy.checkpoint.source,
@@ -147,7 +171,7 @@ def run_policy(
         case_digests=prepared.digests,
         definitions=dict(DEFINITIONS),
         episodes=tuple(episodes),
-        margins=measure_margins(policy.cases, executor, advance) if margins else (),
+        margins=found,
         batching=policy.policy.batching,
         versions={
             "humanoid_sim": __version__,
@@ -160,50 +184,42 @@ def run_policy(
     )
 
 
-def _record(
-    folder: Path,
-    limit: int,
-    prepared: PreparedSuite,
-    policies: Sequence[TestedPolicy],
-    results: Results,
-    console: Console,
-) -> None:
+def _record(config: RegressConfig, prepared: PreparedSuite, policies: Sequence[TestedPolicy], results: Results) -> None:
+    """Failing episodes, or the one that was asked for."""
+    console, folder = Console(emoji=False), config.record_failures or _RECORDINGS
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--record-failures: '{folder}' cannot be made a folder: {error.strerror}") from None
     for policy, candidate in zip(policies, results.candidates, strict=True):
         cases = {case.case.name: case for case in policy.cases}
-        for episode in choose_failures(candidate.run.episodes, limit):
-            path = folder / recording_name(candidate.run.name, episode)
+        run = candidate.run
+        for episode in run.episodes if config.episode else choose_failures(run.episodes, config.record_limit):
+            path = folder / recording_name(run.name, episode)
             record_episode(path, cases[episode.case], episode, prepared.suite.disturbance, prepared.robot)
-            console.print(f"recorded {path}", markup=False, highlight=False, soft_wrap=True)
+            if config.episode or not config.quiet:
+                console.print(f"recorded {path}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _write(config: RegressConfig, results: Results) -> None:
+def _write(config: RegressConfig, results: Results, seconds: Sequence[float]) -> None:
     """All files that were asked for: what keeps one from being written keeps none of the others.
 
     Raises:
         InputError: the first that could not be written.
     """
-    writers: list[tuple[Path | None, Callable[[Path], None]]] = [
-        (config.write_baseline, lambda path: write_json(path, results.candidates[0].run)),
-        (config.json, lambda path: write_json(path, results)),
-        (config.junit, lambda path: write_junit(path, results)),
-        (config.report, lambda path: _write_report(path, results)),
+    writers: list[tuple[Path | None, Callable[[], bytes]]] = [
+        (config.write_baseline, lambda: json_of(results.candidates[0].run)),
+        (config.json, lambda: json_of(results)),
+        (config.junit, lambda: junit_xml(results, seconds)),
+        (config.report, lambda: report_page(results).encode()),
     ]
     problems = []
-    for path, write in writers:
+    for path, document in writers:
         if path is not None:
             try:
-                write(path)
+                with whole_file(path) as file:
+                    file.write(document())
             except InputError as error:
                 problems.append(error)
     if problems:
         raise problems[0]
-
-
-def _write_report(path: Path, results: Results) -> None:
-    page = report_page(results)
-    with whole_file(path) as file:
-        file.write(page.encode())

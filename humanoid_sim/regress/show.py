@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -14,13 +12,22 @@ from humanoid_sim.regress.results import (
     PolicyRun,
     Results,
     describe_detectable,
+    describe_left_out,
+    describe_limit,
     displayed_unit,
     quantity,
 )
 
 __all__ = ["show_candidate", "show_detectable", "show_run", "show_verdict"]
 
-_COLOURS = {"worse": "red", "better": "green", "same": "default", "unclear": "yellow", "unmeasured": "yellow"}
+_COLOURS = {
+    "worse": "red",
+    "worse, tolerated": "yellow",
+    "better": "green",
+    "same": "default",
+    "unclear": "yellow",
+    "unmeasured": "yellow",
+}
 _FAILURES_SHOWN = 5
 
 
@@ -29,10 +36,12 @@ def show_detectable(console: Console, results: Results) -> None:
     if not results.detectable:
         return
     table = Table(
-        title=f"{escape(results.suite.name)}: found with a probability of {results.detectable[0].power:.0%}, or sooner",
+        title=f"{escape(results.suite.name)}: detectable with at least {results.detectable[0].power:.0%} probability",
         title_justify="left",
+        caption="With the baseline's own seeds less is detectable: how much, each candidate's pairs tell.",
+        caption_justify="left",
     )
-    for heading in ("metric", "baseline", "tolerated", "found from"):
+    for heading in ("metric", "baseline", "tolerated", "detectable, other seeds"):
         table.add_column(heading, justify="left" if heading == "metric" else "right")
     for row in results.detectable:
         metric = results.metric(row.metric)
@@ -40,7 +49,7 @@ def show_detectable(console: Console, results: Results) -> None:
             row.metric,
             quantity(row.baseline, metric.unit),
             quantity(row.tolerance, metric.unit),
-            describe_detectable(metric, row),
+            describe_detectable(metric, row.change, row.baseline),
         )
     console.print(table)
 
@@ -56,30 +65,39 @@ def show_run(console: Console, results: Results, run: PolicyRun) -> None:
         numbers = (sum(values) / len(values), min(values), max(values)) if values else (None, None, None)
         table.add_row(metric.name, *(quantity(number, metric.unit) for number in numbers))
     console.print(table)
-    _show_trouble(console, run, {})
+    _show_trouble(console, None, Candidate(run=run, passed=True))
 
 
 def show_candidate(console: Console, results: Results, candidate: Candidate) -> None:
     """A policy beside the baseline."""
+    paired = all(comparison.paired for comparison in candidate.comparisons)
     table = Table(title=f"{escape(candidate.run.name)} against the baseline", title_justify="left")
     table.add_column("metric", no_wrap=True)
-    for heading in ("baseline", "candidate", "change"):
-        table.add_column(heading, justify="right")
     table.add_column("verdict", no_wrap=True)
+    for heading in ("baseline", "candidate", "change", f"detectable{', pairs' if paired else ''}"):
+        table.add_column(heading, justify="right")
     for comparison in candidate.comparisons:
-        unit = results.metric(comparison.metric).unit
-        colour = _COLOURS[comparison.verdict]
+        metric = results.metric(comparison.metric)
         table.add_row(
             comparison.metric,
-            quantity(comparison.baseline, unit),
-            quantity(comparison.candidate, unit),
-            _change(comparison, unit),
-            f"[{colour}]{comparison.verdict}[/]",
+            f"[{_COLOURS[comparison.verdict]}]{comparison.verdict}[/]",
+            quantity(comparison.baseline, metric.unit),
+            quantity(comparison.candidate, metric.unit),
+            _change(comparison, metric.unit),
+            describe_detectable(metric, comparison.detectable, comparison.baseline),
         )
     console.print(table)
-    if candidate.comparisons and not candidate.comparisons[0].paired:
-        console.print("other seeds than the baseline's: compared case by case, not pair by pair")
-    _show_trouble(console, candidate.run, {margin.axis: margin.verdict for margin in candidate.margins})
+    lines = [f"{c.metric}: {c.reasons}" for c in candidate.comparisons if c.reasons]
+    without: dict[str, list[str]] = {}
+    for comparison in candidate.comparisons:
+        if comparison.left_out:
+            without.setdefault(describe_left_out(comparison), []).append(comparison.metric)
+    lines += [f"without {text}: {', '.join(names)}" for text, names in without.items()]
+    if not paired:
+        lines.append("other seeds than the baseline's: compared case by case, not pair by pair")
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    _show_trouble(console, results.baseline, candidate)
 
 
 def _change(comparison: Comparison, unit: str) -> str:
@@ -95,11 +113,12 @@ def _change(comparison: Comparison, unit: str) -> str:
     return f"{factor * change:+.3g} ± {factor * reach:.2g} {shown}"
 
 
-def _show_trouble(console: Console, run: PolicyRun, verdicts: Mapping[str, str]) -> None:
-    """The episodes that failed, and how much of each disturbance was borne; `verdicts` on that by axis, if any."""
-    failures = run.failures
+def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candidate) -> None:
+    """The episodes that failed, and how much of each disturbance was borne, beside the baseline's margins."""
+    run, failures = candidate.run, candidate.run.failures
     if failures:
-        console.print(f"{len(failures)} of {len(run.episodes)} episodes failed:")
+        before = f" (the baseline: {len(baseline.failures)} of {len(baseline.episodes)})" if baseline else ""
+        console.print(f"{len(failures)} of {len(run.episodes)} episodes failed{before}:")
         for episode in failures[:_FAILURES_SHOWN]:
             line = f"  {episode.label}, after {episode.duration:.2f} s: {episode.failure}"
             console.print(line, markup=False, highlight=False, soft_wrap=True)
@@ -107,35 +126,39 @@ def _show_trouble(console: Console, run: PolicyRun, verdicts: Mapping[str, str])
             console.print(f"  and {len(failures) - _FAILURES_SHOWN} more")
     if not run.margins:
         return
+    verdicts = {margin.axis: margin.verdict for margin in candidate.margins}
+    old = {margin.axis: margin for margin in baseline.margins} if baseline else {}
     table = Table(title="robustness margins", title_justify="left")
     table.add_column("disturbance")
-    table.add_column("borne up to", justify="right")
-    table.add_column("fails")
     if verdicts:
         table.add_column("verdict")
+        table.add_column("baseline, up to", justify="right")
+    table.add_column("tolerated up to", justify="right")
+    table.add_column("fails")
     for margin in run.margins:
-        borne = quantity(margin.limit, margin.unit)
         verdict = verdicts.get(margin.axis, "")
-        reason = (
-            "" if margin.reached_end else f"at {quantity(margin.levels[-1], margin.unit)}: {escape(margin.failure)}"
-        )
-        cells = [margin.axis, f"{borne} or more" if margin.reached_end else borne, reason]
-        if verdicts:
-            cells.append(f"[{_COLOURS[verdict]}]{verdict}[/]" if verdict else "")
-        table.add_row(*cells)
+        reason = "" if margin.fails_at is None else f"at {quantity(margin.fails_at, margin.unit)}: {margin.failure}"
+        compared = [f"[{_COLOURS[verdict]}]{verdict}[/]" if verdict else "", describe_limit(old.get(margin.axis))]
+        table.add_row(margin.axis, *(compared if verdicts else ()), describe_limit(margin), escape(reason))
     console.print(table)
 
 
 def show_verdict(console: Console, results: Results, candidate: Candidate) -> None:
     """One line: pass or fail, naming the metrics."""
     name = candidate.run.name
+    unclear = ", ".join(candidate.unclear)
     if results.baseline is None:
         failed = len(candidate.run.failures)
         line = f"{name}: {len(candidate.run.episodes)} episodes, {failed} failed; no baseline to compare with"
     elif candidate.passed:
-        unclear = [comparison.metric for comparison in candidate.comparisons if comparison.verdict == "unclear"]
-        doubt = f"; more seeds would tell for sure: {', '.join(unclear)}" if unclear else ""
-        line = f"PASS {name}{doubt}"
+        tolerated = [c.metric for c in candidate.comparisons if c.verdict == "worse, tolerated"]
+        line = f"PASS {name}"
+        line += f"; worse, tolerated: {', '.join(tolerated)}" if tolerated else ""
+        line += f"; unclear, more seeds would tell: {unclear}" if unclear else ""
     else:
-        line = f"FAIL {name}: worse: {', '.join(candidate.worse)}"
+        reasons = {comparison.metric: comparison.reasons for comparison in candidate.comparisons}
+        worse = [f"{metric} ({text})" if (text := reasons.get(metric)) else metric for metric in candidate.worse]
+        parts = [f"worse: {', '.join(worse)}"] if worse else []
+        parts += [f"unclear: {unclear}"] if results.strict and unclear else []
+        line = f"FAIL {name}: {'; '.join(parts)}"
     console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -80,7 +80,7 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One disturbance, raised level by level until the policy fails."""
+    """One disturbance, raised level by level until the policy fails, and then narrowed down by bisection."""
 
     axis: Axis
     levels: tuple[float, ...]
@@ -105,6 +105,10 @@ class Margins(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Names; empty: all."""
     allowed_failures: float = 0.0
     """Share of the episodes that may fail at a level that is passed."""
+    bisections: int = 3
+    """How often the stretch between the last level passed and the first one failed is halved."""
+    tolerance: float = 0.15
+    """How much smaller than the baseline's a margin may be, as a share of that."""
     limits: Mapping[str, float] = {}
     """By metric: an episode beyond this counts as failed too."""
 
@@ -125,6 +129,8 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
     confidence: float = 0.95
     """That none of a candidate's intervals misses its change."""
+    case_tolerance: float = 2.0
+    """How much worse a single case may be, in multiples of the tolerance for the mean over all of them."""
     resamples: int = 10_000
     """Of the bootstrap."""
     start: Start = Start()

@@ -24,6 +24,7 @@ from humanoid_sim.strict_yaml import read_yaml
 
 __all__ = ["chosen_suite", "load_suite", "shipped_suites"]
 
+_SEEDS = 2**31
 _PLACE = re.compile(r"^(?P<problem>.*?)(?: - at `\$\.?(?P<place>.*?)`)?$", re.DOTALL)
 _CHOICES = {"task": tuple(METRICS), "axis": tuple(AXES)}
 """What is accepted where a suite may choose."""
@@ -76,10 +77,10 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
     Raises:
         InputError: naming the option.
     """
+    names = [case.name for case in suite.cases]
     cases = tuple(case for case in suite.cases if config.only is None or config.only in case.name)
     if not cases:
-        names = ", ".join(case.name for case in suite.cases)
-        raise InputError(f"--only: is '{config.only}', expected part of one of the suite's cases: {names}")
+        raise InputError(f"--only: is '{config.only}', expected part of one of the suite's cases: {', '.join(names)}")
     margins = suite.margins
     if config.margins and margins is None:
         raise InputError(f"--margins: the suite '{suite.name}' has no margins to measure")
@@ -96,6 +97,14 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
     for problem in suite_problems(chosen):
         place, _, text = problem.partition(": ")
         raise InputError(f"--{place.replace('_', '-')}: {text}")
+    if config.episode is not None:
+        name, _, seed = config.episode.rpartition(":")
+        if name not in names:
+            raise InputError(f"--episode: {known_names('case', name, names)}")
+        if int(seed) >= _SEEDS:
+            raise InputError(f"--episode: the seed is {seed}, expected 0 to {_SEEDS - 1}")
+        only = tuple(case for case in cases if case.name == name)
+        chosen = msgspec.structs.replace(chosen, cases=only, first_seed=int(seed), seeds=1)
     return chosen
 
 
@@ -171,6 +180,7 @@ def _number_problems(suite: Suite) -> Iterator[str]:
     shares = {"confidence": (suite.confidence, 0.5)}
     numbers = {
         "settle": suite.settle,
+        "case_tolerance": suite.case_tolerance,
         "start.joint_position": suite.start.joint_position,
         "start.joint_velocity": suite.start.joint_velocity,
     }
@@ -181,15 +191,17 @@ def _number_problems(suite: Suite) -> Iterator[str]:
             (margins.seeds, 1),
             (margins.allowed_failures, 0.0),
         )
+        counts["margins.bisections"] = (margins.bisections, 0)
         numbers |= {f"margins.limits.{name}": limit for name, limit in margins.limits.items()}
+        numbers["margins.tolerance"] = margins.tolerance
     positives = {name: getattr(suite, name) for name in ("action_limit", "physics_timestep", "base_height")}
     if pushes is not None:
         positives |= {"pushes.speed": pushes.speed, "pushes.interval": pushes.interval}
     for place, (count, least) in counts.items():
         if count < least:
             yield f"{place}: is {count}, expected at least {least}"
-    if not 0 <= suite.first_seed < 2**31:
-        yield f"first_seed: is {suite.first_seed}, expected 0 to {2**31 - 1}"
+    if not 0 <= suite.first_seed < _SEEDS:
+        yield f"first_seed: is {suite.first_seed}, expected 0 to {_SEEDS - 1}"
     for place, (share, at_least) in shares.items():
         if not at_least <= share < 1.0:
             yield f"{place}: is {share:g}, expected {at_least:g} or more, and less than 1"

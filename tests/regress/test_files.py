@@ -11,15 +11,15 @@ from regress_runs import episode, run, tiny_suite
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.regress.compare import compare_runs
-from humanoid_sim.regress.files import junit_xml, read_baseline, write_json, write_junit
+from humanoid_sim.regress.files import json_of, junit_xml, read_baseline
 from humanoid_sim.regress.results import Candidate, MarginComparison, Results, SuiteInfo
 from humanoid_sim.regress.suite import Tolerance
 
 SUITE = tiny_suite(joint_error=Tolerance(relative=0.05), effort=Tolerance(), faults=Tolerance())
 
 
-def results(factor: float, *, margin: str = "same", baseline: bool = True) -> Results:
-    good = run(episode("a", s, {"joint_error": 0.1, "effort": None, "faults": 0.0}) for s in range(5))
+def results(factor: float, *, margin: str = "same", baseline: bool = True, strict: bool = False) -> Results:
+    good = run(episode("a", s, {"joint_error": 0.1, "effort": None, "faults": 0.0}) for s in range(6))
     failed = episode("a", 5, {"joint_error": None, "effort": None, "faults": 0.0}, "strayed: \x00 <left_hand> & more")
     other = run(
         [*(episode("a", s, {"joint_error": 0.1 * factor, "effort": None, "faults": 0.0}) for s in range(5)), failed],
@@ -29,7 +29,7 @@ def results(factor: float, *, margin: str = "same", baseline: bool = True) -> Re
         run=other,
         passed=False,
         comparisons=compare_runs(SUITE, SUITE.metrics, good, other) if baseline else (),
-        margins=(MarginComparison(axis="delay", baseline=0.03, candidate=0.01, verdict=margin),),
+        margins=(MarginComparison(axis="delay", unit="s", baseline=0.03, candidate=0.01, verdict=margin),),
     )
     info = SuiteInfo(
         name="tiny", summary="", task="tracking", robot="lite", cases=("a",), seeds=(0,), duration=1.0, policy_dt=0.02
@@ -42,6 +42,7 @@ def results(factor: float, *, margin: str = "same", baseline: bool = True) -> Re
         baseline=good if baseline else None,
         detectable=(),
         candidates=(candidate,),
+        strict=strict,
     )
 
 
@@ -53,7 +54,8 @@ def test_a_regression_is_a_failure_that_names_the_metric() -> None:
     failure = cases["joint_error"].find("failure")
     assert failure is not None
     assert failure.get("message") == (
-        "joint_error is worse: 6.88°, was 5.73°: +1.15° (+20.0 %), between +1.15° and +1.15°; tolerated: 0.286°"
+        "joint_error is worse: 6.88°, was 5.73°: +1.15° (+20.0 %), between +1.15° and +1.15°; tolerated: 0.286°; "
+        "without 1 of 6 pairs in which an episode failed"
     )
     skipped = cases["effort"].find("skipped")
     assert skipped is not None
@@ -64,7 +66,7 @@ def test_a_regression_is_a_failure_that_names_the_metric() -> None:
 def test_a_margin_that_is_worse_fails_too() -> None:
     root = ElementTree.fromstring(junit_xml(results(1.0, margin="worse")))
     (failure,) = root.iter("failure")
-    assert failure.get("message") == "margin delay is worse: 0.01, was 0.03"
+    assert failure.get("message") == "margin delay is worse: up to 10 ms, was 30 ms"
 
 
 def test_a_metric_that_no_episode_has_any_more_fails() -> None:
@@ -87,15 +89,9 @@ def test_without_a_baseline_every_metric_is_skipped() -> None:
     assert (root.get("failures"), root.get("skipped")) == ("0", "4")
 
 
-def test_the_file(tmp_path: Path) -> None:
-    write_junit(tmp_path / "out.xml", results(1.0))
-    assert ElementTree.parse(tmp_path / "out.xml").getroot().tag == "testsuites"
-    assert [path.name for path in tmp_path.iterdir()] == ["out.xml"]
-
-
 def test_round_trip(tmp_path: Path) -> None:
     written = run([episode("a", 0, {"joint_error": 0.1, "effort": None}), episode("a", 1, {}, "fell")])
-    write_json(tmp_path / "base.json", written)
+    (tmp_path / "base.json").write_bytes(json_of(written))
     assert read_baseline(tmp_path / "base.json") == written
     assert b'"joint_error": 0.1' in (tmp_path / "base.json").read_bytes()
 
@@ -118,7 +114,7 @@ def test_what_is_no_baseline(tmp_path: Path, text: str, message: str) -> None:
 
 
 def test_a_baseline_without_episodes(tmp_path: Path) -> None:
-    write_json(tmp_path / "base.json", run([]))
+    (tmp_path / "base.json").write_bytes(json_of(run([])))
     with pytest.raises(InputError, match="holds no episodes"):
         read_baseline(tmp_path / "base.json")
 
@@ -133,3 +129,21 @@ def test_a_result_taken_for_a_baseline(tmp_path: Path) -> None:
 def test_no_such_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no such file, expected a baseline \(.json\) or a checkpoint \(.onnx\)"):
         read_baseline(tmp_path / "base.json")
+
+
+def test_times_are_the_seconds_of_the_candidate_shared_among_its_cases() -> None:
+    root = ElementTree.fromstring(junit_xml(results(1.0), [2.5]))
+    (suite,) = root
+    assert (root.get("time"), suite.get("time")) == ("2.500", "2.500")
+    assert [case.get("time") for case in suite.iter("testcase")] == ["0.500"] * 5
+
+
+def test_what_is_unclear_fails_where_it_has_to_be_clear() -> None:
+    for strict, failures in ((False, 0), (True, 1)):
+        whole = results(1.0, strict=strict)
+        candidate = whole.candidates[0]
+        unclear = replace(candidate.comparisons[0], verdict="unclear")
+        whole = replace(whole, candidates=(replace(candidate, comparisons=(unclear, *candidate.comparisons[1:])),))
+        found = list(ElementTree.fromstring(junit_xml(whole)).iter("failure"))
+        assert len(found) == failures
+        assert all((failure.get("message") or "").startswith("joint_error is unclear: ") for failure in found)

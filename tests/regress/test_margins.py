@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 from policies import SAMPLE
-from regress_runs import episode, yaml_suite
+from regress_runs import SHORT, episode, yaml_suite
 
-from humanoid_sim.regress.compare import compare_margins
 from humanoid_sim.regress.executors import Advance, LocalExecutor
-from humanoid_sim.regress.margins import disturbance_at, measure_margins
+from humanoid_sim.regress.margins import compare_margins, disturbance_at, measure_margins, planned_levels
 from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Episode, Margin
 from humanoid_sim.regress.suite import Disturbance, Pushes, Sweep
@@ -44,17 +43,31 @@ class FailsBeyond:
         return episode(case.case.name, seed, {"body_position_error": None if failure else error}, failure)
 
 
-def test_a_sweep_ends_where_an_episode_fails(short: tuple[PreparedCase, ...]) -> None:
+def test_a_sweep_ends_where_an_episode_fails_and_is_narrowed_down(short: tuple[PreparedCase, ...]) -> None:
+    """Delays are tried in whole steps of physics, of half a millisecond."""
     executor, done = FailsBeyond(), list[int]()
     delay, gains = measure_margins(short, executor, done.append)
-    assert (delay.axis, delay.unit, delay.nominal, delay.limit, delay.reached_end) == ("delay", "s", 0.0, 0.02, False)
-    assert delay.levels == (0.01, 0.02, 0.1)
-    assert delay.failed_share == (0.0, 0.0, 1.0)
-    assert delay.failure == "wave, seed 0: body position error is 100 mm, accepted up to 20 mm"
-    assert (gains.axis, gains.limit, gains.failed_share) == ("gains down", 0.5, (0.0, 0.5))
+    assert (delay.axis, delay.unit, delay.nominal, delay.reached_end) == ("delay", "s", 0.0, False)
+    assert (delay.limit, delay.fails_at) == (0.02, 0.03)
+    assert delay.levels == pytest.approx((0.01, 0.02, 0.03, 0.04, 0.06, 0.1))
+    assert delay.failed_share == (0.0, 0.0, 1.0, 1.0, 1.0, 1.0)
+    assert delay.failure == "wave, seed 0: body position error is 30 mm, accepted up to 20 mm"
+    assert (gains.axis, gains.limit) == ("gains down", 0.1325)
+    assert gains.fails_at == pytest.approx(0.07125)
+    assert gains.levels == pytest.approx((0.5, 0.255, 0.1325, 0.07125, 0.01))
+    assert gains.failed_share == (0.0, 0.0, 0.0, 0.5, 0.5)
     assert gains.failure == "wave, seed 1: fell"
-    assert done == [3, 2]
+    assert done == [6, 5]
+    assert sum(done) == planned_levels(short[0].suite)
     assert set(executor.ran) == {("wave", (0, 1))}
+
+
+def test_a_sweep_is_not_halved_below_a_step_of_physics(tmp_path: Path) -> None:
+    text = SHORT.replace("[0.01, 0.02, 0.1]", "[0.02, 0.021]").replace("margins:\n", "margins:\n  bisections: 9\n")
+    suite, folder = load_suite(str(yaml_suite(tmp_path, text)))
+    cases = prepare_policy(prepare_suite(suite, folder), SAMPLE).cases
+    delay, _ = measure_margins(cases, FailsBeyond(), lambda _: None)
+    assert delay.levels == pytest.approx((0.02, 0.0205, 0.021))
 
 
 def test_a_sweep_that_nothing_fails_in_says_so(short: tuple[PreparedCase, ...]) -> None:
@@ -69,7 +82,9 @@ def test_a_sweep_that_nothing_fails_in_says_so(short: tuple[PreparedCase, ...]) 
 def test_the_lite_bears_some_delay_and_no_gains_at_all(short: tuple[PreparedCase, ...]) -> None:
     delay, gains = measure_margins(short, LocalExecutor(), lambda _: None)
     assert delay.limit >= 0.02
-    assert gains.limit == 0.5
+    assert 0.01 < gains.limit <= 0.5
+    assert gains.fails_at is not None
+    assert gains.limit - gains.fails_at == pytest.approx(0.49 / 8)
     assert not gains.reached_end
 
 
@@ -105,15 +120,29 @@ def test_pushes_keep_the_suites_interval() -> None:
     assert disturbance_at(sweep, 0.5, None, 0.002).pushes == Pushes(speed=0.5)
 
 
-def margin(limit: float) -> Margin:
-    return Margin(axis="delay", unit="s", nominal=0.0, limit=limit, reached_end=False)
+def margin(limit: float, fails_at: float | None) -> Margin:
+    levels = (limit,) if fails_at is None else (limit, fails_at)
+    return Margin(axis="delay", unit="s", nominal=0.0, limit=limit, reached_end=fails_at is None, levels=levels)
 
 
 @pytest.mark.parametrize(
     ("before", "after", "verdict"),
-    [(0.1, 0.01, "worse"), (0.1, 0.02, "same"), (0.02, 0.1, "same"), (0.0, 0.1, "better"), (0.02, 0.02, "same")],
+    [
+        ((0.10, 0.11), (0.07, 0.08), "worse"),
+        ((0.10, 0.11), (0.08, 0.09), "same"),
+        ((0.10, None), (0.07, 0.08), "worse"),
+        ((0.10, 0.11), (0.10, 0.11), "same"),
+        ((0.10, 0.11), (0.10, None), "same"),
+        ((0.10, 0.11), (0.13, 0.14), "better"),
+        ((0.0, 0.01), (0.10, 0.11), "better"),
+        ((0.0, 0.01), (0.0, 0.001), "same"),
+    ],
 )
-def test_one_level_more_or_less_is_the_same(tmp_path: Path, before: float, after: float, verdict: str) -> None:
+def test_a_margin_is_worse_where_even_the_level_that_failed_lies_too_far_below(
+    tmp_path: Path, before: tuple[float, float | None], after: tuple[float, float | None], verdict: str
+) -> None:
+    """15 % less is tolerated."""
     suite, _ = load_suite(str(yaml_suite(tmp_path)))
-    (comparison,) = compare_margins(suite, [margin(before)], [margin(after)])
-    assert (comparison.axis, comparison.verdict) == ("delay", verdict)
+    (comparison,) = compare_margins(suite, [margin(*before)], [margin(*after)])
+    assert (comparison.axis, comparison.unit, comparison.verdict) == ("delay", "s", verdict)
+    assert (comparison.baseline, comparison.candidate) == (before[0], after[0])

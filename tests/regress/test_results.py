@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import pytest
 
 from humanoid_sim.regress.metrics import METRICS
-from humanoid_sim.regress.results import Detectable, describe_detectable, quantity
+from humanoid_sim.regress.results import (
+    CaseComparison,
+    Comparison,
+    Margin,
+    describe_detectable,
+    describe_limit,
+    quantity,
+)
 
 
 @pytest.mark.parametrize(
@@ -32,11 +40,8 @@ def test_changes_have_a_sign() -> None:
     assert quantity(0.001, "m", signed=True) == "+1 mm"
 
 
-def announced(metric: str, baseline: float, change: float) -> str:
-    info = METRICS["tracking"][metric].info
-    return describe_detectable(
-        info, Detectable(metric=metric, baseline=baseline, tolerance=0.0, change=change, power=0.8)
-    )
+def announced(metric: str, baseline: float, change: float | None) -> str:
+    return describe_detectable(METRICS["tracking"][metric].info, change, baseline)
 
 
 def test_what_a_suite_finds() -> None:
@@ -44,3 +49,46 @@ def test_what_a_suite_finds() -> None:
     assert announced("survival", 0.8, 0.2) == "-20 % (25.0 %)"
     assert announced("faults", 0.0, 0.11) == "+11 %"
     assert announced("faults", 0.0, 1.06) == "too few episodes"
+    assert announced("faults", 0.0, None) == "-"
+
+
+def test_what_makes_a_metric_worse_whatever_its_mean() -> None:
+    case = CaseComparison(
+        case="wave", verdict="worse", baseline=2.0, candidate=2.4, change=0.4, low=0.3, high=0.5, tolerance=0.1
+    )
+    same = msgspec.structs.replace(case, case="drum", verdict="same")
+    comparison = Comparison(
+        metric="joint_error",
+        verdict="worse",
+        baseline=2.0,
+        candidate=2.1,
+        change=0.1,
+        low=0.0,
+        high=0.2,
+        tolerance=0.1,
+        episodes=8,
+        paired=True,
+        cases=(case, same),
+    )
+    assert comparison.reasons == "in wave by +20.0 %"
+    assert msgspec.structs.replace(comparison, cases=(case, case)).reasons == ""  # the mean says it already
+    failed = msgspec.structs.replace(comparison, cases=(), new_failures=tuple(f"wave, seed {i}" for i in range(5)))
+    assert failed.reasons == "5 new: wave, seed 0; wave, seed 1; wave, seed 2 and 2 more"
+
+
+def test_how_far_a_margin_reaches() -> None:
+    margin = Margin(
+        axis="gains down",
+        unit="×",
+        nominal=1.0,
+        limit=0.5,
+        reached_end=False,
+        levels=(0.8, 0.5, 0.45, 0.4),
+        failed_share=(0.0, 0.0, 0.5, 1.0),
+    )
+    assert margin.fails_at == 0.45
+    assert describe_limit(margin) == "0.5×"
+    end = msgspec.structs.replace(margin, reached_end=True)
+    assert end.fails_at is None
+    assert describe_limit(end) == "≥ 0.5×"
+    assert describe_limit(None) == "-"

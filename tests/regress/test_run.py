@@ -13,7 +13,9 @@ from regress_runs import SHORT, standing_policy, yaml_suite
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.regress import main, run
+from humanoid_sim.regress.preparation import distinct_names
 from humanoid_sim.regress.results import Results
+from humanoid_sim.replay import main as replay
 
 # What only the option `suite` changes from test to test is left as short as it can be.
 ONE = SHORT.replace("  - {name: drum, motion: drum, duration: 0.3}\n", "").replace("duration: 0.4", "duration: 0.2")
@@ -37,8 +39,9 @@ def test_the_sample_policy_passes_against_itself(
     arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(base), "--json", str(out), "--junit", str(junit)]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
-    assert "found with a probability of 80%" in printed
-    assert printed.index("found from") < printed.index("against the baseline")
+    assert "detectable with at least 80% probability" in printed
+    assert printed.index("other seeds") < printed.index("pairs") < printed.index("PASS")
+    assert printed.index("other seeds") < printed.index("against the baseline")
     assert printed.splitlines()[-1] == "PASS lite_tracking"
     found = results(out)
     assert found.passed
@@ -74,9 +77,12 @@ def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(
     arguments = [str(policy), "--suite", suite, "--baseline", str(SAMPLE), "--record-failures", str(folder)]
     assert main([*arguments, "--record-limit", "2"]) == 1
     printed = capsys.readouterr().out
-    assert "3 of 3 episodes failed:" in printed
+    assert "3 of 3 episodes failed (the baseline: 0 of 3):" in printed
+    assert "without 3 of 3 pairs in which an episode failed: body_position_error, joint_error" in printed
     assert "wave, seed 0, after 0.00 s: action of left_shoulder_pitch is nan, expected a magnitude <= 100" in printed
-    assert "FAIL nan: worse: body_position_error, joint_error, faults" in printed.splitlines()
+    assert (
+        "FAIL nan: worse: body_position_error, joint_error, faults (3 new: wave, seed 0; wave, seed 1; wave, seed 2)"
+    ) in printed.splitlines()
     assert sorted(path.name for path in folder.iterdir()) == ["nan-wave-0.mcap", "nan-wave-1.mcap"]
 
 
@@ -94,6 +100,31 @@ def test_margins(suite: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert "gains down" in printed
 
 
+def test_few_seeds_are_warned_of(suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.json"
+    arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(SAMPLE), "--json", str(out), "--quiet"]
+    assert main([*arguments, "--seeds", "5"]) == 0
+    warning = "5 seeds of each case are few, expected 6 or more: their intervals are wide and uncertain"
+    assert capsys.readouterr().err.splitlines() == [f"warning: {warning}"]
+    assert results(out).warnings == (warning,)
+    assert main([*arguments, "--seeds", "6", "--overwrite"]) == 0
+    assert capsys.readouterr().err == ""
+    assert results(out).warnings == ()
+
+
+def test_one_episode_is_run_and_recorded_whether_it_fails_or_not(
+    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "one"
+    assert (
+        main([str(SAMPLE), "--suite", suite, "--episode", "wave:7", "--record-failures", str(folder), "--quiet"]) == 0
+    )
+    (path,) = folder.iterdir()
+    assert path.name == "lite_tracking-wave-7.mcap"
+    assert capsys.readouterr().out == f"recorded {path}\n"
+    assert replay([str(path)]) == 0
+
+
 def test_two_policies_of_the_same_name_are_told_apart(suite: str, tmp_path: Path) -> None:
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
@@ -101,7 +132,7 @@ def test_two_policies_of_the_same_name_are_told_apart(suite: str, tmp_path: Path
     out = tmp_path / "out.json"
     paths = [str(tmp_path / name / "policy.onnx") for name in ("first", "second")]
     main([*paths, "--suite", suite, "--json", str(out), "--quiet"])
-    assert [candidate.run.name for candidate in results(out).candidates] == ["first/policy", "second/policy"]
+    assert [candidate.run.name for candidate in results(out).candidates] == ["first", "second"]
 
 
 def test_the_report_is_made_of_the_results(suite: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,6 +141,33 @@ def test_the_report_is_made_of_the_results(suite: str, tmp_path: Path, monkeypat
     page = tmp_path / "report.html"
     assert main([str(SAMPLE), "--suite", suite, "--report", str(page), "--quiet"]) == 0
     assert page.read_text(encoding="utf-8") == "<p>short: True</p>"
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["runs/a.onnx", "old/b.onnx"], ["a", "b"]),
+        (["runs/a/policy.onnx", "runs/b/policy.onnx"], ["a", "b"]),
+        (["runs/a/x/policy.onnx", "runs/b/x/policy.onnx"], ["a", "b"]),
+        (["runs/a/x/1.onnx", "runs/b/x/2.onnx", "runs/b/x/1.onnx"], ["a/x/1", "b/x/2", "b/x/1"]),
+        (["runs/policy.onnx", "runs/old/policy.onnx"], ["policy", "old"]),
+        (["runs/p.onnx", "runs/p/p.onnx"], ["p", "p/p"]),
+        (["a/policy.onnx", "a/policy.onnx"], ["policy", "policy"]),
+    ],
+)
+def test_policies_are_named_by_what_differs_in_their_paths(paths: list[str], names: list[str]) -> None:
+    assert distinct_names([Path(path) for path in paths]) == names
+
+
+def test_a_baseline_file_of_the_same_name_is_called_by_its_file(suite: str, tmp_path: Path) -> None:
+    (tmp_path / "policy.onnx").write_bytes(SAMPLE.read_bytes())
+    policy, golden, out = str(tmp_path / "policy.onnx"), tmp_path / "golden.json", tmp_path / "out.json"
+    main([policy, "--suite", suite, "--write-baseline", str(golden), "--quiet"])
+    swapped_copy(SAMPLE, tmp_path / "policy.onnx", 0, 1)
+    main([policy, "--suite", suite, "--baseline", str(golden), "--json", str(out), "--quiet"])
+    baseline = results(out).baseline
+    assert baseline is not None
+    assert (baseline.name, results(out).candidates[0].run.name) == ("golden", "policy")
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -135,6 +193,16 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
         ((policy, *short, "--json", "/proc/out.json"), "--json: '/proc/out.json' cannot be written: "),
         ((policy, *short, "--only", "jump"), "--only: is 'jump', expected part of one of the suite's cases: wave"),
         ((policy, *short, "--seeds", "1"), "--seeds: is 1, expected at least 2"),
+        ((policy, *short, "--episode", "wave"), "--episode: is 'wave', expected CASE:SEED, such as wave:3"),
+        ((policy, *short, "--episode", "jump:1"), "--episode: unknown case 'jump'; known: wave"),
+        (
+            (policy, *short, "--episode", "wave:2147483648"),
+            "--episode: the seed is 2147483648, expected 0 to 2147483647",
+        ),
+        (
+            (policy, *short, "--episode", "wave:1", "--baseline", policy),
+            "--baseline: has no effect with --episode, which judges nothing; leave one out",
+        ),
         ((policy, *short, "--threads", "0"), "--threads: is 0, expected a whole number >= 1"),
         (
             (policy, *short, "--record-failures", str(there)),

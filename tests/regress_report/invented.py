@@ -127,7 +127,7 @@ def results(*candidates: PolicyRun, baseline: PolicyRun | None = None) -> Result
     for candidate in candidates:
         comparisons = compare_runs(SUITE, metrics, baseline, candidate) if baseline else ()
         against = tuple(
-            MarginComparison(axis=m.axis, baseline=m.limit, candidate=m.limit, verdict="same")
+            MarginComparison(axis=m.axis, unit=m.unit, baseline=m.limit, candidate=m.limit, verdict="same")
             for m in candidate.margins
             if baseline and baseline.margins
         )

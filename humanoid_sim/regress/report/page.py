@@ -15,10 +15,10 @@ from humanoid_sim.regress.report.plots import case_plot, margin_plot, moved_metr
 from humanoid_sim.regress.results import (
     Candidate,
     Comparison,
-    Margin,
     MetricInfo,
     Results,
     describe_detectable,
+    describe_limit,
     quantity,
 )
 
@@ -38,7 +38,7 @@ def render(results: Results) -> str:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= {"quantity": quantity, "limit": _limit, "listed": _listed}
+    environment.filters |= {"quantity": quantity, "limit": describe_limit, "listed": _listed}
     comparisons = [comparison for candidate in results.candidates for comparison in candidate.comparisons]
     paired = results.baseline is not None and all(comparison.paired for comparison in comparisons)
     moved = moved_metrics(results)
@@ -66,7 +66,10 @@ def render(results: Results) -> str:
 def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, Any]:
     """What the page shows of one candidate beside what it holds itself."""
     first = worst(pair_up(candidate.run, results.baseline), results.metrics[0], _WORST)
-    detectable = {item.metric: describe_detectable(results.metric(item.metric), item) for item in results.detectable}
+    detectable = {
+        item.metric: describe_detectable(results.metric(item.metric), item.change, item.baseline)
+        for item in results.detectable
+    }
     return {
         "run": candidate.run,
         "worse": candidate.worse,
@@ -108,11 +111,6 @@ def interval_bar(metric: MetricInfo, comparison: Comparison) -> IntervalBar | No
         return math.copysign(_TOLERATED * math.log2(1.0 + min(tolerances, _BAR_END)), sign * value)
 
     return IntervalBar(min(place(low), place(high)), place(change), max(place(low), place(high)))
-
-
-def _limit(margin: Margin | None) -> str:
-    """Such as `20 ms`, and `≥ 20 ms` where the sweep ended there."""
-    return "-" if margin is None else f"{'≥ ' if margin.reached_end else ''}{quantity(margin.limit, margin.unit)}"
 
 
 def _listed(names: tuple[str, ...]) -> str:
