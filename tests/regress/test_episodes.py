@@ -107,7 +107,7 @@ def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short: Pr
     ("value", "failure"),
     [
         (np.nan, "action of left_shoulder_pitch is nan, expected a magnitude <= 100"),
-        (1e6, "action of left_shoulder_pitch is .*, expected a magnitude <= 100"),
+        (1e6, "action of left_shoulder_pitch is .*, expected a magnitude <= 100: --action-limit, .*"),
     ],
 )
 def test_actions_that_the_controller_refuses_are_counted(tmp_path: Path, value: float, failure: str) -> None:
