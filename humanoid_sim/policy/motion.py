@@ -84,7 +84,15 @@ class Motion:
         if self.layout not in get_args(MotionLayout):
             accepted = ", ".join(get_args(MotionLayout))
             raise FieldError(f"Motion.layout: is {self.layout!r}, expected one of {accepted}")
-        self._check_width(frames.shape[1])
+        width, bodies, joints = frames.shape[1], len(self.body_names), len(self.joint_names)
+        expected, parts = width, ""
+        if self.layout == "joints_bodies_w":
+            expected = 2 * joints + 7 * bodies
+            parts = f"2 for each of {joints} joints and 7 for each of {bodies} bodies"
+        elif bodies and self.task_type == "tracking":
+            expected, parts = 9 * bodies, f"9 for each of {bodies} bodies"
+        if width != expected:
+            raise FieldError(f"Motion.frames: {width} values per frame, expected {expected}, that is {parts}")
         if not (np.isfinite(self.policy_dt) and self.policy_dt > 0.0):
             raise FieldError(f"Motion.policy_dt: is {self.policy_dt}, expected a positive number of seconds")
         frames.setflags(write=False)
@@ -92,20 +100,6 @@ class Motion:
         object.__setattr__(self, "body_names", tuple(self.body_names))
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
         object.__setattr__(self, "policy_dt", float(self.policy_dt))
-
-    def _check_width(self, width: int) -> None:
-        bodies, joints = len(self.body_names), len(self.joint_names)
-        if self.layout == "joints_bodies_w":
-            expected, parts = (
-                2 * joints + 7 * bodies,
-                f"2 for each of {joints} joints and 7 for each of {bodies} bodies",
-            )
-        elif bodies and self.task_type == "tracking":
-            expected, parts = 9 * bodies, f"9 for each of {bodies} bodies"
-        else:
-            return
-        if width != expected:
-            raise FieldError(f"Motion.frames: {width} values per frame, expected {expected}, that is {parts}")
 
     @property
     def duration(self) -> float:

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from humanoid_sim.mit import FloatArray, MITCommand, affine_law, affine_torque
 from humanoid_sim.simulation.batch.counter_random import Words, uniforms
 from humanoid_sim.simulation.batch.physics import ModelPool
-from humanoid_sim.simulation.batch.randomisation import Randomisation
 
 __all__ = ["BatchMotors", "MotorDifferences"]
 
@@ -35,17 +34,6 @@ class MotorDifferences:
     """Shape (N, n), the motor's K_d over the commanded one."""
     keys: Words
     """Shape (2, N), of the jitter."""
-
-    @classmethod
-    def draw(cls, randomisation: Randomisation, keys: Words, joint_count: int, timestep: float) -> MotorDifferences:
-        """Those of robots with these keys; delays become whole physics steps of `timestep`, s."""
-        delay = randomisation.draw("command_delay", keys, 1)[:, 0]
-        return cls(
-            delay=np.rint(delay / timestep).astype(np.int64),
-            stiffness=randomisation.draw("stiffness", keys, joint_count),
-            damping=randomisation.draw("damping", keys, joint_count),
-            keys=keys,
-        )
 
 
 class BatchMotors:

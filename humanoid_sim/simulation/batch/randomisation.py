@@ -14,6 +14,7 @@ import numpy.typing as npt
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.batch.counter_random import Words, uniforms
+from humanoid_sim.simulation.batch.physics import ModelPool
 
 __all__ = ["LONGEST_DELAY", "Randomisation", "Range", "vary_models"]
 
@@ -102,11 +103,6 @@ class Randomisation:
         return cls(**(values or {}))
 
     @property
-    def varies_models(self) -> bool:
-        """Whether the environments need models of their own."""
-        return any(getattr(self, name) != _SAME for name in ("mass", "friction", "joint_friction"))
-
-    @property
     def is_noisy(self) -> bool:
         """Whether what the policy sees differs from what is."""
         return any(
@@ -130,21 +126,25 @@ class Randomisation:
 
 
 def vary_models(
-    models: Sequence[mujoco.MjModel],
-    nominal: mujoco.MjModel,
+    pool: ModelPool,
+    indices: npt.NDArray[np.intp],
     randomisation: Randomisation,
     keys: Words,
     dof: npt.NDArray[np.intp],
 ) -> None:
-    """Give copies of a model the masses and frictions of their environments, in place; nothing is compiled anew.
+    """Give models the masses and frictions of their environments, in place, if any differ; nothing is compiled anew.
 
     Args:
-        models: k copies of `nominal`, perhaps ones that were varied before.
-        nominal: the robot as it is described.
+        pool: of all environments.
+        indices: shape (k,), the environments, whose models may have been varied before.
         randomisation: the ranges.
         keys: shape (2, k), the environments'.
         dof: shape (n,), the joints' indices into `qvel`.
     """
+    if all(getattr(randomisation, name) == _SAME for name in ("mass", "friction", "joint_friction")):
+        return
+    pool.separate()
+    models, nominal = pool.select(indices), pool.nominal
     masses = randomisation.draw("mass", keys, nominal.nbody)
     frictions = randomisation.draw("friction", keys, 1)[:, 0]
     losses = randomisation.draw("joint_friction", keys, len(dof))

@@ -186,14 +186,18 @@ class BatchSimulation:
         self.reset(where)
 
     def _draw_differences(self, where: IndexArray) -> None:
-        if self.randomisation.varies_models:
-            self._pool.separate()
-            models, keys = self._pool.select(where), self._keys[:, where]
-            vary_models(models, self._pool.nominal, self.randomisation, keys, self._joints.dof)
+        vary_models(self._pool, where, self.randomisation, self._keys[:, where], self._joints.dof)
         self._motors.differences = self._differences()
 
     def _differences(self) -> MotorDifferences:
-        return MotorDifferences.draw(self.randomisation, self._keys, len(self._joints.dof), self._timestep)
+        randomisation, keys, n = self.randomisation, self._keys, len(self._joints.dof)
+        delay = randomisation.draw("command_delay", keys, 1)[:, 0]
+        return MotorDifferences(
+            delay=np.rint(delay / self._timestep).astype(np.int64),
+            stiffness=randomisation.draw("stiffness", keys, n),
+            damping=randomisation.draw("damping", keys, n),
+            keys=keys,
+        )
 
     def reset(
         self,
