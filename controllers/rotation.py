@@ -12,6 +12,7 @@ from humanoid_sim.mit import FloatArray
 
 __all__ = [
     "conjugate",
+    "continuous",
     "gravity_direction",
     "heading",
     "matrix",
@@ -32,6 +33,16 @@ def conjugate(quaternion: FloatArray) -> FloatArray:
     """The inverse rotation of a unit quaternion."""
     inverse: FloatArray = quaternion * np.array([1.0, -1.0, -1.0, -1.0])
     return inverse
+
+
+def continuous(quaternion: FloatArray) -> FloatArray:
+    """The same rotations, (F, ..., 4), with each quaternion on its predecessor's side: q and -q are one rotation.
+
+    The first frame keeps its sign.
+    """
+    flipped = (quaternion[1:] * quaternion[:-1]).sum(axis=-1, keepdims=True) < 0.0
+    sign = np.cumprod(np.where(flipped, -1.0, 1.0), axis=0)
+    return np.concatenate([quaternion[:1], sign * quaternion[1:]])
 
 
 def multiply(a: FloatArray, b: FloatArray) -> FloatArray:

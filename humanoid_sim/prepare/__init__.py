@@ -47,6 +47,8 @@ class PrepareOptions:
     Default: contract if it has as many bodies, else mjcf."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
     """Order of the motion's quaternions. Default: xyzw for .csv, wxyz for the other formats."""
+    velocities: Literal["source", "positions"] = "source"
+    """Where joint velocities come from: the motion's source, or the differences of its joint positions."""
     resample: bool = False
     """Interpolate a motion whose frame rate is not the policy's."""
     tolerance: float = 0.01

@@ -15,10 +15,8 @@ from humanoid_sim.prepare.conventions import Conventions, NamedMotion, body_orde
 from humanoid_sim.prepare.motion_fit import (
     BodyCheck,
     LimitExcess,
-    RateCheck,
     Tolerance,
     check_bodies,
-    check_rate,
     is_upside_down,
     orders_within_limits,
     worst_excess,
@@ -26,6 +24,13 @@ from humanoid_sim.prepare.motion_fit import (
 from humanoid_sim.prepare.order_search import what_would_fit
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
+from humanoid_sim.prepare.velocities import (
+    RateCheck,
+    VelocityCheck,
+    check_rate,
+    check_velocities,
+    refuse_velocities,
+)
 from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 
 __all__ = ["FORWARD", "INVERSE", "Findings", "accept"]
@@ -34,13 +39,6 @@ FORWARD = "forward kinematics"
 INVERSE = "inverse kinematics"
 """For motions without joint positions: is there a pose of the robot that puts the bodies where they are?"""
 
-_RATE = 0.15
-"""Relative error of a frame rate that the joint velocities contradict: 25, 30, 50, 60 and 120 are farther apart, and
-what real joints do between two frames shifts the fit by less."""
-_CLEAR = 0.9
-"""Correlation from which on the fit is believed."""
-_CORRELATION = 0.5
-"""Below it, joint velocities are not those of the joint positions; of whole_body_tracking's they are 0.99."""
 _MOST_POSES = 120
 """Frames for which joint positions are sought."""
 
@@ -54,6 +52,8 @@ class Findings:
     """How joints and bodies were compared; empty if they could not be."""
     bodies: tuple[BodyCheck, ...]
     rate: RateCheck | None
+    velocities: tuple[VelocityCheck, ...]
+    """Of the joints that move; empty without velocities."""
     beyond_limits: LimitExcess | None
     notes: tuple[str, ...]
 
@@ -67,7 +67,7 @@ def accept(
         InputError: naming the body, the joint or the rate that does not fit, and what would.
     """
     motion = interpret(source, conventions, skeleton)
-    rate = _check_rate(source, motion)
+    rate, velocities = _check_velocities(source, motion, skeleton)
     excess = None if motion.joint_position is None else worst_excess(motion.joint_position, skeleton.description)
     notes: list[str] = []
     method, bodies = FORWARD, check_bodies(motion, skeleton, tolerance)
@@ -87,7 +87,7 @@ def accept(
             f"joint {excess.joint} is at {excess.position:.3f} rad in frame {excess.frame}, beyond its limits "
             f"{excess.lower:g} to {excess.upper:g}"
         )
-    return Findings(motion, method, bodies, rate, excess, tuple(notes))
+    return Findings(motion, method, bodies, rate, velocities, excess, tuple(notes))
 
 
 def _refuse_mismatch(
@@ -121,22 +121,15 @@ def _shown(tolerance: Tolerance) -> str:
     return f"{100.0 * tolerance.position:g} cm, {math.degrees(tolerance.angle):g}°"
 
 
-def _check_rate(source: SourceMotion, motion: NamedMotion) -> RateCheck | None:
+def _check_velocities(
+    source: SourceMotion, motion: NamedMotion, skeleton: Skeleton
+) -> tuple[RateCheck | None, tuple[VelocityCheck, ...]]:
     if motion.joint_position is None or motion.joint_velocity is None:
-        return None
+        return None, ()
     rate = check_rate(motion.joint_position, motion.joint_velocity, source.fps)
-    if rate is None:
-        return None
-    if rate.correlation < _CORRELATION:
-        raise InputError(
-            f"{source.source}: its joint velocities do not match its joint positions (correlation "
-            f"{rate.correlation:.2f}, expected about 1)"
-        )
-    if abs(rate.fps / source.fps - 1.0) > _RATE and rate.correlation > _CLEAR:
-        raise InputError(
-            f"{source.source}: fps is {source.fps:g}, but its joint velocities match {rate.fps:.1f} frames per second"
-        )
-    return rate
+    checks = check_velocities(motion.joint_position, motion.joint_velocity, source.fps, skeleton.joints)
+    refuse_velocities(source.source, source.fps, rate, checks, len(skeleton.joints))
+    return rate, checks
 
 
 def _check_bodies_alone(

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.rotation import matrix, multiply, quaternion_from_matrix, rotate, slerp
+from humanoid_sim.controllers.rotation import continuous, matrix, multiply, quaternion_from_matrix, rotate, slerp
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion, MotionLayout, body_frames
@@ -100,7 +100,7 @@ def convert(source: str, motion: NamedMotion, contract: PolicyContract, skeleton
             motion.joint_position[:, order],
             _velocity(motion)[:, order],
             position.reshape(count, -1),
-            quaternion.reshape(count, -1),
+            continuous(quaternion).reshape(count, -1),
         )
         frames, joints = np.concatenate(parts, axis=1), contract.joint_names
     return (

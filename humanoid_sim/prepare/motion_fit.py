@@ -1,4 +1,4 @@
-"""How well a motion fits a robot: how far its bodies, its frame rate and its joints are from what the robot has."""
+"""How well a motion fits a robot: how far its bodies, its base and its joints are from what the robot has."""
 
 from __future__ import annotations
 
@@ -17,17 +17,12 @@ from humanoid_sim.robots.description import RobotDescription
 __all__ = [
     "BodyCheck",
     "LimitExcess",
-    "RateCheck",
     "Tolerance",
     "check_bodies",
-    "check_rate",
     "is_upside_down",
     "orders_within_limits",
     "worst_excess",
 ]
-
-_LEAST_SPEED = 0.02
-"""rad/s, root mean square: below it a motion is too still to say anything about its frame rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,16 +54,6 @@ class BodyCheck:
     def excess(self, tolerance: Tolerance) -> float:
         """The larger error in tolerances: more than 1 is a mismatch."""
         return max(self.position_max / tolerance.position, self.angle_max / tolerance.angle)
-
-
-@dataclass(frozen=True, slots=True)
-class RateCheck:
-    """What the joint velocities say about the frame rate."""
-
-    fps: float
-    """Frames per second for which the velocities fit the positions best."""
-    correlation: float
-    """Between velocities and differences of positions: 1 where they agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,22 +130,6 @@ def _summary(name: str, distance: FloatArray, angle: FloatArray, tolerance: Tole
         angle_max=float(angle.max()),
         worst_frame=int(worst.argmax()),
     )
-
-
-def check_rate(position: FloatArray, velocity: FloatArray, fps: float) -> RateCheck | None:
-    """Compare joint velocities (F, n), rad/s, with the central differences of positions (F, n), rad.
-
-    Returns:
-        None for motions of less than five frames and for those that hardly move.
-    """
-    if len(position) < 5:
-        return None
-    step = 0.5 * (position[2:] - position[:-2])
-    rate = velocity[1:-1]
-    power, cross = float((step * step).sum()), float((step * rate).sum())
-    if min(np.sqrt((rate * rate).mean()), np.sqrt((step * step).mean()) * fps) < _LEAST_SPEED:
-        return None
-    return RateCheck(cross / power, cross / np.sqrt(power * float((rate * rate).sum())))
 
 
 def worst_excess(joint_position: FloatArray, description: RobotDescription) -> LimitExcess | None:

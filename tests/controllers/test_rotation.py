@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.rotation import (
+    continuous,
     matrix,
     quaternion_from_matrix,
     rotation_6d,
@@ -79,3 +80,14 @@ def test_poses_seen_from_a_base() -> None:
     position, quaternion = seen_from(np.array([1.0, 0.0, 0.5]), base, np.array([[1.0, 2.0, 0.5]]), base[None])
     np.testing.assert_allclose(position, [[2.0, 0.0, 0.0]], atol=1e-15)
     np.testing.assert_allclose(quaternion, [[1.0, 0.0, 0.0, 0.0]], atol=1e-15)
+
+
+def test_a_continuous_sequence_keeps_its_sign() -> None:
+    angle = np.linspace(0.0, 4.0 * np.pi, 101)
+    turning = np.stack([np.cos(angle / 2), np.zeros(101), np.zeros(101), np.sin(angle / 2)], axis=-1)
+    sign = np.where(np.random.default_rng(0).random((101, 2, 1)) < 0.5, -1.0, 1.0)
+    sign[0] = [[1.0], [-1.0]]
+    made = continuous(sign * turning[:, None])
+    np.testing.assert_array_equal(made[:, 0], turning)
+    np.testing.assert_array_equal(made[:, 1], -turning)
+    np.testing.assert_array_equal(continuous(turning[:1]), turning[:1])

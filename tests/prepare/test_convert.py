@@ -88,6 +88,19 @@ def test_joints_and_bodies_in_the_world() -> None:
     np.testing.assert_allclose(parts[3], motion.body_quaternion.reshape(40, -1), atol=1e-6)
 
 
+def test_written_quaternions_keep_their_sign() -> None:
+    motion = named()
+    assert motion.body_quaternion is not None
+    flips = np.where(np.random.default_rng(0).random((40, 5, 1)) < 0.3, -1.0, 1.0)
+    flips[0] = 1.0
+    policy = contract(observation=ANCHOR_TERMS, anchor_body="chest", body_names=("chest", *BODIES))
+    made, _ = make(replace(motion, body_quaternion=flips * motion.body_quaternion), policy)
+    written = made.frames[:, 28 + 15 :].reshape(40, 5, 4)
+    assert (flips[1:] * flips[:-1] < 0.0).sum() == 67
+    assert (written[1:] * written[:-1]).sum(axis=-1).min() > 0.99
+    np.testing.assert_allclose(written, make(motion, policy)[0].frames[:, 43:].reshape(40, 5, 4), atol=1e-6)
+
+
 @pytest.mark.parametrize("has_base", [True, False])
 def test_world_poses_from_joints_alone(has_base: bool) -> None:
     motion = named()

@@ -10,7 +10,6 @@ from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
 from humanoid_sim.prepare.motion_fit import (
     Tolerance,
     check_bodies,
-    check_rate,
     is_upside_down,
     orders_within_limits,
     worst_excess,
@@ -86,24 +85,6 @@ def test_a_floating_robot_needs_its_base() -> None:
     )
     with pytest.raises(InputError, match=f"no pose of '{skeleton.base}', the floating base of 'lite_biped'"):
         check_bodies(motion, skeleton, TOLERANCE)
-
-
-def test_the_rate_that_velocities_fit() -> None:
-    q = joint_path()
-    rate = np.gradient(q, 1.0 / FPS, axis=0)
-    found = check_rate(q, rate, 30.0)
-    assert found is not None
-    assert found.fps == pytest.approx(50.0)
-    assert found.correlation == pytest.approx(1.0)
-    shuffled = check_rate(q, rate[:, ::-1], 50.0)
-    assert shuffled is not None
-    assert shuffled.correlation < 0.5
-
-
-def test_a_motion_too_short_or_too_still_says_nothing_about_its_rate() -> None:
-    q = joint_path()
-    assert check_rate(q[:4], q[:4], 50.0) is None
-    assert check_rate(np.zeros_like(q), q, 50.0) is None
 
 
 def joints_alone(**changes: Any) -> SourceMotion:

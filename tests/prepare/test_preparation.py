@@ -67,6 +67,8 @@ def test_the_report(tmp_path: Path) -> None:
     assert [body["name"] for body in report["bodies"]] == list(Skeleton(lite()).bodies)
     assert max(body["position_max"] for body in report["bodies"]) < 1e-5
     assert report["conventions"]["joints_said_by"] == "assumed: contract"
+    assert [check["joint"] for check in report["velocities"]] == list(lite().joint_names)
+    assert {check["lag"] for check in report["velocities"]} == {0}
     assert report["rate"]["fps"] == pytest.approx(50.0, rel=1e-3)
 
 
@@ -91,6 +93,16 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "velocities": (
         arrays(joint_vel=SAMPLE["joint_vel"][:, ::-1]),
         "its joint velocities do not match its joint positions",
+    ),
+    "a joint's velocities": (
+        arrays(joint_vel=SAMPLE["joint_vel"] * np.where(np.arange(14) == 3, 0.5, 1.0)),
+        "left_elbow_pitch: velocities are half of the derivative of the positions; correct them, or let --velocities "
+        "positions compute them",
+    ),
+    "no velocities": (arrays(joint_vel=0.0 * SAMPLE["joint_vel"]), "all 14 joints: velocities are all zero"),
+    "late velocities": (
+        arrays(joint_vel=np.roll(SAMPLE["joint_vel"], 10, axis=0)),
+        "all 14 joints: velocities are 10 frames late",
     ),
     "not a number": (arrays(body_pos_w=np.full((40, 18, 3), np.nan)), "body_position is nan at frame 0"),
     "frames": (arrays(body_quat_w=SAMPLE["body_quat_w"][:-1]), "body_quaternion has 39 frames, joint_position has 40"),
@@ -132,6 +144,13 @@ def test_a_wider_tolerance_lets_a_small_error_through(tmp_path: Path, capsys: py
     path = write_npz(tmp_path / "dance.npz", **WRONG["a body"][0])
     assert prepare(tmp_path, path, "--tolerance", "0.025") == 0
     assert "left_hand" in capsys.readouterr().out
+
+
+def test_velocities_can_be_computed_from_the_positions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_npz(tmp_path / "dance.npz", joint_vel=0.0 * SAMPLE["joint_vel"])
+    assert prepare(tmp_path, path, "--velocities", "positions") == 0
+    assert "computed from the joint positions" in capsys.readouterr().out
+    assert json.loads((tmp_path / "out" / "dance.json").read_text())["velocities"] == []
 
 
 def test_another_rate_is_resampled_only_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

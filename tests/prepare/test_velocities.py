@@ -1,0 +1,193 @@
+"""Joint velocities against joint positions: planted mistakes are named, and no way of taking differences is one."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from motion_samples import FPS, joint_path, lite
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.prepare.velocities import VelocityCheck, check_rate, check_velocities, refuse_velocities
+from humanoid_sim.training.motions import SAMPLES, sample_motion
+
+JOINTS = lite().joint_names
+ELBOW = 3
+PATHS = {"short": joint_path(), "long": joint_path(300)} | {name: sample_motion(lite(), name)[1] for name in SAMPLES}
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+def central(q: np.ndarray, fps: float = FPS) -> np.ndarray:
+    return np.gradient(q, 1.0 / fps, axis=0)
+
+
+def forward(q: np.ndarray, fps: float = FPS) -> np.ndarray:
+    rate = fps * np.diff(q, axis=0)
+    return np.concatenate([rate, rate[-1:]])
+
+
+def backward(q: np.ndarray, fps: float = FPS) -> np.ndarray:
+    rate = fps * np.diff(q, axis=0)
+    return np.concatenate([np.zeros_like(rate[:1]), rate])
+
+
+def late(frames: int) -> Change:
+    return lambda v: np.concatenate([np.repeat(v[:1], frames, axis=0), v[:-frames]])
+
+
+def at_elbow(change: Change) -> Change:
+    def changed(v: np.ndarray) -> np.ndarray:
+        v = v.copy()
+        v[:, [ELBOW]] = change(v[:, [ELBOW]])
+        return v
+
+    return changed
+
+
+def exchanged(v: np.ndarray) -> np.ndarray:
+    v = v.copy()
+    v[:, [3, 10]] = v[:, [10, 3]]
+    return v
+
+
+def half_the_time(v: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(len(v))[:, None] < len(v) // 2, v, 0.0)
+
+
+def told(q: np.ndarray, v: np.ndarray, fps: float = FPS) -> str:
+    """The refusal; empty for velocities that pass."""
+    try:
+        refuse_velocities("a.npz", fps, check_rate(q, v, fps), check_velocities(q, v, fps, JOINTS), len(JOINTS))
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def faults(q: np.ndarray, v: np.ndarray, fps: float = FPS) -> list[VelocityCheck]:
+    return [check for check in check_velocities(q, v, fps, JOINTS) if check.fault]
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("difference", [central, forward, backward])
+@pytest.mark.parametrize("step", [1, 2, 5])
+def test_differences_of_any_kind_pass(path: str, difference: Callable[..., np.ndarray], step: int) -> None:
+    q, fps = PATHS[path][::step], FPS / step
+    assert faults(q, difference(q, fps), fps) == []
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("step", [2, 5])
+def test_the_true_derivative_of_coarse_frames_passes(path: str, step: int) -> None:
+    assert faults(PATHS[path][::step], central(PATHS[path])[::step], FPS / step) == []
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_measured_velocities_pass(path: str) -> None:
+    rng = np.random.default_rng(0)
+    q = PATHS[path]
+    v = central(q)
+    noisy = q + rng.normal(0.0, 0.001, q.shape)
+    assert faults(noisy, v + rng.normal(0.0, 0.05, q.shape)) == []
+    assert faults(noisy, central(noisy)) == []
+    smoothed = np.zeros_like(v)  # a first-order filter, two frames late
+    for i in range(1, len(v)):
+        smoothed[i] = smoothed[i - 1] + 0.5 * (v[i] - smoothed[i - 1])
+    assert faults(noisy, smoothed) == []
+
+
+PLANTED: dict[str, tuple[Change, str]] = {
+    "zero": (lambda v: 0.0 * v, "all 14 joints: velocities are all zero"),
+    "one zero": (at_elbow(lambda v: 0.0 * v), "left_elbow_pitch: velocities are all zero"),
+    "one halved": (at_elbow(lambda v: 0.5 * v), "left_elbow_pitch: velocities are half of the derivative"),
+    "one twice": (at_elbow(lambda v: 2.0 * v), "left_elbow_pitch: velocities are twice the derivative"),
+    "one too large": (at_elbow(lambda v: 1.3 * v), "left_elbow_pitch: velocities are 1.3 times the derivative"),
+    "one negative": (at_elbow(lambda v: -v), "left_elbow_pitch: velocities are the negative of the derivative"),
+    "negative": (lambda v: -v, "all 14 joints: velocities are the negative of the derivative"),
+    "late": (late(10), "all 14 joints: velocities are 10 frames late"),
+    "rolled": (lambda v: np.roll(v, -10, axis=0), "all 14 joints: velocities are 10 frames early"),
+    "one late": (at_elbow(late(10)), "left_elbow_pitch: velocities are 10 frames late"),
+    "late and halved": (
+        at_elbow(lambda v: 0.5 * late(10)(v)),
+        "left_elbow_pitch: velocities are 10 frames late, and half of the derivative",
+    ),
+    "degrees": (np.degrees, "all 14 joints: velocities are in degrees per second, and the positions in radians"),
+    "per frame": (lambda v: v / FPS, "all 14 joints: velocities are per frame, not per second"),
+    "noise": (
+        lambda v: np.random.default_rng(0).normal(size=v.shape),
+        "all 14 joints: velocities are unlike the derivative",
+    ),
+    "rate": (lambda v: 0.6 * v, "fps is 50, but its joint velocities match 30.0 frames per second"),
+}
+
+
+@pytest.mark.parametrize("path", ["short", "long", "reach"])
+@pytest.mark.parametrize("name", PLANTED)
+def test_a_planted_mistake_is_named(path: str, name: str) -> None:
+    change, words = PLANTED[name]
+    message = told(PATHS[path], change(central(PATHS[path])))
+    assert words in message
+    assert message.startswith("a.npz: ")
+
+
+def test_ratio_and_delay_are_measured() -> None:
+    q = PATHS["long"]
+    (found,) = faults(q, at_elbow(lambda v: 0.5 * late(10)(v))(central(q)))
+    assert (found.joint, found.lag) == ("left_elbow_pitch", 10)
+    assert found.ratio == pytest.approx(0.5, abs=0.01)
+    assert found.correlation > 0.999
+
+
+def test_velocities_of_another_joint() -> None:
+    found = faults(PATHS["long"], exchanged(central(PATHS["long"])))
+    assert [(check.joint, check.fault) for check in found] == [
+        ("left_elbow_pitch", "those of right_elbow_pitch"),
+        ("right_elbow_pitch", "those of left_elbow_pitch"),
+    ]
+
+
+@pytest.mark.parametrize("path", ["long", "wave", "circle", "drum"])
+def test_velocities_that_stop_halfway(path: str) -> None:
+    assert "velocities are unlike the derivative" in told(PATHS[path], half_the_time(central(PATHS[path])))
+
+
+def test_degrees_in_the_positions_alone() -> None:
+    q = PATHS["long"]
+    words = "all 14 joints: velocities are in radians per second, and the positions in degrees"
+    assert words in told(np.degrees(q), central(q))
+
+
+def test_a_joint_that_stands_and_claims_to_move() -> None:
+    q = PATHS["long"].copy()
+    q[:, ELBOW] = 0.3
+    v = central(PATHS["long"])
+    (found,) = faults(q, v)
+    assert (found.joint, found.ratio) == ("left_elbow_pitch", math.inf)
+    assert "left_elbow_pitch: velocities are up to" in told(q, v)
+    assert "rad/s, and it hardly moves" in told(q, v)
+
+
+def test_five_of_fourteen_joints() -> None:
+    v = central(PATHS["long"])
+    v[:, :5] = 0.0
+    words = "left_shoulder_pitch, left_shoulder_roll, left_shoulder_yaw and 2 more: velocities are all zero"
+    assert words in told(PATHS["long"], v)
+
+
+def test_the_rate_that_velocities_fit() -> None:
+    q = joint_path()
+    rate = central(q)
+    found = check_rate(q, rate, 30.0)
+    assert found is not None
+    assert found.fps == pytest.approx(50.0)
+    assert found.correlation == pytest.approx(1.0)
+    shuffled = check_rate(q, rate[:, ::-1], 50.0)
+    assert shuffled is not None
+    assert shuffled.correlation < 0.5
+
+
+def test_a_motion_too_short_or_too_still_says_nothing() -> None:
+    q = joint_path()
+    assert check_rate(q[:11], q[:11], 50.0) is None
+    assert check_velocities(q[:11], q[:11], 50.0, JOINTS) == ()
+    assert check_rate(np.zeros_like(q), q, 50.0) is None
+    assert check_velocities(np.zeros_like(q), np.zeros_like(q), 50.0, JOINTS) == ()
