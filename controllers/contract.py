@@ -286,7 +286,12 @@ class PolicyContract:
     def _checked_arrays(self, name: str, form: Form, value: Any) -> Any:
         match form.kind:
             case "names":
-                return self._checked_names(name, form, value)
+                names = joint_tuple(_OWNER, value, name, may_be_empty=form.may_be_empty)
+                strangers = [joint for joint in names if form.joints and joint not in self.joint_names]
+                if strangers:
+                    known = ", ".join(self.joint_names)
+                    raise FieldError(f"{_OWNER}.{name}: {', '.join(strangers)} not in {form.joints}: {known}")
+                return names
             case "limits":
                 return self._checked_limits(name, form, value)
             case "pairs" | "axes":
@@ -294,14 +299,6 @@ class PolicyContract:
         if value is None:  # the offset of an action that is counted from the default pose
             value = self.default_joint_pos[[self.joint_names.index(joint) for joint in self.action_joint_names]]
         return per_joint(_OWNER, name, value, getattr(self, form.joints), minimum=form.minimum)
-
-    def _checked_names(self, name: str, form: Form, value: Any) -> tuple[str, ...]:
-        names = joint_tuple(_OWNER, value, name, may_be_empty=form.may_be_empty)
-        strangers = [joint for joint in names if form.joints and joint not in self.joint_names]
-        if strangers:
-            known = ", ".join(self.joint_names)
-            raise FieldError(f"{_OWNER}.{name}: {', '.join(strangers)} not in {form.joints}: {known}")
-        return names
 
     def _checked_limits(self, name: str, form: Form, value: Any) -> FloatArray:
         limits, joints = frozen_array(_OWNER, name, value), getattr(self, form.joints)

@@ -57,7 +57,9 @@ def _join_fields(partials: Sequence[PartialContract], kinds: Kinds) -> dict[str,
         for name, given in partial.fields.items():
             if not any(_same_structure(name, other) for other in decided):
                 known[name] = _join(name, known[name], given, kinds) if name in known else given
-    _refuse_half_a_clock(known, kinds)
+    part = next((name for name in known if name.startswith("phase.")), None)
+    if part is not None and "phase" in known:
+        raise FieldError(contradiction("phase", known["phase"], known[part], kinds))
     for partial in partials:
         for name, given in partial.assumed.items():
             if not any(_same_structure(name, other) for other in known):
@@ -68,12 +70,6 @@ def _join_fields(partials: Sequence[PartialContract], kinds: Kinds) -> dict[str,
 def _same_structure(name: str, other: str) -> bool:
     """Whether the two cannot both be told: the same field, or a whole (`phase: null`) and a part (`phase.period`)."""
     return name == other or name.startswith(f"{other}.") or other.startswith(f"{name}.")
-
-
-def _refuse_half_a_clock(known: Mapping[str, Given], kinds: Kinds) -> None:
-    part = next((name for name in known if name.startswith("phase.")), None)
-    if part is not None and "phase" in known:
-        raise FieldError(contradiction("phase", known["phase"], known[part], kinds))
 
 
 def _join(field: str, first: Given, second: Given, kinds: Kinds) -> Given:
