@@ -9,11 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 from humanoid_sim.messages import Intent
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
+from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.inject import Injection
 from humanoid_sim.session.script import ScriptStep
 
@@ -21,6 +23,7 @@ __all__ = [
     "Outputs",
     "choose_outputs",
     "refuse_conflicts",
+    "refuse_without_effect",
 ]
 
 _RUNS = Path("runs")
@@ -50,6 +53,11 @@ def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections
         raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
     if config.viewer == "native" and not has_display():
         raise InputError("--viewer native: there is no display here; use --video out.mp4 instead")
+    if not abs(config.yaw) <= 2.0 * math.pi:
+        raise InputError(
+            f"--yaw: is {config.yaw:g} rad, expected -6.283 to 6.283 rad; is it in degrees? "
+            f"{config.yaw:g}° is {math.radians(config.yaw):.4g} rad"
+        )
     for option, value in (
         ("--duration", config.duration),
         ("--policy-seconds", config.policy_seconds),
@@ -81,6 +89,22 @@ def _refuse_policy_seconds(config: PlayConfig) -> None:
     ):
         if given:
             raise InputError(f"--policy-seconds: means nothing with {option}, which decides how long a policy runs")
+
+
+def refuse_without_effect(config: PlayConfig, contract: PolicyContract, description: RobotDescription) -> None:
+    """Refuse options that change nothing for this policy, or for this robot.
+
+    Raises:
+        InputError: naming the option, and why.
+    """
+    robot = f"'{description.name}', whose base does not move freely"
+    for name, has_effect, why in (
+        ("command", contract.takes_velocity_command, "this policy, which observes no velocity command"),
+        ("yaw", description.is_floating or config.hardware is not None, robot),
+        ("base_height", description.is_floating or config.hardware is not None, robot),
+    ):
+        if not has_effect and getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
+            raise InputError(f"--{name.replace('_', '-')}: means nothing for {why}")
 
 
 _SIMULATION_ONLY = (

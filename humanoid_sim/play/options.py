@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["PlayConfig"]
+__all__ = ["DEFAULT_ROBOT", "PlayConfig"]
+
+DEFAULT_ROBOT = "lite"
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class PlayConfig:
     again: str | None = None
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
     with the same motion or command. Options override the recording's."""
-    robot: str = "lite"
+    robot: str = DEFAULT_ROBOT
     """A shipped robot (lite, lite_neck, lite_biped), or the path of a robot's YAML file or of an MJCF."""
     imu_site: str | None = None
     """Site or body of the robot's MJCF that is its IMU, in simulation. Default: the robot's; of an MJCF its gyro's."""

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.play.conflicts import Outputs, choose_outputs, refuse_conflicts
-from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.conflicts import Outputs, choose_outputs, refuse_conflicts, refuse_without_effect
+from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy
+from humanoid_sim.policy.checkpoint import read_contract
+from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics, with_imu
@@ -82,12 +86,9 @@ def make_plan(config: PlayConfig) -> Plan:
     description = with_imu(load_robot(config.robot), config.imu_site)
     clock = RobotClock()
     injector = Injector(injections, clock)
-    policy = choose_policy(config, description, injector.policy)
+    policy, description = _policy_on_robot(config, description, injector)
     contract = policy.loaded.contract
-    if description.has_no_gains:
-        description = with_contract(description, contract)
-    else:
-        description = with_contract_physics(description, contract)
+    refuse_without_effect(config, contract, description)
     control_period, notice = control_rate(config, description, contract.policy_dt)
     setup = _robot(config, description, control_period, contract)
     try:
@@ -124,6 +125,43 @@ def make_plan(config: PlayConfig) -> Plan:
     except BaseException:
         setup.release()
         raise
+
+
+def _policy_on_robot(
+    config: PlayConfig, description: RobotDescription, injector: Injector
+) -> tuple[PolicyChoice, RobotDescription]:
+    """The policy, and the robot with what it takes from the policy's contract.
+
+    Raises:
+        InputError: if something is wrong with the policy, or it is for another robot; if no robot was named, that is
+            the first explanation.
+    """
+    is_default = config.robot == DEFAULT_ROBOT and config.policy is not None
+    hint = f"--robot: the default, '{DEFAULT_ROBOT}', is used, and this policy is for another robot: name its MJCF or "
+    hint += "YAML file; "
+    try:
+        policy = choose_policy(config, description, injector.policy)
+    except InputError as error:
+        raise InputError(f"{hint if is_default and _goes_by_places(config) else ''}{error}") from None
+    contract = policy.loaded.contract
+    try:
+        resolve_action(contract, description.joint_names)
+    except FieldError as error:
+        problem = f"policy on robot '{description.name}': {error}"
+        raise InputError(f"{hint if is_default else ''}{problem}") from None
+    change = with_contract if description.has_no_gains else with_contract_physics
+    return policy, change(description, contract)
+
+
+def _goes_by_places(config: PlayConfig) -> bool:
+    """Whether the policy gives its joints by their places on its robot: then another robot cannot but refuse it."""
+    try:
+        read_contract(Path(str(config.policy)), None if config.contract is None else Path(config.contract))
+    except UnnamedJointsError:
+        return True
+    except InputError:
+        return False
+    return False
 
 
 def _robot(

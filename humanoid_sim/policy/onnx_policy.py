@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import regular_file
+from humanoid_sim.files import is_file, regular_file
 
 __all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "read_header"]
 
@@ -68,6 +68,7 @@ class OnnxModel:
             source = str(path) if graph is None else graph
             session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises its own types, which differ between builds
+            _check_external(path)
             raise InputError(f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}") from None
         self.path = path
         self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
@@ -127,6 +128,35 @@ def check_file(path: Path) -> None:
     """
     if regular_file(path, "an ONNX file").stat().st_size == 0:
         raise InputError(f"{path}: is empty, expected an ONNX file")
+
+
+def _check_external(path: Path) -> None:
+    """Refuse a model that cannot be loaded because of the file that holds its tensors.
+
+    Raises:
+        InputError: naming the file that is missing, or too short to be this model's.
+    """
+    try:
+        import onnx  # noqa: PLC0415 - heavy, and only needed to say what is wrong
+
+        graph = onnx.load(str(path), load_external_data=False).graph
+    except Exception:
+        return
+    needed: dict[str, int] = {}
+    for tensor in graph.initializer:
+        entry = {item.key: item.value for item in tensor.external_data}
+        if "location" in entry:
+            end = int(entry.get("offset", 0)) + int(entry.get("length", 0))
+            needed[entry["location"]] = max(end, needed.get(entry["location"], 0))
+    for name, size in needed.items():
+        file = path.parent / name
+        if not is_file(file):
+            raise InputError(f"{path}: keeps its tensors in '{name}', which is not beside it; copy that file as well")
+        if file.stat().st_size < size:
+            raise InputError(
+                f"{file}: has {file.stat().st_size} bytes, expected at least {size}, the tensors of {path.name}: is it "
+                "another model's, or cut off?"
+            )
 
 
 def first_line(error: Exception) -> str:

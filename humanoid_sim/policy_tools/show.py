@@ -20,6 +20,7 @@ from humanoid_sim.policy.describe import contract_document, field_lines, term_li
 from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.partial import is_assumed
 from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
@@ -37,7 +38,7 @@ def show(options: Show) -> int:
     """Print a checkpoint's contract; exit status 1 if its golden vectors say that it is not wired as it was trained."""
     description = None if options.robot is None else load_robot(options.robot)
     joints = None if description is None else description.joint_names
-    checkpoint = load_checkpoint(options.checkpoint, options.contract, joints, verify=False)
+    checkpoint, note = _load(options, joints)
     contract = checkpoint.contract
     try:
         layout = contract_layout(contract, checkpoint.observation_width)
@@ -48,6 +49,8 @@ def show(options: Show) -> int:
         print(json.dumps(_document(checkpoint, layout, golden, problem), indent=2, allow_nan=False))
         return ExitStatus.of(not problem)
     console = make_console()
+    if note:
+        console.print(f"[yellow]{escape(note)}[/yellow]", soft_wrap=True)
     console.print(_overview(checkpoint, layout, golden, problem))
     console.print(_joints(contract))
     console.print(_observation(contract, layout))
@@ -63,6 +66,18 @@ def show(options: Show) -> int:
         listed = "; ".join(f"{line.name} {line.value}" for line in assumed)
         console.print(f"[yellow]assumed, no source states it: {escape(listed)}[/yellow]", soft_wrap=True)
     return ExitStatus.of(not problem)
+
+
+def _load(options: Show, joints: tuple[str, ...] | None) -> tuple[Checkpoint, str]:
+    """The checkpoint, and what to say of joints that no source names: they are shown by their places."""
+    try:
+        return load_checkpoint(options.checkpoint, options.contract, joints, verify=False), ""
+    except UnnamedJointsError as error:
+        if not error.count:
+            raise
+        places = tuple(f"joint {place} of the robot" for place in range(error.count))
+        note = "no source names the joints, so they are shown by their places on the robot; --robot gives their names"
+        return load_checkpoint(options.checkpoint, options.contract, places, verify=False), note
 
 
 def make_console() -> Console:

@@ -157,11 +157,21 @@ def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
         values = []
     if len(values) != 3 or not all(math.isfinite(value) for value in values):
         raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
-    if ranges is not None:
-        for name, value, (low, high) in zip(("vx", "vy", "wz"), values, ranges, strict=True):
-            if not low <= value <= high:
-                raise InputError(f"--command: {name} is {value:g}, expected {low:g} to {high:g}, what the policy knows")
+    for i, (name, unit, largest, doubt) in enumerate(_VELOCITY_AXES):
+        low, high = (-largest, largest) if ranges is None else ranges[i]
+        if not low <= values[i] <= high:
+            why = doubt if ranges is None else "that is what the policy knows"
+            accepted = f"{low:.4g} to {high:.4g} {unit}; {why}"
+            raise InputError(f"--command: {name} is {values[i]:g} {unit}, expected {accepted}")
     return np.array(values)
+
+
+_VELOCITY_AXES = (
+    ("vx", "m/s", 10.0, "is it in cm/s or km/h?"),
+    ("vy", "m/s", 10.0, "is it in cm/s or km/h?"),
+    ("wz", "rad/s", 4.0 * math.pi, "is it in degrees per second?"),
+)
+"""Of a command: name, unit, largest magnitude of a policy that does not say what it knows, and what else it may be."""
 
 
 class VelocityCommand:

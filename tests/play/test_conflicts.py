@@ -29,7 +29,15 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("--policy", "sub"), "sub: is a directory, expected an ONNX file"),
     (("--policy", "empty"), "empty: is empty, expected an ONNX file"),
     (("--policy", "text.onnx"), "text.onnx: is not a model that ONNX Runtime can load: "),
-    (("--policy", "other.onnx"), "policy on robot 'lite': joint_names of the policy do not match the robot's joints: "),
+    (
+        ("--policy", "other.onnx"),
+        "--robot: the default, 'lite', is used, and this policy is for another robot: name its MJCF or YAML file; "
+        "policy on robot 'lite': joint_names of the policy do not match the robot's joints: ",
+    ),
+    (("--yaw", "90"), "--yaw: is 90 rad, expected -6.283 to 6.283 rad; is it in degrees? 90° is 1.571 rad"),
+    (("--yaw", "1"), "--yaw: means nothing for 'lite', whose base does not move freely"),
+    (("--base-height", "1"), "--base-height: means nothing for 'lite', whose base does not move freely"),
+    (("--command", "1,0,0"), "--command: means nothing for this policy, which observes no velocity command"),
     (("--policy", "narrow.onnx"), "narrow.onnx: its terms are 8 wide (joint_pos 3 + joint_vel 3 + actions 2), its "),
     (("--policy", "strange.onnx"), "strange.onnx: unknown observation term 'mood'; known: actions, "),
     (("--policy", "follows.onnx"), "--motion: is missing; follows.onnx is a tracking policy and follows a motion"),

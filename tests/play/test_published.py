@@ -118,4 +118,4 @@ def test_a_robot_that_falls_is_a_failure(run: Any, tmp_path: Path) -> None:
 def test_a_command_beyond_what_the_policy_knows_is_refused(run: Any) -> None:
     result = walk(run, UNITREE, "--command", "2,0,0", seconds=5)
     assert result.status == 2
-    assert result.err == "error: --command: vx is 2, expected -0.5 to 1, what the policy knows\n"
+    assert result.err == "error: --command: vx is 2 m/s, expected -0.5 to 1 m/s; that is what the policy knows\n"

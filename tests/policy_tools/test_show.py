@@ -132,10 +132,11 @@ def test_published_policies(cli, tmp_path: Path) -> None:
 
 
 @needs_policies
-def test_joints_by_place_need_the_robot(cli) -> None:
-    status, _, error = cli("show", POLICIES / "unitree_g1_velocity_v0/exported/policy.onnx")
-    assert status == 2
-    assert "name the robot" in error
+def test_joints_by_place_are_shown_by_their_places_without_the_robot(cli) -> None:
+    status, out, error = cli("show", POLICIES / "unitree_g1_velocity_v0/exported/policy.onnx")
+    assert (status, error) == (0, "")
+    assert out.startswith("no source names the joints, so they are shown by their places on the robot; --robot gives")
+    assert "joint 28 of the robot" in out
 
 
 def test_bad_input_is_one_line(cli, tmp_path: Path, walker: Path) -> None:

@@ -132,3 +132,16 @@ def test_every_direction_has_its_keys() -> None:
 def test_the_command_does_not_grow_old() -> None:
     live = VelocityCommand(np.array([0.5, 0.0, 0.0])).latest()[VELOCITY_COMMAND]
     assert live.at(1e6).tolist() == [0.5, 0.0, 0.0]
+
+
+def test_a_command_beyond_what_is_known_is_questioned_with_its_unit():
+    ranges = np.array([[-0.5, 1.0], [0.0, 0.0], [-1.0, 1.0]])
+    with pytest.raises(InputError, match=r"--command: wz is 30 rad/s, expected -1 to 1 rad/s; that is what the policy"):
+        parse_velocity("0,0,30", ranges)
+    with pytest.raises(
+        InputError, match=r"wz is 30 rad/s, expected -12.57 to 12.57 rad/s; is it in degrees per second?"
+    ):
+        parse_velocity("0,0,30", None)
+    with pytest.raises(InputError, match=r"vx is 50 m/s, expected -10 to 10 m/s; is it in cm/s"):
+        parse_velocity("50,0,0", None)
+    assert parse_velocity("3,-1,2", None).tolist() == [3.0, -1.0, 2.0]

@@ -10,10 +10,19 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import FORMS
 from humanoid_sim.controllers.term_kinds import TermKind, term_kind
-from humanoid_sim.errors import FieldError, known_names
+from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.policy.readers.partial import Given, derived, is_assumed
 
-__all__ = ["complete", "missing_fields"]
+__all__ = ["UnnamedJointsError", "complete", "missing_fields"]
+
+
+class UnnamedJointsError(InputError):
+    """Joints are given by their places on a robot, and no robot is known."""
+
+    def __init__(self, count: int, message: str) -> None:
+        super().__init__(message)
+        self.count = count
+        """Joints that such a robot has at least; 0 where nothing tells."""
 
 
 def complete(
@@ -34,7 +43,7 @@ def complete(
     places = known.pop("joint_places", None)
     # Without gains, the robot's own order has nothing to be the order of.
     if "joint_names" not in known and places and (places.value != slice(None) or "joint_stiffness" in known):
-        known["joint_names"] = _joint_names(places, robot_joints)
+        known["joint_names"] = _joint_names(known, places, robot_joints)
     chosen, patterns = known.pop("action_joint_places", None), known.pop("action_joint_patterns", None)
     if "joint_names" in known:
         joints: tuple[str, ...] = known["joint_names"].value
@@ -104,11 +113,13 @@ def _complete_task(known: dict[str, Given], kinds: list[TermKind]) -> None:
         known.setdefault("body_names", derived((), "the observation"))
 
 
-def _joint_names(places: Given, robot_joints: tuple[str, ...] | None) -> Given:
+def _joint_names(known: Mapping[str, Given], places: Given, robot_joints: tuple[str, ...] | None) -> Given:
     if robot_joints is None:
-        raise FieldError(
+        size = np.size(known["joint_stiffness"].value) if "joint_stiffness" in known else 0
+        raise UnnamedJointsError(
+            1 + max(places.value) if isinstance(places.value, tuple) else size,
             f"joint_names: {places.source} gives the joints by their places on the robot, and no robot is known; "
-            "name the robot, or give joint_names in a contract.yaml"
+            "name the robot, or give joint_names in a contract.yaml",
         )
     if isinstance(places.value, slice):
         return Given(robot_joints[places.value], "robot's own order")

@@ -10,7 +10,7 @@ from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract, 
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError, known_names, one_line
 from humanoid_sim.policy.readers.agreement import Kinds, agreed, contradiction
-from humanoid_sim.policy.readers.complete import complete, missing_fields
+from humanoid_sim.policy.readers.complete import UnnamedJointsError, complete, missing_fields
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract
 
 __all__ = ["build_contract", "merge"]
@@ -37,6 +37,8 @@ def merge(
         known = _join_fields(partials, kinds)
         terms = _join_terms(partials, known, kinds)
         complete(known, terms, robot_joints)
+    except UnnamedJointsError as error:
+        raise UnnamedJointsError(error.count, f"{where}: {error}") from None
     except FieldError as error:
         raise InputError(f"{where}: {one_line(str(error))}") from None
     missing = missing_fields(known, terms)
