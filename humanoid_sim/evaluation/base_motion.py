@@ -30,6 +30,8 @@ class BaseSummary:
     """rad/s"""
     height: tuple[float, float, float]
     """m, of the base's origin above the floor: least, mean and greatest, from release on."""
+    lowest: float
+    """Share of its standing height that the centre of mass had at least above the floor, from release on."""
     tilt_max: float | None
     """rad, from 2 s after release on; None for a shorter run."""
     fall: float | None
@@ -50,6 +52,7 @@ class BaseMotion:
         self._speed_count = 0
         self._height = (math.inf, 0.0, -math.inf)
         self._count = 0
+        self._lowest = math.inf
         self._tilt: float | None = None
         self._fall: float | None = None
         self._fell = ""
@@ -74,6 +77,7 @@ class BaseMotion:
         low, total, high = self._height
         self._height = (min(low, height), total + height, max(high, height))
         self._count += 1
+        self._lowest = min(self._lowest, float(base.mass_height) / self._standing_height)
         if since >= _SETTLING:
             self._tilt = max(self._tilt or 0.0, float(base.tilt))
         if has_fallen(base, self._standing_height):
@@ -96,6 +100,7 @@ class BaseMotion:
             velocity=None if speed is None else (float(speed[0]), float(speed[1])),
             yaw_rate=None if speed is None else float(speed[2]),
             height=(low, total / self._count, high),
+            lowest=self._lowest,
             tilt_max=self._tilt,
             fall=self._fall,
             fell=self._fell,

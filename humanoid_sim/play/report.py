@@ -197,6 +197,7 @@ def _base(base: dict[str, Any]) -> Table:
         table.add_row("mean velocity after 2 s", f"{forward:.3f} m/s forward, {left:.3f} m/s to the left")
         table.add_row("mean yaw rate after 2 s", f"{base['yaw_rate']:.3f} rad/s")
     table.add_row("height of its origin", "{:.3f} / {:.3f} / {:.3f} m, least, mean, greatest".format(*base["height"]))
+    table.add_row("lowest centre of mass", f"{100.0 * base['lowest']:.0f} % of its height when standing")
     if base["tilt_max"] is not None:
         table.add_row("largest tilt after 2 s", f"{np.degrees(base['tilt_max']):.1f}°")
     stood, fell = f"none in {base['duration']:.2f} s", base["fall"]

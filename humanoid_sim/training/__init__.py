@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.errors import MissingPackageError
 
-__all__ = ["EvaluateConfig", "MotionsConfig", "TrainConfig", "main"]
+__all__ = ["EvaluateConfig", "MotionsConfig", "TraceConfig", "TrainConfig", "main"]
 
 
 @dataclass(frozen=True)
@@ -64,13 +65,24 @@ class EvaluateConfig:
     """Write the figures to this file too."""
 
 
+@dataclass(frozen=True)
+class TraceConfig:
+    """Write a run of the sample policy as its trainer sees it, for `humanoid_sim.policy stamp --trace`."""
+
+    policy: str | None = None
+    """ONNX checkpoint, as `train` writes it. Default: the sample policy."""
+    output: str = "trace.npz"
+    """The trace."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `training` with command-line arguments; returns the exit status."""
     import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
 
-    config: MotionsConfig | TrainConfig | EvaluateConfig = tyro.cli(
+    config: MotionsConfig | TrainConfig | TraceConfig | EvaluateConfig = tyro.cli(
         Annotated[MotionsConfig, tyro.conf.subcommand("motions", prefix_name=False)]
         | Annotated[TrainConfig, tyro.conf.subcommand("train", prefix_name=False)]
+        | Annotated[TraceConfig, tyro.conf.subcommand("trace", prefix_name=False)]
         | Annotated[EvaluateConfig, tyro.conf.subcommand("evaluate", prefix_name=False)],
         prog="humanoid_sim.training",
         description="How the sample policy and the sample motions are made, and measured.",
@@ -91,6 +103,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     raise
                 raise MissingPackageError("torch", "train", "training") from None
             return train(config)
+        case TraceConfig():
+            from humanoid_sim.training.trace import write_trace  # noqa: PLC0415
+
+            return write_trace(SAMPLE_POLICY if config.policy is None else Path(config.policy), Path(config.output))
         case EvaluateConfig():
             from humanoid_sim.training.evaluate import evaluate  # noqa: PLC0415
 

@@ -163,7 +163,7 @@ def follow(
         contract: of the policy.
         policy: the callable.
         motion: to follow.
-        extra_time: s that the last frame is held, and measured, beyond the motion.
+        extra_time: s that the last frame is held beyond the motion, which counts for no error of it.
         command_delay: s, of the simulated motors.
         as_on_bus: time it as on the real robot: its hardware's control rate, and states as old as the last command.
 

@@ -56,6 +56,7 @@ def test_height_and_tilt() -> None:
     summary = motion.summary()
     assert summary is not None
     assert summary.height == pytest.approx((0.7, 0.75, 0.8))
+    assert summary.lowest == pytest.approx(0.7 * 0.7 / 0.56)
     assert summary.tilt_max == pytest.approx(0.1)  # not those of the release
 
 
