@@ -9,6 +9,7 @@ from contextlib import ExitStack, closing
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -32,6 +33,9 @@ from humanoid_sim.regress.report import report_page, require_report
 from humanoid_sim.regress.results import PolicyRun, Results, SuiteInfo
 from humanoid_sim.regress.show import show_candidate, show_detectable, show_run, show_verdict
 from humanoid_sim.regress.suite_file import chosen_suite, load_suite
+
+if TYPE_CHECKING:
+    from humanoid_sim.regress.report.pictures import Picture
 
 __all__ = ["regress", "run_policy"]
 
@@ -78,7 +82,12 @@ def regress(config: RegressConfig) -> int:
         plain = Console(emoji=False)
         for candidate in results.candidates:
             show_verdict(plain, results, candidate)
-    _write(config, results, seconds)
+    pictures: list[list[Picture]] = []
+    if config.report is not None:
+        from humanoid_sim.regress.report.pictures import worst_pictures  # noqa: PLC0415 - only where there is a report
+
+        pictures = worst_pictures(prepared, policies, baseline, results)
+    _write(config, results, seconds, pictures)
     if config.record_failures is not None or config.episode is not None:
         _record(config, prepared, policies, results)
     return ExitStatus.of(results.passed)
@@ -201,7 +210,9 @@ def _record(config: RegressConfig, prepared: PreparedSuite, policies: Sequence[T
                 console.print(f"recorded {path}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _write(config: RegressConfig, results: Results, seconds: Sequence[float]) -> None:
+def _write(
+    config: RegressConfig, results: Results, seconds: Sequence[float], pictures: Sequence[Sequence[Picture]]
+) -> None:
     """All files that were asked for: what keeps one from being written keeps none of the others.
 
     Raises:
@@ -211,7 +222,7 @@ def _write(config: RegressConfig, results: Results, seconds: Sequence[float]) ->
         (config.write_baseline, lambda: json_of(results.candidates[0].run)),
         (config.json, lambda: json_of(results)),
         (config.junit, lambda: junit_xml(results, seconds)),
-        (config.report, lambda: report_page(results).encode()),
+        (config.report, lambda: report_page(results, pictures).encode()),
     ]
     problems = []
     for path, document in writers:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -71,20 +72,24 @@ def show_run(console: Console, results: Results, run: PolicyRun) -> None:
 def show_candidate(console: Console, results: Results, candidate: Candidate) -> None:
     """A policy beside the baseline."""
     paired = all(comparison.paired for comparison in candidate.comparisons)
-    table = Table(title=f"{escape(candidate.run.name)} against the baseline", title_justify="left")
+    table = Table(
+        title=f"{escape(candidate.run.name)} against the baseline",
+        title_justify="left",
+        box=box.SIMPLE_HEAD,  # all columns within 80 characters
+        padding=(0, 1, 0, 0),
+    )
     table.add_column("metric", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
-    for heading in ("baseline", "candidate", "change", f"detectable{', pairs' if paired else ''}"):
+    table.add_column("verdict")
+    for heading in ("baseline", "candidate", "change", "pairs\ndetect" if paired else "seeds\ndetect"):
         table.add_column(heading, justify="right")
     for comparison in candidate.comparisons:
-        metric = results.metric(comparison.metric)
+        unit = results.metric(comparison.metric).unit
         table.add_row(
             comparison.metric,
             f"[{_COLOURS[comparison.verdict]}]{comparison.verdict}[/]",
-            quantity(comparison.baseline, metric.unit),
-            quantity(comparison.candidate, metric.unit),
-            _change(comparison, metric.unit),
-            describe_detectable(metric, comparison.detectable, comparison.baseline),
+            quantity(comparison.baseline, unit),
+            quantity(comparison.candidate, unit),
+            *_change(comparison, unit),
         )
     console.print(table)
     lines = [f"{c.metric}: {c.reasons}" for c in candidate.comparisons if c.reasons]
@@ -100,17 +105,16 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
     _show_trouble(console, results.baseline, candidate)
 
 
-def _change(comparison: Comparison, unit: str) -> str:
-    """The change, with the farther end of its interval: in shares of the baseline, if there is one."""
+def _change(comparison: Comparison, unit: str) -> tuple[str, str]:
+    """The change with the farther end of its interval, and what is detectable, as shares of a baseline that has one."""
     change, low, high = comparison.change, comparison.low, comparison.high
     if change is None or low is None or high is None:
-        return "-"
-    reach = max(high - change, change - low)
-    base = abs(comparison.baseline or 0.0)
-    if base and unit != "share":
-        return f"{100.0 * change / base:+.1f} ± {100.0 * reach / base:.1f} %"
-    factor, shown = displayed_unit(unit)
-    return f"{factor * change:+.3g} ± {factor * reach:.2g} {shown}"
+        return "-", "-"
+    reach, base = max(high - change, change - low), abs(comparison.baseline or 0.0)
+    factor, shown = (100.0 / base, "%") if base and unit != "share" else displayed_unit(unit)
+    digits = ".1f" if base and unit != "share" else ".3g"
+    detectable = "-" if comparison.detectable is None else f"{factor * comparison.detectable:{digits}} {shown}"
+    return f"{factor * change:+{digits}} ± {factor * reach:{digits}} {shown}", detectable
 
 
 def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candidate) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -137,10 +138,11 @@ def test_two_policies_of_the_same_name_are_told_apart(suite: str, tmp_path: Path
 
 def test_the_report_is_made_of_the_results(suite: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is on the page is tested with the report itself."""
-    monkeypatch.setattr(run, "report_page", lambda found: f"<p>{found.suite.name}: {found.passed}</p>")
+    monkeypatch.setattr(run, "report_page", lambda found, pictures: f"<p>{found.passed} {pictures}</p>")
     page = tmp_path / "report.html"
     assert main([str(SAMPLE), "--suite", suite, "--report", str(page), "--quiet"]) == 0
-    assert page.read_text(encoding="utf-8") == "<p>short: True</p>"
+    (picture,) = re.findall(r"Picture\(title='(.*?)', png=b'\\x89PNG", page.read_text(encoding="utf-8"))
+    assert re.fullmatch(r"lite_tracking at 0\.\d+ s", picture)
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,11 @@ from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.regress import report
 from humanoid_sim.regress.report import report_page, require_report
 from humanoid_sim.regress.report.drawing import LIGHT
-from humanoid_sim.regress.report.page import interval_bar
+from humanoid_sim.regress.report.page import interval_bar, scale_end
+from humanoid_sim.regress.report.pictures import Picture, worst_moment
 from humanoid_sim.regress.results import Comparison, MetricInfo
 
-VOID = {"meta", "br"}
+VOID = {"img", "meta", "br"}
 
 
 class Page(HTMLParser):
@@ -73,7 +74,7 @@ def worse_page(worse_html: str) -> Page:
 
 
 def test_the_page_needs_nothing_else(worse_html, worse_page):
-    assert all(link.startswith("#") for link in worse_page.links)
+    assert all(link.startswith(("#", "data:image/png;base64,")) for link in worse_page.links)
     assert not {"script", "link", "img", "iframe", "object"} & set(worse_page.elements)
     assert "@import" not in worse_html
     assert not [url for url in re.findall(r"url\(([^)]*)\)", worse_html) if not url.startswith("#")]
@@ -90,7 +91,7 @@ def test_names_are_unique_and_every_reference_has_its_target(worse_html, worse_p
 
 def test_every_svg_is_well_formed(worse_html):
     found = re.findall(r"<svg.*?</svg>", worse_html, re.DOTALL)
-    assert len(found) == 4 + 1 + 1 + 1  # bars, cases, traces, margins
+    assert len(found) == 1 + 4 + 1 + 1 + 1  # scale, bars, cases, traces, margins
     for svg in found:
         root = ElementTree.fromstring(svg)
         assert root.get("aria-label")
@@ -137,11 +138,46 @@ def test_the_worst_episodes_are_named(worse_html):
     assert len(rows) == 10
 
 
+def test_the_worst_episode_can_be_run_again_by_a_command(worse_html):
+    results = msgspec.structs.replace(
+        invented.worse(), arguments=("--suite", "my suite.yaml"), warnings=("2 seeds of each case are few",)
+    )
+    html = report_page(results, [[Picture("tonight at 1.00 s", b"\x89PNG")]])
+    assert (
+        "python -m humanoid_sim.regress tonight.onnx --suite &#39;my suite.yaml&#39; --episode wave:1\n"
+        "python -m humanoid_sim.replay runs/tonight-wave-1.mcap\n"
+        "python -m humanoid_sim.play --again runs/tonight-wave-1.mcap</code>"
+    ) in html
+    assert '<img alt="wave, seed 1: tonight at 1.00 s" src="data:image/png;base64,iVBORw==">' in html
+    assert "<img" not in worse_html
+    assert "2 seeds of each case are few." in Page(html).text
+
+
+def test_what_the_means_do_not_say_stands_below_the_verdicts(worse_page):
+    assert "losses : 2 new: circle, seed 3; drum, seed 7" in worse_page.text.replace("losses:", "losses :")
+    assert "Without 3 of 48 pairs in which an episode failed: body position error, effort" in worse_page.text
+
+
+def test_the_moment_of_the_worst_episode():
+    failed = invented.episode("wave", 1, Behaviour(faulty=(("wave", 1),)))
+    assert worst_moment(failed, "effort", 0.02) == failed.steps == 50
+    whole = msgspec.structs.replace(
+        invented.episode("wave", 1, Behaviour()), trace_times=(1.0, 2.0, 3.0), traces={"effort": (1.0, 4.0, None)}
+    )
+    assert worst_moment(whole, "effort", 0.02) == 100
+    assert worst_moment(whole, "tilt", 0.02) == whole.steps
+
+
 def test_only_what_moved_is_drawn_by_case(worse_html):
     figure = worse_html[worse_html.index('id="cases"') : worse_html.index('id="worst-0"')]
     titles = re.findall(r"change of [a-z ]+", figure)
-    assert titles == ["change of body position error ", "change of losses ", "change of action rate "]
-    assert "effort" not in figure
+    assert titles == [
+        "change of body position error ",
+        "change of losses ",
+        "change of effort ",  # worse, tolerated
+        "change of action rate ",
+    ]
+    assert "joint error" not in figure
 
 
 def test_the_traces_are_those_of_the_first_of_the_worst(worse_page):
@@ -266,10 +302,25 @@ def bar(metric, **changes):
         "episodes": 8,
         "paired": True,
     }
-    return interval_bar(metric, Comparison(**values | changes))
+    return interval_bar(metric, Comparison(**values | changes), 31.0)
 
 
-def test_worse_lies_to_the_right_on_one_scale_in_tolerances():
+def test_every_candidate_has_a_scale_that_holds_its_largest_change():
+    def compared(high, tolerance=0.1):
+        return Comparison(
+            metric="error", verdict="same", baseline=1.0, candidate=1.0, change=0.0, low=-0.01, high=high,
+            tolerance=tolerance, episodes=8, paired=True,
+        )  # fmt: skip
+
+    assert scale_end([]) == 3.0
+    assert scale_end([compared(0.05), compared(0.29)]) == 3.0
+    assert scale_end([compared(0.05), compared(0.31)]) == 10.0
+    assert scale_end([compared(1.5)]) == 30.0
+    assert scale_end([compared(1.5, tolerance=0.0)]) == 3.0  # of no tolerance there are no multiples
+    assert scale_end([compared(1e9)]) == 1e6
+
+
+def test_worse_lies_to_the_right_in_tolerances():
     """1, 3 and 7 tolerances lie 1, 2 and 3 fifths of the way to the end, which is at 31."""
     found = bar(ERROR)
     assert (found.left, found.change, found.right) == pytest.approx((20.0, 40.0, 60.0))

@@ -6,10 +6,15 @@ and no other file, and the same results give the same page, to the byte.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.regress.results import Results
+
+if TYPE_CHECKING:
+    from humanoid_sim.regress.report.pictures import Picture
 
 __all__ = ["report_page", "require_report"]
 
@@ -24,8 +29,12 @@ def require_report() -> None:
         raise MissingPackageError("matplotlib", "report", "--report")
 
 
-def report_page(results: Results) -> str:
+def report_page(results: Results, pictures: Sequence[Sequence[Picture]] = ()) -> str:
     """The page, as HTML.
+
+    Args:
+        results: of the run.
+        pictures: of each candidate's worst episode; none without.
 
     Raises:
         MissingPackageError: if Matplotlib is not installed.
@@ -33,4 +42,4 @@ def report_page(results: Results) -> str:
     require_report()
     from humanoid_sim.regress.report.page import render  # noqa: PLC0415 - Matplotlib only where there is a report
 
-    return render(results)
+    return render(results, pictures)

@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 import math
+import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from humanoid_sim.regress.recordings import recording_name
 from humanoid_sim.regress.report.drawing import COLOURS, SETTINGS, candidate_colour
-from humanoid_sim.regress.report.pairs import mean_over_cases, pair_up, worst
+from humanoid_sim.regress.report.pairs import Pair, mean_over_cases, pair_up, worst
+from humanoid_sim.regress.report.pictures import Picture
 from humanoid_sim.regress.report.plots import case_plot, margin_plot, moved_metrics, trace_plot
 from humanoid_sim.regress.results import (
     Candidate,
     Comparison,
     MetricInfo,
     Results,
-    describe_detectable,
+    describe_left_out,
     describe_limit,
     quantity,
 )
 
-__all__ = ["IntervalBar", "interval_bar", "render"]
+__all__ = ["IntervalBar", "interval_bar", "render", "scale_end"]
 
 _WORST = 10
-_BAR_END = 31.0
-"""Tolerances at the end of an interval's bar."""
+_POWERS = 6
+"""Of ten: no bar reaches further."""
 
 
-def render(results: Results) -> str:
+def render(results: Results, pictures: Sequence[Sequence[Picture]]) -> str:
     """The HTML of the page."""
     environment = Environment(
         loader=PackageLoader("humanoid_sim.regress.report", "."),
@@ -38,24 +42,26 @@ def render(results: Results) -> str:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= {"quantity": quantity, "limit": describe_limit, "listed": _listed}
+    environment.filters |= {"quantity": quantity, "limit": describe_limit, "listed": _listed, "share": _share}
     comparisons = [comparison for candidate in results.candidates for comparison in candidate.comparisons]
     paired = results.baseline is not None and all(comparison.paired for comparison in comparisons)
     moved = moved_metrics(results)
     with mpl.rc_context(SETTINGS):
-        pictures = {
+        plots = {
             "cases": case_plot(results, moved, paired=paired, name="cases-plot") if moved else "",
-            "candidates": [_candidate(results, i, candidate) for i, candidate in enumerate(results.candidates)],
+            "candidates": [
+                {**_candidate(results, i, candidate), "pictures": pictures[i] if pictures else ()}
+                for i, candidate in enumerate(results.candidates)
+            ],
             "margins": margin_plot(results, "margins-plot"),
         }
     return environment.get_template("page.html").render(
-        **pictures,
+        **plots,
         results=results,
         colours=COLOURS,
         paired=paired,
         old_margins={margin.axis: margin for margin in results.baseline.margins} if results.baseline else {},
         mean=mean_over_cases,
-        tolerated=_TOLERATED,
         runs=[
             *([("baseline", results.baseline)] if results.baseline else []),
             *(("candidate", candidate.run) for candidate in results.candidates),
@@ -66,22 +72,50 @@ def render(results: Results) -> str:
 def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, Any]:
     """What the page shows of one candidate beside what it holds itself."""
     first = worst(pair_up(candidate.run, results.baseline), results.metrics[0], _WORST)
-    detectable = {
-        item.metric: describe_detectable(results.metric(item.metric), item.change, item.baseline)
-        for item in results.detectable
-    }
+    known = [(results.metric(comparison.metric), comparison) for comparison in candidate.comparisons]
+    announced = {item.metric: item.change for item in results.detectable}
+    end = scale_end(candidate.comparisons)
+    without: dict[str, list[str]] = {}
+    for metric, comparison in known:
+        if comparison.left_out:
+            without.setdefault(describe_left_out(comparison), []).append(metric.name)
     return {
         "run": candidate.run,
+        "passed": candidate.passed,
         "worse": candidate.worse,
+        "unclear": candidate.unclear,
         "rows": [
-            (metric, comparison, interval_bar(metric, comparison), detectable.get(metric.name, "-"))
-            for comparison in candidate.comparisons
-            for metric in [results.metric(comparison.metric)]
+            (
+                metric,
+                comparison,
+                interval_bar(metric, comparison, end),
+                announced.get(metric.name),
+                comparison.detectable,
+            )
+            for metric, comparison in known
         ],
+        "end": end,
+        "tolerated": _place(1.0, end),
+        "reasons": [(comparison.metric, comparison.reasons) for _, comparison in known if comparison.reasons],
+        "left_out": [(text, tuple(names)) for text, names in without.items()],
         "worst": first,
+        "again": _again(results, candidate, first[0]) if first else "",
         "traces": trace_plot(results, first[0], candidate_colour(index), f"traces-{index}-plot") if first else "",
         "margin_verdicts": {comparison.axis: comparison.verdict for comparison in candidate.margins},
     }
+
+
+def _again(results: Results, candidate: Candidate, pair: Pair) -> str:
+    """The commands that run an episode again, record it, and play its policy on."""
+    episode = pair.candidate
+    record = ["python", "-m", "humanoid_sim.regress", candidate.run.source, *results.arguments]
+    file = f"runs/{recording_name(candidate.run.name, episode)}"
+    commands = [
+        [*record, "--episode", f"{episode.case}:{episode.seed}"],
+        ["python", "-m", "humanoid_sim.replay", file],
+        ["python", "-m", "humanoid_sim.play", "--again", file],
+    ]
+    return "\n".join(shlex.join(command) for command in commands)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,27 +127,43 @@ class IntervalBar:
     right: float
 
 
-_TOLERATED = 100.0 / math.log2(1.0 + _BAR_END)
-"""Where on every bar the tolerance ends."""
+def scale_end(comparisons: Sequence[Comparison]) -> float:
+    """Tolerances at the ends of a candidate's bars: 3, 10, 30, 100, … so that its largest change is on them."""
+    reach = [
+        max(abs(c.low), abs(c.high)) / c.tolerance
+        for c in comparisons
+        if c.low is not None and c.high is not None and c.tolerance
+    ]
+    ends = (factor * 10.0**power for power in range(_POWERS) for factor in (3.0, 10.0))
+    return next((end for end in ends if end >= max(reach, default=0.0)), 10.0**_POWERS)
 
 
-def interval_bar(metric: MetricInfo, comparison: Comparison) -> IntervalBar | None:
-    """All bars have one scale, in tolerances: about even within them, and logarithmic beyond. None without a change."""
-    change, low, high, tolerance = comparison.change, comparison.low, comparison.high, comparison.tolerance
-    if change is None or low is None or high is None or tolerance is None:
+def _place(tolerances: float, end: float) -> float:
+    """Where so many tolerances lie on a bar: about even within them, and logarithmic beyond."""
+    return math.copysign(100.0 * math.log2(1.0 + min(abs(tolerances), end)) / math.log2(1.0 + end), tolerances)
+
+
+def interval_bar(metric: MetricInfo, comparison: Comparison, end: float) -> IntervalBar | None:
+    """The bar on its candidate's scale; None without a change."""
+    values, tolerance = (comparison.low, comparison.change, comparison.high), comparison.tolerance
+    if None in values or tolerance is None:
         return None
     sign = 1.0 if metric.better == "lower" else -1.0
-
-    def place(value: float) -> float:
-        if value == 0.0:
-            return 0.0
-        tolerances = abs(value) / tolerance if tolerance else math.inf
-        return math.copysign(_TOLERATED * math.log2(1.0 + min(tolerances, _BAR_END)), sign * value)
-
-    return IntervalBar(min(place(low), place(high)), place(change), max(place(low), place(high)))
+    low, change, high = (
+        _place(sign * value / tolerance if tolerance else math.copysign(math.inf, sign * value), end) if value else 0.0
+        for value in values
+    )
+    return IntervalBar(min(low, high), change, max(low, high))
 
 
 def _listed(names: tuple[str, ...]) -> str:
     """Such as `effort, slip and margin delay`."""
     readable = [name.replace("_", " ") for name in names]
     return " and ".join([", ".join(readable[:-1]), readable[-1]] if len(readable) > 1 else readable)
+
+
+def _share(value: float | None, comparison: Comparison, metric: MetricInfo) -> str:
+    """Such as `8.0 %` of the baseline, and where it has no such share, the value itself."""
+    if value is None or not comparison.baseline or metric.unit == "share":
+        return quantity(value, metric.unit)
+    return f"{100.0 * value / abs(comparison.baseline):.1f} %"

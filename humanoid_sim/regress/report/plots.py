@@ -19,7 +19,7 @@ __all__ = ["case_plot", "margin_plot", "moved_metrics", "trace_plot"]
 _SPREAD = 0.618033988749895
 """Multiples of it, less their whole part, spread evenly over an interval however many there are."""
 _LONGEST_NAME = 30
-_VERDICTS = ("worse", "unclear", "better")
+_VERDICTS = ("worse", "unclear", "worse, tolerated", "better")
 """Of a metric that moved, the most urgent first."""
 
 
@@ -113,7 +113,7 @@ def _shade_worse(axes: Axes, results: Results, metric: MetricInfo) -> None:
         edge = sign * displayed_unit(metric.unit)[0] * min(tolerances)
         low, high = axes.get_xlim()
         low, high = min(low, 1.4 * edge, -0.4 * edge), max(high, 1.4 * edge, -0.4 * edge)
-        axes.axvspan(edge, high if edge > 0.0 else low, color=LIGHT["worse"], alpha=0.10, linewidth=0)
+        axes.axvspan(edge, high if sign > 0.0 else low, color=LIGHT["worse"], alpha=0.10, linewidth=0)
         axes.set_xlim(low, high)
 
 
