@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
@@ -10,14 +11,24 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
-from humanoid_sim.doctor.edits import STRONG_DOUBT, Change, Edit, RobotFacts, set_fields
+from humanoid_sim.doctor.edits import RATE_DOUBT, STRONG_DOUBT, Change, Edit, RobotFacts, set_fields
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["action_scales", "default_poses", "gains", "model_damping", "rates"]
+__all__ = ["action_scales", "default_poses", "gains", "group_gains", "model_damping", "rates"]
 
 _SCALES = (1.0, 0.5, 0.25)
 _SCALE_FACTORS = (0.5, 2.0, 4.0)
 _GAIN_FACTORS = (0.5, 2.0)
+_BOTH = ("joint_stiffness", "joint_damping")
+_LIMBS = {
+    "legs": "hip|knee|ankle|leg|thigh|shin|calf|foot|toe",
+    "ankles": "ankle|foot",
+    "waist": "waist|torso|spine|trunk|abdomen",
+    "arms": "shoulder|elbow|wrist|arm|hand",
+}
+"""Patterns of the joints' names, which nearly every humanoid keeps to."""
+_MOST_GROUPS = 8
+"""Of joints with equal gains; with more the gains follow no such rule."""
 _RATES = (25.0, 50.0, 100.0)
 """Hz"""
 _EFFORT_SHARE = 0.25
@@ -59,7 +70,7 @@ def default_poses(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
 
 def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     """The joints are stiffer or softer, or more or less damped; or the values are in another order."""
-    both = ("joint_stiffness", "joint_damping")
+    both = _BOTH
     for factor in _GAIN_FACTORS:
         for title, names in {"gains": both, both[0]: both[:1], both[1]: both[1:]}.items():
             text = f"{' and '.join(names)} are {factor:g} times what the contract says"
@@ -70,6 +81,31 @@ def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     if robot.stiffness.any():
         text = f"{' and '.join(both)} are those of the robot's description"
         yield Edit("gains of the robot", "gains", text, _robot_gains(robot), STRONG_DOUBT)
+
+
+def group_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """The gains of a limb alone are others, or those of the joints that have equal gains: motors of one model."""
+    groups: dict[str, tuple[str, npt.NDArray[np.bool_]]] = {}
+    for limb, pattern in _LIMBS.items():
+        chosen = np.array([re.search(pattern, name, re.IGNORECASE) is not None for name in contract.joint_names])
+        groups[f"the {limb}"] = ("gains of a limb", chosen)
+    pairs = np.stack([contract.joint_stiffness, contract.joint_damping], axis=1)
+    distinct = np.unique(pairs, axis=0)
+    for stiffness, damping in distinct if len(distinct) <= _MOST_GROUPS else ():
+        chosen = (pairs == (stiffness, damping)).all(axis=1)
+        name = f"the joints with stiffness {stiffness:g} and damping {damping:g}"
+        groups[name] = ("gains of equal joints", chosen)
+    for name, (cause, chosen) in groups.items():
+        if chosen.all() or not chosen.any():
+            continue
+        joints = [joint for joint, is_one in zip(contract.joint_names, chosen, strict=True) if is_one]
+        for factor in _GAIN_FACTORS:
+            text = (
+                f"joint_stiffness and joint_damping of {name} are {factor:g} times what the contract says "
+                f"({', '.join(joints[:3])}{', …' if len(joints) > 3 else ''})"
+            )
+            factors = np.where(chosen, factor, 1.0)
+            yield Edit(f"gains of {name} × {factor:g}", cause, text, _multiplied(_BOTH, factors), STRONG_DOUBT)
 
 
 def model_damping(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -89,10 +125,10 @@ def rates(_: PolicyContract, __: RobotFacts) -> Iterator[Edit]:
     """The policy runs at another rate."""
     for rate in _RATES:
         text = f"the policy was trained at {rate:g} Hz"
-        yield Edit(f"rate {rate:g} Hz", "rate", text, set_fields(policy_dt=1.0 / rate), STRONG_DOUBT)
+        yield Edit(f"rate {rate:g} Hz", "rate", text, set_fields(policy_dt=1.0 / rate), RATE_DOUBT)
 
 
-def _multiplied(names: tuple[str, ...], factor: float) -> Change:
+def _multiplied(names: tuple[str, ...], factor: float | FloatArray) -> Change:
     return lambda contract: replace(contract, **{name: getattr(contract, name) * factor for name in names})
 
 

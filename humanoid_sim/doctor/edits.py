@@ -13,7 +13,9 @@ from humanoid_sim.mit import FloatArray
 
 __all__ = [
     "DOUBT",
+    "RATE_DOUBT",
     "STRONG_DOUBT",
+    "Change",
     "Edit",
     "RobotFacts",
     "change_terms",
@@ -27,7 +29,9 @@ Change = Callable[[PolicyContract], PolicyContract]
 DOUBT = 0.05
 """Share of the cost that an edit must save to be believed: of two that do equally well the simpler is the likelier."""
 STRONG_DOUBT = 0.25
-"""Of gains, rates and gaits: other ones may suit a robot better without being what its policy was trained with."""
+"""Of gains and gaits: other ones may suit a robot better without being what its policy was trained with."""
+RATE_DOUBT = 0.10
+"""Of rates: a policy hardly ever does clearly better at a rate that it was not trained for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +68,8 @@ class Edit:
     """One line that a user can check against the training configuration."""
     change: Change
     doubt: float = DOUBT
+    is_whole: bool = False
+    """Its parts mean nothing one by one: names and values of a new order."""
 
     def apply(self, contract: PolicyContract) -> PolicyContract | None:
         """The changed contract; None where the change does not fit."""

@@ -9,18 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, model_damping, rates
-from humanoid_sim.doctor.edits import Edit, RobotFacts
+from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, group_gains, model_damping, rates
+from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, change_terms
 from humanoid_sim.doctor.observation_edits import conventions, phases, reference_conventions, scales, zeroed
 from humanoid_sim.doctor.order_edits import history_orders, joint_orders, term_orders
 
-__all__ = ["Hypothesis", "pairs", "present", "same_contract", "same_value", "singles"]
+__all__ = ["Hypothesis", "pairs", "present", "same_contract", "same_value", "singles", "spared"]
 
 _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = (
     joint_orders,
@@ -34,6 +35,7 @@ _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = 
     history_orders,
     default_poses,
     gains,
+    group_gains,
     model_damping,
     rates,
 )
@@ -99,6 +101,58 @@ def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator
         both = None if once is None else second.apply(once)
         if both is not None and not _is_known(both, (promising[i], promising[j], present(contract))):
             yield Hypothesis((first, second), both)
+
+
+def spared(contract: PolicyContract, hypothesis: Hypothesis) -> Iterator[Hypothesis]:
+    """The hypothesis less one part of what it changes, for each part: a coarse edit may alter a right value as well.
+
+    Args:
+        contract: the present one, whose values the parts keep.
+        hypothesis: whose edits change several fields, or options of several terms; others have no parts.
+    """
+    if not hypothesis.edits or any(edit.is_whole for edit in hypothesis.edits):
+        return
+    changed = hypothesis.contract
+    names = [item.name for item in fields(contract) if item.name not in ("observation", "provenance", "tensors")]
+    parts = [
+        (name, _with_field(name, getattr(contract, name))) for name in names if not _agree(contract, changed, name)
+    ]
+    before = {term.name: term for term in contract.terms}
+    for term in changed.terms:
+        for option in fields(Term):
+            if not _agree(before[term.name], term, option.name):
+                value = getattr(before[term.name], option.name)
+                parts.append((f"terms.{term.name}.{option.name}", _with_option(term.name, option.name, value)))
+    if len(parts) < 2:
+        return
+    *others, last = hypothesis.edits
+    for part, restore in parts:
+        edit = replace(
+            last,
+            name=f"{last.name}, but not {part}",
+            explanation=f"{last.explanation}; but {part} is right as it is",
+            change=_in_turn(last.change, restore),
+            doubt=0.5 * last.doubt,
+        )
+        yield Hypothesis((*others, edit), restore(changed))
+
+
+def _with_field(name: str, value: Any) -> Change:
+    return lambda contract: replace(contract, **{name: value})
+
+
+def _with_option(name: str, option: str, value: Any) -> Change:
+    return lambda contract: change_terms(
+        contract, lambda term: replace(term, **{option: value}) if term.name == name else term
+    )
+
+
+def _in_turn(first: Change, second: Change) -> Change:
+    return lambda contract: second(first(contract))
+
+
+def _agree(a: object, b: object, name: str) -> bool:
+    return same_value(getattr(a, name), getattr(b, name))
 
 
 def same_contract(a: PolicyContract, b: PolicyContract) -> bool:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.controllers.terms import HistoryOrder, Term
@@ -32,12 +33,14 @@ def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
             "joint order",
             f"joint_names is {title} order; the lists of gains, pose and scale are in that order already",
             relabelled(order),
+            is_whole=True,
         )
         yield Edit(
             f"joint order {title}, values move along",
             "joint order",
             f"the policy sees and drives the joints in {title} order; gains, pose and scale belong to their joints",
             reordered(order),
+            is_whole=True,
         )
 
 
@@ -77,21 +80,14 @@ def reordered(order: tuple[str, ...]) -> Change:
         joints = joint_indices(order, contract.joint_names, "joints of the policy")
         driven = tuple(name for name in order if name in contract.action_joint_names)
         actions = joint_indices(driven, contract.action_joint_names, "action joints of the policy")
-        assert contract.action_offset is not None  # filled in at construction
-        limits, clip = contract.effort_limit, contract.position_clip
-        return replace(
-            contract,
-            joint_names=order,
-            action_joint_names=driven,
-            joint_stiffness=contract.joint_stiffness[joints],
-            joint_damping=contract.joint_damping[joints],
-            default_joint_pos=contract.default_joint_pos[joints],
-            action_scale=contract.action_scale[actions],
-            action_offset=contract.action_offset[actions],
-            position_clip=clip if clip is None or isinstance(clip, str) else clip[actions],
-            effort_limit=None if limits is None else limits[joints],
-            observation=tuple(_sorted_joints(term, order) for term in contract.terms),
-        )
+        places = {"joint_names": joints, "action_joint_names": actions}
+        moved: dict[str, Any] = {
+            name: value[places[form.joints]]
+            for name, form in FORMS.items()
+            if form.kind in ("values", "pairs") and isinstance(value := getattr(contract, name), np.ndarray)
+        }
+        terms = tuple(_sorted_joints(term, order) for term in contract.terms)
+        return replace(contract, joint_names=order, action_joint_names=driven, observation=terms, **moved)
 
     return change
 
@@ -148,6 +144,7 @@ def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         "history order",
         f"the steps of a term's history are {flip[shown].replace('_', ' ')}",
         flipped,
+        is_whole=True,
     )
     other = "per_step" if contract.history_layout == "per_term" else "per_term"
     yield Edit(

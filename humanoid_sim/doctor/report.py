@@ -36,7 +36,7 @@ def conclusion(ranking: Ranking) -> str:
             "armature, contacts, effort limits), at the gains, and for more than two mistakes at once."
         )
     if not first.hypothesis.edits:
-        return "Nothing wrong found in this space: the contract as it is does best."
+        return _unproven(best, present) or "Nothing wrong found in this space: the contract as it is does best."
     saved = (present.cost - first.cost) / max(present.cost, 1.0)
     if present.stays_up and saved < _SLIGHT:
         return (
@@ -45,6 +45,19 @@ def conclusion(ranking: Ranking) -> str:
         )
     before = f"does {saved:.0%} better" if present.stays_up else "keeps the robot up"
     return f"Most likely: {first.hypothesis.explanation}. With that it {before}."
+
+
+def _unproven(best: list[Verdict], present: Verdict) -> str:
+    """What does clearly better than the contract as it is without being believed; empty if nothing does."""
+    up = [verdict for verdict in best if verdict.stays_up and verdict.is_thorough]
+    better = min(up, key=lambda verdict: verdict.cost, default=present)
+    saved = (present.cost - better.cost) / max(present.cost, 1.0)
+    if saved < _SLIGHT:
+        return ""
+    return (
+        f"Nothing is certain. '{better.hypothesis.name}' does {saved:.0%} better, but such a change may suit a robot "
+        "without being what its policy was trained with: compare it with the training configuration."
+    )
 
 
 def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, rows: int, pasting: Pasting) -> None:
@@ -65,6 +78,12 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
         table.add_row(*_row(best.index(verdict) + 1, verdict, contract))
     console.print(table)
     console.print(escape(conclusion(ranking)), style="bold", soft_wrap=True)
+    if ranking.pairs_tried < ranking.pairs_known:
+        console.print(
+            f"[dim]{ranking.pairs_tried} of {ranking.pairs_known} pairs of changes were tried in {ranking.seconds:.0f} "
+            "s; --budget gives them more time[/dim]",
+            soft_wrap=True,
+        )
     if not best or is_healthy(ranking):
         return
     first = best[0].hypothesis
@@ -97,6 +116,9 @@ def ranking_document(ranking: Ranking, contract: PolicyContract, pasting: Pastin
     """Everything as plain values."""
     return {
         "complete": ranking.is_complete,
+        "seconds": round(ranking.seconds, 1),
+        "pairs_tried": ranking.pairs_tried,
+        "pairs_known": ranking.pairs_known,
         "healthy": is_healthy(ranking),
         "conclusion": conclusion(ranking),
         "file": str(pasting.file),

@@ -6,12 +6,12 @@ import json
 import math
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
 from humanoid_sim.doctor.overrides import pasting_for
+from humanoid_sim.doctor.progress import SearchProgress
 from humanoid_sim.doctor.report import is_healthy, print_ranking, ranking_document
 from humanoid_sim.doctor.search import Ranking, make_plan, search
 from humanoid_sim.errors import InputError
@@ -46,28 +46,14 @@ def doctor(config: DoctorConfig) -> int:
         command=_command(config, examined),
         motion_seconds=examined.motion_seconds,
         pairs=config.pairs,
+        budget=config.budget,
     )
     pasting = pasting_for(config.checkpoint, config.contract or find_contract(config.checkpoint))
     ranking = Ranking()
-    progress = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    )
     interrupted = False
-    with progress:
-        task = progress.add_task("")
+    with SearchProgress(Console(stderr=True), ranking, plan) as progress:
         try:
-            search(
-                examined,
-                robot_facts(examined.description, examined.motion),
-                plan,
-                ranking,
-                lambda stage, done, total: progress.update(task, description=stage, completed=done, total=total),
-            )
+            search(examined, robot_facts(examined.description, examined.motion), plan, ranking, progress)
         except KeyboardInterrupt:
             interrupted = True
     if config.json:
@@ -80,8 +66,9 @@ def doctor(config: DoctorConfig) -> int:
 
 
 def _check(config: DoctorConfig) -> None:
-    if not (math.isfinite(config.seconds) and config.seconds > 0.0):
-        raise InputError(f"--seconds: is {config.seconds}, expected a finite number > 0")
+    for option, seconds in (("--seconds", config.seconds), ("--budget", config.budget)):
+        if not (math.isfinite(seconds) and seconds > 0.0):
+            raise InputError(f"{option}: is {seconds}, expected a finite number > 0")
     for option, value, least in (("--pairs", config.pairs, 0), ("--top", config.top, 1)):
         if value < least:
             raise InputError(f"{option}: is {value}, expected a whole number >= {least}")

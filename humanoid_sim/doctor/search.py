@@ -1,16 +1,22 @@
-"""The search: every single edit briefly, the best of them at length, then pairs of the promising ones likewise."""
+"""The search: every single edit briefly, the best of them at length, then pairs of the promising ones likewise.
+
+At the end the best are tried less one part of what they change, so that no right value is altered along with a wrong
+one.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, islice
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
-from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, singles
+from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, singles, spared
 from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
 
 __all__ = ["Plan", "Progress", "Ranking", "Verdict", "make_plan", "search"]
@@ -29,6 +35,13 @@ _LONGER = 0.05
 """Share of the time that it must keep the robot up for longer instead, and not less."""
 _PAIRS = 1200
 _PROMOTED_PAIRS = 8
+_LEADERS = 12
+"""Causes whose best edits are tried in pairs where one change keeps the robot up already."""
+_SPARED = 3
+"""Of the best, those that are tried less one part of what they change."""
+_MOST_PARTS = 6
+_LONGEST_FALL = 0.5
+"""Share of a brief trial's time that is counted for one that ends in a fall."""
 
 _COMMANDS = ((0.5, 0.0, 0.0), (0.5, 0.0, 0.5), (-0.5, 0.0, 0.0))
 """Velocities that every walking policy should know, m/s and rad/s."""
@@ -42,6 +55,8 @@ class Plan:
     thorough: tuple[Trial, ...]
     pairs: int
     """At most so many pairs are tried; 0: none."""
+    budget: float | None = None
+    """s of wall time: pairs are tried until so much is used up; None: until they have all been tried."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +101,13 @@ class Ranking:
     verdicts: dict[str, Verdict] = field(default_factory=dict)
     """By the hypothesis's name, the latest of each."""
     is_complete: bool = False
+    expected: float = 0.0
+    """s of wall time that the single changes will take, by the first trial; 0 before it."""
+    seconds: float = 0.0
+    """s of wall time that the search has taken."""
+    pairs_known: int = 0
+    """Pairs that are worth trying."""
+    pairs_tried: int = 0
 
     def add(self, verdict: Verdict) -> None:
         """Take in a verdict."""
@@ -128,6 +150,7 @@ def make_plan(
     command: tuple[float, float, float] | None = None,
     motion_seconds: float = 0.0,
     pairs: int = _PAIRS,
+    budget: float | None = None,
 ) -> Plan:
     """The trials for a policy.
 
@@ -137,15 +160,16 @@ def make_plan(
         command: velocity for all trials; None for a few that a walking policy should know.
         motion_seconds: length of the motion; 0 for none.
         pairs: at most so many are tried.
+        budget: s of wall time, as `Plan.budget`.
     """
     if contract.task_type != "locomotion":
         long = max(min(motion_seconds, 5.0 * seconds), contract.policy_dt)
-        return Plan((Trial(min(seconds, long)),), (Trial(long), Trial(long, yaw=-1.0)), pairs)
+        return Plan((Trial(min(seconds, long)),), (Trial(long), Trial(long, yaw=-1.0)), pairs, budget)
     commands = [command] if command else [_within(wanted, contract) for wanted in _COMMANDS]
     headings = (2.0, -1.0, 2.5)
     brief = Trial(seconds, commands[0], headings[0])
     thorough = [Trial(1.5 * seconds, commands[i % len(commands)], heading) for i, heading in enumerate(headings)]
-    return Plan((brief,), tuple(thorough), pairs)
+    return Plan((brief,), tuple(thorough), pairs, budget)
 
 
 def _within(command: tuple[float, float, float], contract: PolicyContract) -> tuple[float, float, float]:
@@ -158,28 +182,94 @@ def _within(command: tuple[float, float, float], contract: PolicyContract) -> tu
 
 def search(examined: ExaminedPolicy, robot: RobotFacts, plan: Plan, ranking: Ranking, progress: Progress) -> None:
     """Try the whole space; `ranking` holds what is known whenever this is interrupted."""
-    contract = examined.contract
-    runner = TrialRunner(examined)
+    _Search(examined, robot, plan, ranking, progress).run()
 
-    def stage(
-        title: str, hypotheses: Sequence[Hypothesis], trials: tuple[Trial, ...], is_thorough: bool, into: Ranking
+
+class _Search:
+    """One search: its stages, and the time that they take."""
+
+    def __init__(
+        self, examined: ExaminedPolicy, robot: RobotFacts, plan: Plan, ranking: Ranking, progress: Progress
     ) -> None:
+        self._contract = examined.contract
+        self._robot = robot
+        self._plan = plan
+        self._ranking = ranking
+        self._progress = progress
+        self._runner = TrialRunner(examined)
+        self._start = time.perf_counter()
+        self._simulated = 0.0
+        """s of simulated time so far."""
+
+    def run(self) -> None:
+        """All stages."""
+        contract, plan, ranking = self._contract, self._plan, self._ranking
+        unchanged, changed = present(contract), singles(contract, self._robot)
+        self._expect(unchanged, len(changed))
+        self._stage("single changes", [unchanged, *changed], plan.brief, ranking)
+        promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
+        chosen = [unchanged, *_with_rivals(promising[:_PROMOTED], ranking)]
+        self._stage("the best of them", chosen, plan.thorough, ranking)
+        together = Ranking()
+        wanted = _pairs(contract, changed, ranking, plan.pairs)
+        ranking.pairs_known = len(wanted)
+        self._stage("pairs of changes", wanted, plan.brief, together, reserve=self._wall(_PROMOTED_PAIRS))
+        ranking.pairs_tried = len(together.verdicts)
+        best = [verdict.hypothesis for verdict in together.best()[:_PROMOTED_PAIRS]]
+        self._stage("the best pairs", best, plan.thorough, ranking)
+        self._spare()
+        ranking.is_complete = True
+
+    def _stage(
+        self,
+        title: str,
+        hypotheses: Sequence[Hypothesis],
+        trials: tuple[Trial, ...],
+        into: Ranking,
+        *,
+        reserve: float | None = None,
+    ) -> None:
+        """Try some hypotheses; with a reserve, in s of wall time, only while so much of the budget is left."""
         # One after the other: most of a trial is Python's, so threads would only wait for each other.
         for done, hypothesis in enumerate(hypotheses, 1):
-            outcomes = tuple(runner.run(hypothesis.contract, trial) for trial in trials)
-            into.add(Verdict(hypothesis, outcomes, is_thorough))
-            progress(title, done, len(hypotheses))
+            if reserve is not None and self._plan.budget is not None and self._elapsed + reserve > self._plan.budget:
+                return
+            into.add(Verdict(hypothesis, self._outcomes(hypothesis, trials), trials is self._plan.thorough))
+            self._ranking.seconds = self._elapsed
+            self._progress(title, done, len(hypotheses))
 
-    unchanged, changed = present(contract), singles(contract, robot)
-    stage("single changes", [unchanged, *changed], plan.brief, False, ranking)
-    promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
-    chosen = [unchanged, *_with_rivals(promising[:_PROMOTED], ranking)]
-    stage("the best of them", chosen, plan.thorough, True, ranking)
-    together = Ranking()
-    stage("pairs of changes", _pairs(contract, changed, ranking, plan.pairs), plan.brief, False, together)
-    best = [verdict.hypothesis for verdict in together.best()[:_PROMOTED_PAIRS]]
-    stage("the best pairs", best, plan.thorough, True, ranking)
-    ranking.is_complete = True
+    def _outcomes(self, hypothesis: Hypothesis, trials: tuple[Trial, ...]) -> tuple[Outcome, ...]:
+        outcomes = tuple(self._runner.run(hypothesis.contract, trial) for trial in trials)
+        self._simulated += sum(outcome.time_up for outcome in outcomes)
+        return outcomes
+
+    @property
+    def _elapsed(self) -> float:
+        """Wall time so far, s."""
+        return time.perf_counter() - self._start
+
+    def _wall(self, count: int) -> float:
+        """Wall time of so many hypotheses at length, s, by what the trials so far have taken."""
+        return count * sum(trial.seconds for trial in self._plan.thorough) * self._elapsed / max(self._simulated, 1e-3)
+
+    def _expect(self, unchanged: Hypothesis, count: int) -> None:
+        """Work out from the first trial how long single changes take: the robot is built by then, so run it again."""
+        self._outcomes(unchanged, self._plan.brief)
+        start, simulated = self._elapsed, self._simulated
+        outcomes = self._outcomes(unchanged, self._plan.brief)
+        pace = (self._elapsed - start) / max(self._simulated - simulated, 1e-3)
+        share = 1.0 if not any(outcome.lost for outcome in outcomes) else _LONGEST_FALL
+        briefly = (count + 1) * share * sum(trial.seconds for trial in self._plan.brief)
+        at_length = (_PROMOTED + 1) * share * sum(trial.seconds for trial in self._plan.thorough)
+        self._ranking.expected = self._elapsed + pace * (briefly + at_length)
+
+    def _spare(self) -> None:
+        """Leave out of the best changes what makes nothing better."""
+        chosen = [verdict for verdict in self._ranking.best()[:_SPARED] if verdict.stays_up]
+        for verdict in chosen:
+            smaller = tuple(spared(self._contract, verdict.hypothesis))
+            if len(smaller) <= _MOST_PARTS:
+                self._stage("parts of the best", smaller, self._plan.thorough, self._ranking)
 
 
 def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:
@@ -196,7 +286,11 @@ def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypo
 def _pairs(
     contract: PolicyContract, everything: Sequence[Hypothesis], ranking: Ranking, count: int
 ) -> list[Hypothesis]:
-    """The pairs worth trying: none if nothing is wrong; those with the best if it keeps the robot up, else all."""
+    """The pairs worth trying, most promising first: none if nothing is wrong, all if nothing keeps the robot up.
+
+    Where one change does, those of it with every other, and those of the leading causes among themselves, because what
+    keeps the robot up need not be one of the two mistakes.
+    """
     best = ranking.best()[0]
     if best.stays_up and not best.hypothesis.edits:
         return []
@@ -204,7 +298,9 @@ def _pairs(
     found: Iterable[Hypothesis]
     if best.stays_up:
         others = (hypothesis for hypothesis in ranked if hypothesis is not best.hypothesis)
-        found = (pair for other in others for pair in pairs(contract, [best.hypothesis, other]))
+        with_best = (pair for other in others for pair in pairs(contract, [best.hypothesis, other]))
+        leaders = [verdict.hypothesis for verdict in ranking.best() if len(verdict.hypothesis.edits) == 1]
+        found = chain(with_best, pairs(contract, leaders[1 : _LEADERS + 1]))
     else:
         found = pairs(contract, ranked)
-    return [pair for _, pair in zip(range(count), found, strict=False)]
+    return list(islice(found, count))

@@ -13,7 +13,7 @@ from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, same_cont
 from humanoid_sim.doctor.order_edits import mirrored
 
 FEWEST = 50
-MOST = 90
+MOST = 110
 """The space is bounded: a search has to end."""
 
 
@@ -77,6 +77,7 @@ def test_what_the_issue_lists_is_in_the_space() -> None:
         "reference alignment",
         "rate",
         "gains",
+        "gains of equal joints",
         "default pose",
     }
 
@@ -198,3 +199,36 @@ def test_the_models_own_damping_is_a_hypothesis_where_there_is_one() -> None:
     assert named(singles(walker(), robot), "the model's joint damping dropped").model_joint_damping == "drop"
     dropped = replace(walker(), model_joint_damping="drop")
     assert named(singles(dropped, robot), "the model's joint damping kept").model_joint_damping == "keep"
+
+
+def test_gains_of_a_limb_alone_are_found_again() -> None:
+    right = replace(
+        tracker(),
+        joint_names=("left_hip", "left_shoulder", "right_hip", "waist_yaw"),
+        action_joint_names=("left_hip", "left_shoulder", "right_hip", "waist_yaw"),
+    )
+    wrong = replace(right, joint_stiffness=[80.0, 41.0, 84.0, 43.0], joint_damping=[2.0, 1.1, 2.4, 1.3])
+    facts = replace(FACTS, joint_names=right.joint_names, breadth_first=right.joint_names)
+    found = {h.name: h for h in singles(wrong, facts)}
+    assert same_contract(found["gains of the legs × 0.5"].contract, right)
+    assert "(left_hip, right_hip)" in found["gains of the legs × 0.5"].explanation
+    assert {name for name in found if name.startswith("gains of the ")} >= {
+        "gains of the arms × 2",
+        "gains of the waist × 2",
+    }
+    assert "gains of the ankles × 2" not in found  # it has none
+
+
+def test_gains_of_joints_with_equal_ones_are_found_again() -> None:
+    right = replace(tracker(), joint_stiffness=[40.0, 60.0, 40.0, 60.0], joint_damping=[1.0, 3.0, 1.0, 3.0])
+    wrong = replace(right, joint_stiffness=[20.0, 60.0, 20.0, 60.0], joint_damping=[0.5, 3.0, 0.5, 3.0])
+    found = {h.name: h for h in singles(wrong, FACTS)}
+    assert same_contract(found["gains of the joints with stiffness 20 and damping 0.5 × 2"].contract, right)
+    assert same_contract(found["gains of the joints with stiffness 60 and damping 3 × 2"].contract, right) is False
+
+
+def test_a_new_order_takes_every_value_of_a_joint_along() -> None:
+    right = replace(tracker(), position_clip=[[-1.0, 1.0], [-2.0, 2.0], [-3.0, 3.0], [-4.0, 4.0]])
+    changed = named(singles(right, FACTS), "joint order breadth-first (Isaac), values move along")
+    assert np.asarray(changed.position_clip)[:, 1].tolist() == [1.0, 3.0, 2.0, 4.0]
+    assert np.asarray(changed.action_offset).tolist() == [-0.1, 0.3, -0.2, 0.4]

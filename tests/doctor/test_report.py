@@ -104,3 +104,30 @@ def test_the_document_is_json_and_complete() -> None:
     assert second["hypothesis"] == "as it is"
     assert second["override"] == {}
     assert second["trials"][0]["lost"] == "sank to 0.46 m"
+
+
+@pytest.mark.parametrize(
+    ("after", "text"), [(1.65, "Nothing is certain. 'gains × 2' does 18% better"), (1.8, "Nothing wrong")]
+)
+def test_what_does_clearly_better_is_named_even_where_it_is_seldom_the_cause(after: float, text: str) -> None:
+    result = Ranking(is_complete=True)
+    result.add(verdict(present(CONTRACT), 1.0, 2.0))
+    result.add(verdict(FOUND["gains × 2"], 1.0, after))
+    assert conclusion(result).startswith(text)
+
+
+def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better() -> None:
+    wrong = replace(CONTRACT, policy_dt=0.01)
+    (cure,) = (h for h in singles(wrong, FACTS) if h.name == "rate 50 Hz")
+    result = Ranking(is_complete=True)
+    result.add(verdict(present(wrong), 1.0, 2.0))
+    result.add(verdict(cure, 1.0, 1.68))
+    assert not is_healthy(result)
+    assert conclusion(result) == "Most likely: the policy was trained at 50 Hz. With that it does 16% better."
+
+
+def test_pairs_that_were_left_out_are_told() -> None:
+    result = ranking((0.3, 2.0), (1.0, 2.0))
+    assert "pairs of changes" not in printed(result)
+    result.pairs_known, result.pairs_tried, result.seconds = 300, 120, 118.6
+    assert "120 of 300 pairs of changes were tried in 119 s; --budget gives them more time" in printed(result)

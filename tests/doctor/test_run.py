@@ -60,6 +60,7 @@ def test_ctrl_c_shows_what_is_known(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     [
         (("--seconds", "0"), "--seconds: is 0.0"),
         (("--seconds", "nan"), "--seconds: is nan"),
+        (("--budget", "0"), "--budget: is 0.0"),
         (("--pairs", "-1"), "--pairs: is -1"),
         (("--top", "0"), "--top: is 0"),
         (("--command", "0.5,0,0"), "--command: is '0.5,0,0', but"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import search as module
 from humanoid_sim.doctor.edits import Edit, set_fields
 from humanoid_sim.doctor.goals import Quality
-from humanoid_sim.doctor.hypotheses import Hypothesis, same_contract, singles
+from humanoid_sim.doctor.hypotheses import Hypothesis, same_contract, singles, spared
 from humanoid_sim.doctor.search import Ranking, Verdict, make_plan, search
 from humanoid_sim.doctor.trials import Outcome, Trial
 
@@ -196,3 +197,96 @@ def test_close_edits_of_one_cause_are_all_tried_at_length(examine: Callable[...,
     thorough = {name for name, item in examine(contract, judge).verdicts.items() if item.is_thorough}
     assert {"action scale 1", "action scale 0.5"} <= thorough
     assert "action scale 0.25" not in thorough
+
+
+def test_two_mistakes_are_found_though_a_third_change_keeps_the_robot_up(examine: Callable[..., Ranking]) -> None:
+    right = tracker()
+    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
+    softer = set_fields(joint_stiffness=0.5 * wrong.joint_stiffness)(wrong)
+
+    def judge(contract: PolicyContract) -> tuple[float, float]:
+        if same_contract(contract, softer):
+            return 1.0, 4.0  # by chance: it falls over no more, but does nothing right
+        halves = (set_fields(anchor_body="torso")(wrong), set_fields(align_reference=True)(wrong))
+        if any(same_contract(contract, half) for half in halves):
+            return 0.6, 5.0  # each cure alone only delays the fall
+        return right_only(right)(contract)
+
+    assert names(examine(wrong, judge))[0] == "anchor body torso + reference aligned"
+
+
+def test_a_right_value_is_not_altered_along_with_a_wrong_one(examine: Callable[..., Ranking]) -> None:
+    wrong = replace(tracker(), observation=["command", "base_ang_vel", "joint_pos", "joint_vel"])
+    found = {h.name: h for h in singles(wrong, FACTS)}
+    coarse = found["observation scales of legged_gym (ang vel 0.25, joint vel 0.05)"]
+    (right,) = (h for h in spared(wrong, coarse) if "but not terms.joint_vel" in h.name)
+
+    def judge(is_part_better: bool) -> Judge:
+        def judged(contract: PolicyContract) -> tuple[float, float]:
+            if same_contract(contract, coarse.contract):
+                return 1.0, 3.0
+            return (1.0, 2.0 if is_part_better else 9.0) if same_contract(contract, right.contract) else (0.2, 5.0)
+
+        return judged
+
+    single = "base_ang_vel scaled by 0.25"  # the same contract, found by itself
+    assert names(examine(wrong, judge(is_part_better=True), pairs=0))[0] in (right.name, single)
+    assert names(examine(wrong, judge(is_part_better=False), pairs=0))[0] == coarse.name
+
+
+def test_parts_that_make_no_difference_stay_as_they_are() -> None:
+    wrong = replace(tracker(), observation=["command", "base_ang_vel", "joint_pos", "joint_vel"])
+    (coarse,) = (h for h in singles(wrong, FACTS) if h.name.startswith("observation scales of legged_gym (ang"))
+    smaller = {h.name: h for h in spared(wrong, coarse)}
+    assert set(smaller) == {
+        f"{coarse.name}, but not terms.base_ang_vel.scale",
+        f"{coarse.name}, but not terms.joint_vel.scale",
+    }
+    less = smaller[f"{coarse.name}, but not terms.joint_vel.scale"]
+    assert [float(np.asarray(term.scale)) for term in less.contract.terms] == [1.0, 0.25, 1.0, 1.0]
+    assert less.explanation.endswith("; but terms.joint_vel.scale is right as it is")
+    assert less.causes == coarse.causes
+    assert same_contract(less.edits[0].change(wrong), less.contract)
+    # As good as the coarse one: the smaller change comes first.
+    result = Ranking()
+    for hypothesis in (coarse, less):
+        result.add(Verdict(hypothesis, (Outcome(4.0, 4.0, Quality({"all": 2.0})),), True))
+    assert names(result) == [less.name]
+    orders = [h for h in singles(wrong, FACTS) if h.causes == ("joint order",)]
+    assert len(orders) >= 2
+    assert all(not list(spared(wrong, h)) for h in orders)  # names and values go together
+
+
+def test_a_budget_ends_the_pairs_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = tracker()
+    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
+    clock = iter(range(10**6))
+    monkeypatch.setattr(module.time, "perf_counter", lambda: 0.1 * next(clock))
+    monkeypatch.setattr(module, "TrialRunner", Invented(right_only(right)))
+    result = Ranking()
+    plan = make_plan(wrong, motion_seconds=9.0, budget=1e-3)
+    search(Patient(wrong), FACTS, plan, result, lambda *_: None)  # type: ignore[arg-type]
+    assert result.is_complete
+    assert result.pairs_known > 100
+    assert result.pairs_tried == 0
+    assert len(result.verdicts) == 1 + len(singles(wrong, FACTS))
+    assert result.expected > 0.0
+    assert result.seconds > 1.0
+
+
+def test_a_single_change_is_expected_to_take_what_the_first_trial_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    contract = tracker()
+    now = [0.0]
+
+    class Clocked(Invented):
+        def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
+            outcome = super().run(contract, trial)
+            now[0] += 0.01 * outcome.time_up
+            return outcome
+
+    monkeypatch.setattr(module.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(module, "TrialRunner", Clocked(lambda _: (1.0, 1.0)))
+    result = Ranking()
+    search(Patient(contract), FACTS, make_plan(contract, motion_seconds=10.0), result, lambda *_: None)  # type: ignore[arg-type]
+    assert result.seconds <= 1.25 * result.expected
+    assert result.seconds >= 0.75 * result.expected

@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+import io
+
+from rich.console import Console
+
+from humanoid_sim.doctor.progress import SearchProgress
+from humanoid_sim.doctor.search import Plan, Ranking
+
+
+def lines(plan: Plan, *, terminal: bool = False) -> list[str]:
+    stream = io.StringIO()
+    ranking = Ranking(expected=14.2)
+    with SearchProgress(Console(file=stream, width=100, force_terminal=terminal), ranking, plan) as progress:
+        for done in (1, 2, 3):
+            ranking.seconds = 1.0 * done
+            progress("single changes", done, 3)
+        progress("the best of them", 1, 1)
+    return stream.getvalue().splitlines()
+
+
+def test_where_there_is_no_terminal_every_stage_is_a_line() -> None:
+    assert lines(Plan((), (), 100, 60.0)) == [
+        "single changes: 2, about 14 s; with pairs of them at most 60 s",
+        "single changes: 3 tried, 3 s so far",
+        "the best of them: 1 tried, 3 s so far",
+    ]
+
+
+def test_what_is_promised_depends_on_the_budget() -> None:
+    assert lines(Plan((), (), 100, 10.0))[0].endswith("more than --budget 10: pairs of them will hardly be tried")
+    assert lines(Plan((), (), 0, 60.0))[0] == "single changes: 2, about 14 s"
+    assert lines(Plan((), (), 100))[0] == "single changes: 2, about 14 s"
+
+
+def test_on_a_terminal_there_is_a_bar_instead() -> None:
+    text = "\n".join(lines(Plan((), (), 100, 60.0), terminal=True))
+    assert "about 14 s" in text
+    assert "so far" not in text
+    assert "the best of them" in text
