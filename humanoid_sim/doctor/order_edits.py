@@ -84,7 +84,7 @@ def reordered(order: tuple[str, ...]) -> Change:
         moved: dict[str, Any] = {
             name: value[places[form.joints]]
             for name, form in FORMS.items()
-            if form.kind in ("values", "pairs") and isinstance(value := getattr(contract, name), np.ndarray)
+            if form.kind != "names" and form.joints and isinstance(value := getattr(contract, name), np.ndarray)
         }
         terms = tuple(_sorted_joints(term, order) for term in contract.terms)
         return replace(contract, joint_names=order, action_joint_names=driven, observation=terms, **moved)

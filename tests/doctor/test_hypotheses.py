@@ -228,7 +228,9 @@ def test_gains_of_joints_with_equal_ones_are_found_again() -> None:
 
 
 def test_a_new_order_takes_every_value_of_a_joint_along() -> None:
-    right = replace(tracker(), position_clip=[[-1.0, 1.0], [-2.0, 2.0], [-3.0, 3.0], [-4.0, 4.0]])
+    clip = [[-1.0, 1.0], [-2.0, 2.0], [-3.0, 3.0], [-4.0, 4.0]]
+    right = replace(tracker(), position_clip=clip, effort_limit=[10.0, 20.0, 30.0, 40.0])
     changed = named(singles(right, FACTS), "joint order breadth-first (Isaac), values move along")
     assert np.asarray(changed.position_clip)[:, 1].tolist() == [1.0, 3.0, 2.0, 4.0]
+    assert np.asarray(changed.effort_limit).tolist() == [10.0, 30.0, 20.0, 40.0]
     assert np.asarray(changed.action_offset).tolist() == [-0.1, 0.3, -0.2, 0.4]
