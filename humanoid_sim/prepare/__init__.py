@@ -47,6 +47,12 @@ class PrepareOptions:
     Default: contract if it has as many bodies, else mjcf."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
     """Order of the motion's quaternions. Default: xyzw for .csv, wxyz for the other formats."""
+    conjugate: bool = False
+    """The motion's quaternions turn vectors from the world to the body, the inverse of the usual."""
+    angle_unit: Literal["rad", "deg"] = "rad"
+    """Unit of the motion's joint positions and velocities."""
+    length_unit: Literal["m", "cm", "mm", "in"] | None = None
+    """Unit of the motion's lengths. Default: m; a base far above the robot's height is then questioned."""
     velocities: Literal["source", "positions"] = "source"
     """Where joint velocities come from: the motion's source, or the differences of its joint positions."""
     resample: bool = False

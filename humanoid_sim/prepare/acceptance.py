@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -11,12 +12,23 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import matrix
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.conventions import Conventions, NamedMotion, body_orders, interpret, joint_orders
+from humanoid_sim.prepare.conventions import (
+    ANGLE_UNITS,
+    LENGTH_UNITS,
+    Conventions,
+    NamedMotion,
+    body_orders,
+    in_si,
+    interpret,
+    joint_orders,
+)
 from humanoid_sim.prepare.motion_fit import (
+    BaseHeight,
     BodyCheck,
     LimitExcess,
     Tolerance,
     check_bodies,
+    implausible_height,
     is_upside_down,
     orders_within_limits,
     worst_excess,
@@ -41,6 +53,8 @@ INVERSE = "inverse kinematics"
 
 _MOST_POSES = 120
 """Frames for which joint positions are sought."""
+_FEW_POSES = 12
+"""Frames for which other readings are tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,19 +83,24 @@ def accept(
     motion = interpret(source, conventions, skeleton)
     rate, velocities = _check_velocities(source, motion, skeleton)
     excess = None if motion.joint_position is None else worst_excess(motion.joint_position, skeleton.description)
+    high = None if conventions.is_length_given else implausible_height(motion, skeleton)
     notes: list[str] = []
     method, bodies = FORWARD, check_bodies(motion, skeleton, tolerance)
     if bodies:
         _refuse_mismatch(source, conventions, contract, skeleton, tolerance, bodies)
     elif motion.joint_position is None:
-        method, bodies = INVERSE, _check_bodies_alone(source, motion, skeleton, tolerance)
+        method, bodies = INVERSE, _check_bodies_alone(source, motion, conventions, skeleton, tolerance)
     else:
         method = ""
+        if high is not None:
+            raise InputError(f"{source.source}: {_high_in_words(high)}; --length-unit m says that it is right")
         _check_joints_alone(source, conventions, contract, skeleton, tolerance, excess)
         notes.append(
             "the source holds no body poses, so the order of its joints could not be verified, only that they stay "
             "within the robot's limits"
         )
+    if high is not None:
+        notes.append(_high_in_words(high))
     if excess is not None:
         notes.append(
             f"joint {excess.joint} is at {excess.position:.3f} rad in frame {excess.frame}, beyond its limits "
@@ -113,6 +132,15 @@ def _refuse_mismatch(
     )
 
 
+def _high_in_words(base: BaseHeight) -> str:
+    unit = (
+        f"; with --length-unit {base.unit} it would be at {LENGTH_UNITS[base.unit] * base.height:.2f} m"
+        if base.unit
+        else ""
+    )
+    return f"the base is at {base.height:.3g} m, and the robot is about {base.robot:.2g} m high{unit}"
+
+
 def _far(check: BodyCheck) -> str:
     return f"{100.0 * check.position_max:.1f} cm and {math.degrees(check.angle_max):.1f}°"
 
@@ -133,7 +161,7 @@ def _check_velocities(
 
 
 def _check_bodies_alone(
-    source: SourceMotion, motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance
+    source: SourceMotion, motion: NamedMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance
 ) -> tuple[BodyCheck, ...]:
     """Seek joint positions that reach the bodies, and see what is left."""
     if motion.is_world or motion.body_position is None or motion.body_quaternion is None:
@@ -142,25 +170,54 @@ def _check_bodies_alone(
             "orientations in the robot's base frame"
         )
     step = max(1, math.ceil(source.frame_count / _MOST_POSES))
-    position, quaternion = motion.body_position[::step], motion.body_quaternion[::step]
-    solver = InverseKinematics(skeleton.description, motion.body_names)
-    joints = np.array(skeleton.description.initial_position)
-    path: list[FloatArray] = []
-    for place, turn in zip(position, matrix(quaternion), strict=True):
-        joints = solver.solve(place, turn, joints, iterations=40 if path else 400)
-        path.append(joints)
-    reached = replace(
-        motion, joint_position=np.stack(path), joint_velocity=None, body_position=position, body_quaternion=quaternion
-    )
-    bodies = check_bodies(reached, skeleton, tolerance)
+    bodies = _reach(_every(motion, step), skeleton, tolerance)
     worst = max(bodies, key=lambda check: check.excess(tolerance))
     if worst.excess(tolerance) > 1.0:
         raise InputError(
             f"{source.source}: no pose of the robot that was found puts body '{worst.name}' nearer than {_far(worst)} "
-            f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; it holds "
-            "no joint positions to say more: are its bodies in the order of --body-order, and its orientations in rows?"
+            f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; "
+            + _what_would_be_reached(source, conventions, skeleton, tolerance)
         )
     return tuple(replace(check, worst_frame=step * check.worst_frame) for check in bodies)
+
+
+def _every(motion: NamedMotion, step: int) -> NamedMotion:
+    assert motion.body_position is not None
+    assert motion.body_quaternion is not None
+    return replace(motion, body_position=motion.body_position[::step], body_quaternion=motion.body_quaternion[::step])
+
+
+def _reach(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
+    """Errors of the bodies at the poses of the robot that come nearest to a motion's."""
+    assert motion.body_position is not None
+    assert motion.body_quaternion is not None
+    solver = InverseKinematics(skeleton.description, motion.body_names)
+    joints = np.array(skeleton.description.initial_position)
+    path: list[FloatArray] = []
+    for place, turn in zip(motion.body_position, matrix(motion.body_quaternion), strict=True):
+        joints = solver.solve(place, turn, joints, iterations=40 if path else 400)
+        path.append(joints)
+    return check_bodies(replace(motion, joint_position=np.stack(path), joint_velocity=None), skeleton, tolerance)
+
+
+def _what_would_be_reached(
+    source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance
+) -> str:
+    """Inverse rotations or another unit with which the robot has a pose in each of a few frames."""
+    step = max(1, math.ceil(source.frame_count / _FEW_POSES))
+    for conjugate, unit in product((conventions.conjugate, not conventions.conjugate), LENGTH_UNITS):
+        candidate = replace(conventions, conjugate=conjugate, length_unit=unit)
+        words = [f"--length-unit {unit}"] if unit != conventions.length_unit else []
+        words += ["--conjugate"] if conjugate and not conventions.conjugate else []
+        if words and all(
+            check.excess(tolerance) <= 1.0
+            for check in _reach(_every(interpret(source, candidate, skeleton), step), skeleton, tolerance)
+        ):
+            return f"it would fit with {' '.join(words)}"
+    return (
+        "it holds no joint positions to say more: are its bodies in the order of --body-order, and its orientations in "
+        "rows?"
+    )
 
 
 def _check_joints_alone(
@@ -179,11 +236,22 @@ def _check_joints_alone(
         )
     if excess is None or excess.excess <= tolerance.angle:
         return
-    assert source.joint_position is not None  # which is why there is an excess
-    orders = joint_orders(contract, skeleton)
-    others = orders_within_limits(source.joint_position, orders, skeleton.description, tolerance.angle)
-    hint = f"; it stays within all limits with --joint-order {others[0]}" if others else ""
+    hint = _within_limits(source, conventions, contract, skeleton, tolerance)
     raise InputError(
         f"{source.source}: joint '{excess.joint}' is at {excess.position:.3f} rad in frame {excess.frame}, beyond its "
         f"limits {excess.lower:g} to {excess.upper:g} rad{hint}"
     )
+
+
+def _within_limits(
+    source: SourceMotion, conventions: Conventions, contract: PolicyContract, skeleton: Skeleton, tolerance: Tolerance
+) -> str:
+    """The order of joints, or the unit, in which joints stay within their limits; empty if there is none."""
+    orders = {"": conventions.joint_names} | dict(joint_orders(contract, skeleton))
+    for unit in ANGLE_UNITS:
+        columns = in_si(source, replace(conventions, angle_unit=unit)).joint_position
+        assert columns is not None  # which is why they are beyond
+        for order in orders_within_limits(columns, orders, skeleton.description, tolerance.angle):
+            options = (("--joint-order", order), ("--angle-unit", unit if unit != conventions.angle_unit else ""))
+            return "; it stays within all limits with " + " ".join(f"{o} {value}" for o, value in options if value)
+    return ""

@@ -1,13 +1,15 @@
-"""Which column of a motion is which joint, which body, which part of a quaternion: written down, then applied."""
+"""Which column of a motion is which joint, body, part of a quaternion, in which units: written down, then applied."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rotation import conjugate as inverse_of
 from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
@@ -15,15 +17,28 @@ from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, swap_quaternion_order
 
 __all__ = [
+    "ANGLE_UNITS",
+    "LENGTH_UNITS",
+    "AngleUnit",
     "Conventions",
+    "LengthUnit",
     "NamedMotion",
     "body_orders",
     "choose_conventions",
+    "in_si",
     "interpret",
     "joint_orders",
     "match_names",
     "named_order",
 ]
+
+AngleUnit = Literal["rad", "deg"]
+LengthUnit = Literal["m", "cm", "mm", "in"]
+
+ANGLE_UNITS: dict[AngleUnit, float] = {"rad": 1.0, "deg": np.pi / 180.0}
+"""rad"""
+LENGTH_UNITS: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
+"""m"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +50,17 @@ class Conventions:
     body_names: tuple[str, ...]
     """Of the bodies; empty if there are none."""
     quaternions: QuaternionOrder
+    conjugate: bool = False
+    """The quaternions turn vectors from the world to the body, the inverse of the usual."""
+    angle_unit: AngleUnit = "rad"
+    """Of joint positions and velocities."""
+    length_unit: LengthUnit = "m"
     joints_said_by: str = ""
     """Where `joint_names` comes from, for the report."""
     bodies_said_by: str = ""
     quaternions_said_by: str = ""
+    is_length_given: bool = False
+    """The unit of lengths was given, not assumed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +104,9 @@ def choose_conventions(
     joint_order: str | None,
     body_order: str | None,
     quaternions: QuaternionOrder | None,
+    conjugate: bool,
+    angle_unit: AngleUnit,
+    length_unit: LengthUnit | None,
 ) -> Conventions:
     """What the source says, else what the options say, else what the format is known to do.
 
@@ -95,7 +120,18 @@ def choose_conventions(
         order, order_by = quaternions, "--quaternions"
     elif quaternions not in (None, order):
         raise InputError(f"--quaternions: is {quaternions}, but the column names of {source.source} say which is which")
-    return Conventions(joints, bodies, order, joints_by, bodies_by, order_by)
+    return Conventions(
+        joint_names=joints,
+        body_names=bodies,
+        quaternions=order,
+        conjugate=conjugate,
+        angle_unit=angle_unit,
+        length_unit=length_unit or "m",
+        joints_said_by=joints_by,
+        bodies_said_by=bodies_by,
+        quaternions_said_by=order_by,
+        is_length_given=length_unit is not None,
+    )
 
 
 def _joints(source: SourceMotion, orders: Orders, option: str | None) -> tuple[tuple[str, ...], str]:
@@ -168,12 +204,28 @@ def match_names(source: str, what: str, names: Iterable[str], wanted: Iterable[s
     return [listed.index(name) for name in wanted]
 
 
+def in_si(source: SourceMotion, conventions: Conventions) -> SourceMotion:
+    """The same motion in radians and metres."""
+    factors = {
+        "joint_position": ANGLE_UNITS[conventions.angle_unit],
+        "joint_velocity": ANGLE_UNITS[conventions.angle_unit],
+        "base_position": LENGTH_UNITS[conventions.length_unit],
+        "body_position": LENGTH_UNITS[conventions.length_unit],
+    }
+    arrays = source.arrays()
+    changed: dict[str, Any] = {
+        name: factor * arrays[name] for name, factor in factors.items() if name in arrays and factor != 1.0
+    }
+    return replace(source, **changed) if changed else source
+
+
 def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> NamedMotion:
     """Apply conventions.
 
     Raises:
         InputError: if the robot has a joint that the motion does not, or the other way round; likewise for bodies.
     """
+    source = in_si(source, conventions)
     position, velocity = source.joint_position, source.joint_velocity
     if position is not None:
         match_names(source.source, "joint of the motion", skeleton.joints, conventions.joint_names, "the motion")
@@ -182,8 +234,8 @@ def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton
         velocity = None if velocity is None else velocity[:, columns]
     bodies = conventions.body_names
     match_names(source.source, "body", skeleton.bodies, bodies, "the motion")
-    body_quaternion = _wxyz(source.body_quaternion, conventions.quaternions)
-    base_position, base_quaternion = source.base_position, _wxyz(source.base_quaternion, conventions.quaternions)
+    body_quaternion = _wxyz(source.body_quaternion, conventions)
+    base_position, base_quaternion = source.base_position, _wxyz(source.base_quaternion, conventions)
     is_world = source.frame == "world"
     if is_world and skeleton.base in bodies and source.body_position is not None and body_quaternion is not None:
         base = bodies.index(skeleton.base)
@@ -201,5 +253,9 @@ def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton
     )
 
 
-def _wxyz(quaternion: FloatArray | None, order: QuaternionOrder) -> FloatArray | None:
-    return None if quaternion is None else np.ascontiguousarray(swap_quaternion_order(quaternion, order))
+def _wxyz(quaternion: FloatArray | None, conventions: Conventions) -> FloatArray | None:
+    """From the body to the world."""
+    if quaternion is None:
+        return None
+    ordered = np.ascontiguousarray(swap_quaternion_order(quaternion, conventions.quaternions))
+    return inverse_of(ordered) if conventions.conjugate else ordered

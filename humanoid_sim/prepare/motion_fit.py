@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,20 +10,28 @@ import numpy as np
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.conventions import NamedMotion
+from humanoid_sim.prepare.conventions import LENGTH_UNITS, LengthUnit, NamedMotion
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order, swap_quaternion_order
 from humanoid_sim.robots.description import RobotDescription
 
 __all__ = [
+    "BaseHeight",
     "BodyCheck",
     "LimitExcess",
     "Tolerance",
     "check_bodies",
+    "implausible_height",
     "is_upside_down",
     "orders_within_limits",
     "worst_excess",
 ]
+
+
+_HIGH = 5.0
+"""Of the robot's height: where no platform lifts a base to."""
+_EXPLAINS = 2.0
+"""Factor within which another unit must bring the base to the robot's height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +63,18 @@ class BodyCheck:
     def excess(self, tolerance: Tolerance) -> float:
         """The larger error in tolerances: more than 1 is a mismatch."""
         return max(self.position_max / tolerance.position, self.angle_max / tolerance.angle)
+
+
+@dataclass(frozen=True, slots=True)
+class BaseHeight:
+    """The base of a motion is far too high above the ground, or below it."""
+
+    height: float
+    """m, the median over frames."""
+    robot: float
+    """m, about how high the robot is."""
+    unit: LengthUnit | None
+    """The unit that would explain it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +151,20 @@ def _summary(name: str, distance: FloatArray, angle: FloatArray, tolerance: Tole
         angle_max=float(angle.max()),
         worst_frame=int(worst.argmax()),
     )
+
+
+def implausible_height(motion: NamedMotion, skeleton: Skeleton) -> BaseHeight | None:
+    """Whether the base is several times the robot's height above the ground; None if not, or if there is no base."""
+    if motion.base_position is None or not motion.is_world:
+        return None
+    height = float(np.median(motion.base_position[:, 2]))
+    ratio = abs(height) / skeleton.height
+    if ratio <= _HIGH:
+        return None
+    unit, distance = min(
+        ((unit, abs(math.log(ratio * metres))) for unit, metres in LENGTH_UNITS.items()), key=lambda item: item[1]
+    )
+    return BaseHeight(height, skeleton.height, unit if distance < math.log(_EXPLAINS) else None)
 
 
 def worst_excess(joint_position: FloatArray, description: RobotDescription) -> LimitExcess | None:

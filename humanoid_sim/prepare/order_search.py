@@ -1,4 +1,4 @@
-"""If a motion does not fit a robot: would it, with its columns in another order?
+"""If a motion does not fit a robot: would it, with its columns in another order, or its numbers in other units?
 
 Every answer is checked by the same forward kinematics as the motion itself, on frames spread over it.
 """
@@ -14,7 +14,14 @@ import numpy as np
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
+from humanoid_sim.prepare.conventions import (
+    ANGLE_UNITS,
+    LENGTH_UNITS,
+    Conventions,
+    NamedMotion,
+    in_si,
+    interpret,
+)
 from humanoid_sim.prepare.motion_fit import Tolerance, check_bodies
 from humanoid_sim.prepare.skeleton import Hinge, Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
@@ -22,6 +29,8 @@ from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_or
 __all__ = ["search_joint_order", "what_would_fit"]
 
 _FRAMES = 12
+_MUCH = 0.1
+"""What must remain of the error of a motion that comes much nearer."""
 _MOST_CHOICES = 60_000
 """Choices of columns beyond which a stretch of hinges is not searched: it would take minutes and gigabytes."""
 
@@ -34,33 +43,65 @@ def what_would_fit(
     joint_orders: Orders,
     body_orders: Orders,
 ) -> str:
-    """The options with which a motion that was read by these conventions would fit; empty if none tried does."""
+    """The options with which a motion that was read by these conventions would fit; empty if none tried does.
+
+    Where none does, but one brings the bodies much nearer, it is that one, with what remains.
+    """
     frames = np.linspace(0, source.frame_count - 1, min(_FRAMES, source.frame_count)).round()
     few = source.select(np.unique(frames.astype(np.intp)))
+    present, best, best_words = np.inf, np.inf, ""
     named = _named_orders(conventions, joint_orders, body_orders)
     for candidate, words in chain(named, _unnamed_orders(few, conventions, skeleton, tolerance)):
         try:
             checks = check_bodies(interpret(few, candidate, skeleton), skeleton, tolerance)
         except InputError:  # a body order without the base of a floating robot
             continue
-        if checks and max(check.excess(tolerance) for check in checks) <= 1.0:
+        excess = max((check.excess(tolerance) for check in checks), default=np.inf)
+        if not words:
+            present = excess
+        elif excess <= 1.0:
             return f"it would fit with {words}"
+        elif excess < best:
+            best, best_words = excess, words
+    if best < _MUCH * present:
+        return f"it would come {present / best:.0f} times nearer with {best_words}, but not within the tolerance"
     return ""
 
 
 def _named_orders(
     conventions: Conventions, joint_orders: Orders, body_orders: Orders
 ) -> Iterator[tuple[Conventions, str]]:
-    """Orders that exporters use, and the other order of quaternions; one change before two, two before three."""
+    """Orders that exporters use, the other order of quaternions, the inverse rotations, other units.
+
+    None changed comes first, without words; then one change before two, two before three.
+    """
     joints = {"": conventions.joint_names} | _others(joint_orders, conventions.joint_names)
     bodies = {"": conventions.body_names} | _others(body_orders, conventions.body_names)
     present = conventions.quaternions
     turns = {"": present, other_quaternion_order(present): other_quaternion_order(present)}
-    changes = sorted(product(joints, bodies, turns), key=lambda change: len(change) - change.count(""))
-    for joint, body, turn in changes[1:]:  # the first changes nothing
-        candidate = replace(conventions, joint_names=joints[joint], body_names=bodies[body], quaternions=turns[turn])
-        values = (("--joint-order", joint), ("--body-order", body), ("--quaternions", turn))
-        yield candidate, " ".join(f"{option} {value}" for option, value in values if value)
+    conjugates = {"": conventions.conjugate} | ({} if conventions.conjugate else {" ": True})
+    angles = {"": conventions.angle_unit} | {unit: unit for unit in ANGLE_UNITS if unit != conventions.angle_unit}
+    lengths = {"": conventions.length_unit} | {unit: unit for unit in LENGTH_UNITS if unit != conventions.length_unit}
+    changes = sorted(
+        product(joints, bodies, turns, conjugates, angles, lengths),
+        key=lambda change: len(change) - change.count(""),
+    )
+    options = ("--joint-order", "--body-order", "--quaternions", "--conjugate", "--angle-unit", "--length-unit")
+    for change in changes:
+        joint, body, turn, conjugate, angle, length = change
+        candidate = replace(
+            conventions,
+            joint_names=joints[joint],
+            body_names=bodies[body],
+            quaternions=turns[turn],
+            conjugate=conjugates[conjugate],
+            angle_unit=angles[angle],
+            length_unit=lengths[length],
+        )
+        yield (
+            candidate,
+            " ".join(f"{option} {value}".rstrip() for option, value in zip(options, change, strict=True) if value),
+        )
 
 
 def _others(orders: Orders, present: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -107,7 +148,7 @@ def search_joint_order(source: SourceMotion, conventions: Conventions, skeleton:
         motion = interpret(source, conventions, skeleton)
     except InputError:
         return None
-    columns = source.joint_position
+    columns = in_si(source, conventions).joint_position
     if columns is None or motion.body_quaternion is None or set(conventions.joint_names) != set(skeleton.joints):
         return None
     rotations = dict(zip(motion.body_names, np.moveaxis(matrix(motion.body_quaternion), 1, 0), strict=True))

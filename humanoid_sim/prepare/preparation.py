@@ -181,6 +181,9 @@ def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, s
         joint_order=options.joint_order,
         body_order=options.body_order,
         quaternions=options.quaternions,
+        conjugate=options.conjugate,
+        angle_unit=options.angle_unit,
+        length_unit=options.length_unit,
     )
     found = accept(source, conventions, contract, skeleton, tolerance)
     same_rate = has_rate(source.fps, contract.policy_dt)

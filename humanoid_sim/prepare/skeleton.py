@@ -83,6 +83,9 @@ class Skeleton:
         """All bodies in these orders."""
         self.links: Mapping[str, Link] = {link.name: link for link in (_link(model, b) for b in depth if b != base)}
         self._forward = ForwardKinematics(description, self.bodies)
+        standing, _ = self._forward(np.array(description.initial_position)[None])
+        self.height = max(float(self.base_position[2]), float(np.ptp(standing[0], axis=0).max()))
+        """m, roughly: of the base above the ground, or from the robot's first body to its farthest."""
 
     def _joints_of(self, model: mujoco.MjModel, bodies: Iterable[int]) -> tuple[str, ...]:
         names = (model.joint(j).name for body in bodies for j in _joints(model, body))

@@ -61,6 +61,22 @@ def test_bodies_in_each_others_place_cannot_be_reached(contract: PolicyContract,
         found(bodies_alone(order), contract)
 
 
+@pytest.mark.parametrize(
+    ("length", "conjugate", "words"),
+    [(100.0, False, "--length-unit cm"), (1.0, True, "--conjugate"), (1000.0, True, "--length-unit mm --conjugate")],
+)
+def test_bodies_alone_in_other_units(contract: PolicyContract, length: float, conjugate: bool, words: str) -> None:
+    motion = bodies_alone()
+    assert motion.body_position is not None
+    assert motion.body_quaternion is not None
+    wrong = bodies_alone(
+        body_position=length * motion.body_position,
+        body_quaternion=motion.body_quaternion * ([1.0, -1.0, -1.0, -1.0] if conjugate else 1.0),
+    )
+    with pytest.raises(InputError, match=f"it would fit with {words}$"):
+        found(wrong, contract)
+
+
 def test_bodies_in_the_world_without_joints(contract: PolicyContract) -> None:
     with pytest.raises(
         InputError, match="can only be verified from positions and orientations in the robot's base frame"

@@ -85,6 +85,43 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "it would fit with --joint-order right_wrist_pitch,left_shoulder_pitch",
     ),
     "quaternions": (arrays(body_quat_w=np.roll(SAMPLE["body_quat_w"], -1, -1)), "it would fit with --quaternions xyzw"),
+    "conjugate quaternions": (
+        arrays(body_quat_w=SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0]),
+        "it would fit with --conjugate\n",
+    ),
+    "degrees": (
+        arrays(joint_pos=np.degrees(SAMPLE["joint_pos"]), joint_vel=np.degrees(SAMPLE["joint_vel"])),
+        "it would fit with --angle-unit deg\n",
+    ),
+    "degrees and radians": (
+        arrays(joint_pos=np.degrees(SAMPLE["joint_pos"])),
+        "all 14 joints: velocities are in radians per second, and the positions in degrees",
+    ),
+    "centimetres": (arrays(body_pos_w=100.0 * SAMPLE["body_pos_w"]), "it would fit with --length-unit cm\n"),
+    "inches and degrees": (
+        arrays(
+            body_pos_w=SAMPLE["body_pos_w"] / 0.0254,
+            joint_pos=np.degrees(SAMPLE["joint_pos"]),
+            joint_vel=np.degrees(SAMPLE["joint_vel"]),
+        ),
+        "it would fit with --angle-unit deg --length-unit in\n",
+    ),
+    "all of them": (
+        arrays(
+            body_pos_w=1000.0 * SAMPLE["body_pos_w"],
+            body_quat_w=np.roll(SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0], -1, -1),
+            joint_pos=np.degrees(SAMPLE["joint_pos"]),
+            joint_vel=np.degrees(SAMPLE["joint_vel"]),
+        ),
+        "it would fit with --quaternions xyzw --conjugate --angle-unit deg --length-unit mm\n",
+    ),
+    "conjugate, and a body": (
+        arrays(
+            body_quat_w=SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0],
+            body_pos_w=SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02],
+        ),
+        "times nearer with --conjugate, but not within the tolerance",
+    ),
     "a body": (
         arrays(body_pos_w=SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]),
         "body 'left_hand' is up to 2.0 cm and 0.0° from where the robot's forward kinematics puts it",
@@ -138,6 +175,17 @@ def test_the_suggested_options_make_it_fit(tmp_path: Path, capsys: pytest.Captur
     np.testing.assert_allclose(
         read_motion(tmp_path / "out" / "dance.mcap").frames, joint_frames(lite(), joint_path()), atol=2e-6
     )
+
+
+def test_other_units_and_inverse_rotations_can_be_read(tmp_path: Path) -> None:
+    path = write_npz(tmp_path / "dance.npz", **WRONG["all of them"][0])
+    options = ["--quaternions", "xyzw", "--conjugate", "--angle-unit", "deg", "--length-unit", "mm"]
+    assert prepare(tmp_path, path, *options) == 0
+    np.testing.assert_allclose(
+        read_motion(tmp_path / "out" / "dance.mcap").frames, joint_frames(lite(), joint_path()), atol=1e-5
+    )
+    report = json.loads((tmp_path / "out" / "dance.json").read_text())["conventions"]
+    assert (report["conjugate"], report["angle_unit"], report["length_unit"]) == (True, "deg", "mm")
 
 
 def test_a_wider_tolerance_lets_a_small_error_through(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -195,6 +243,42 @@ def test_a_csv_with_its_quaternion_in_the_other_order(tmp_path: Path, capsys: py
     error = refusal(capsys, tmp_path, path, "--fps", "50")
     assert "the base is upside down most of the time; it would be upright with --quaternions wxyz" in error
     assert prepare(tmp_path, path, "--fps", "50", "--quaternions", "wxyz") == 0
+
+
+def test_a_csv_in_degrees(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_csv(tmp_path / "dance.csv", True, np.degrees(joint_path()))
+    error = refusal(capsys, tmp_path, path, "--fps", "50")
+    assert "it stays within all limits with --angle-unit deg\n" in error
+    assert prepare(tmp_path, path, "--fps", "50", "--angle-unit", "deg") == 0
+    np.testing.assert_allclose(
+        read_motion(tmp_path / "out" / "dance.mcap").frames, joint_frames(lite(), joint_path()), atol=2e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("height", "words"),
+    [
+        (78.0, "the base is at 78 m, and the robot is about 0.51 m high; with --length-unit cm it would be at 0.78 m"),
+        (24.0, "with --length-unit in it would be at 0.61 m"),
+        (-600.0, "with --length-unit mm it would be at -0.60 m"),
+        (8000.0, "the base is at 8e+03 m, and the robot is about 0.51 m high; --length-unit m says that it is right"),
+    ],
+)
+def test_a_csv_whose_base_is_far_too_high(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], height: float, words: str
+) -> None:
+    base = np.tile([0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0], (40, 1))
+    path = write_csv(tmp_path / "dance.csv", False, np.concatenate([base, joint_path()], axis=1))
+    assert words in refusal(capsys, tmp_path, path, "--fps", "50")
+    assert prepare(tmp_path, path, "--fps", "50", "--length-unit", "m") == 0
+
+
+def test_a_high_base_is_noted_where_the_bodies_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_npz(tmp_path / "dance.npz", body_pos_w=SAMPLE["body_pos_w"] + [0.0, 0.0, 78.0])
+    assert prepare(tmp_path, path) == 0
+    assert "note: the base is at 78.5 m" in " ".join(capsys.readouterr().out.split())
+    assert prepare(tmp_path, path, "--length-unit", "m", "--overwrite") == 0
+    assert "note:" not in capsys.readouterr().out
 
 
 def test_nothing_is_replaced_unless_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
