@@ -93,7 +93,11 @@ def accept(
     else:
         method = ""
         if high is not None:
-            raise InputError(f"{source.source}: {_high_in_words(high)}; --length-unit m says that it is right")
+            unit = high.unit
+            hint = (
+                f"; with --length-unit {unit} it would be at {LENGTH_UNITS[unit] * high.height:.2f} m" if unit else ""
+            )
+            raise InputError(f"{source.source}: {_high_in_words(high)}{hint}; --length-unit m says that it is right")
         _check_joints_alone(source, conventions, contract, skeleton, tolerance, excess)
         notes.append(
             "the source holds no body poses, so the order of its joints could not be verified, only that they stay "
@@ -133,12 +137,7 @@ def _refuse_mismatch(
 
 
 def _high_in_words(base: BaseHeight) -> str:
-    unit = (
-        f"; with --length-unit {base.unit} it would be at {LENGTH_UNITS[base.unit] * base.height:.2f} m"
-        if base.unit
-        else ""
-    )
-    return f"the base is at {base.height:.3g} m, and the robot is about {base.robot:.2g} m high{unit}"
+    return f"the base is at {base.height:.3g} m, and the robot is about {base.robot:.2g} m high"
 
 
 def _far(check: BodyCheck) -> str:

@@ -183,7 +183,7 @@ def _unit(ratio: float, fps: float) -> str:
     """The unit that explains a ratio; empty if none does."""
     units = {
         180.0 / math.pi: "in degrees per second, and the positions in radians",
-        math.pi / 180.0: "in radians per second, and the positions in degrees",
+        math.pi / 180.0: "in radians per second, and the positions in degrees (--angle-unit deg)",
         1.0 / fps: "per frame, not per second",
     }
     return next((words for value, words in units.items() if abs(ratio / value - 1.0) < _NAMED), "")

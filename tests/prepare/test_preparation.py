@@ -344,7 +344,9 @@ def walker(path: Path) -> Path:
     from onnx import helper, numpy_helper  # noqa: PLC0415
 
     joints = lite().joint_names
-    metadata = {entry.key: entry.value for entry in onnx.load(POLICY, load_external_data=False).metadata_props}
+    entries = onnx.load(POLICY, load_external_data=False).metadata_props
+    # A stamp would contradict what is changed.
+    metadata = {entry.key: entry.value for entry in entries if not entry.key.startswith("humanoid_sim")}
     metadata |= {"task_type": "locomotion", "observation_names": "joint_pos", "body_names": ""}
     weight = numpy_helper.from_array(np.zeros((len(joints), len(joints)), np.float32), "weight")
     shape = [1, len(joints)]
