@@ -13,6 +13,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.mit import IMU
+from humanoid_sim.policy.readers.partial import is_from_robot
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import MotorDescription
@@ -27,6 +28,7 @@ __all__ = [
     "joint_findings",
     "model_damping_findings",
     "motor_findings",
+    "naming_findings",
     "near_miss",
     "point_findings",
     "range_findings",
@@ -134,6 +136,17 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
         if own.get(name, np.inf) < limit < np.inf:
             message = f"is {limit:g} N·m, but '{description.name}' allows {own[name]:g}, which stays"
             yield Finding("warning", "effort_limit", message, name, limit, own[name])
+
+
+def naming_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
+    """Joints that only their places tell: the wiring would be put on any robot with as many joints."""
+    source = contract.provenance.get("joint_names", "")
+    if is_from_robot(source):
+        message = (
+            f"are those of '{description.name}' ({source}): nothing in the checkpoint names its joints, so any robot "
+            "with as many would be taken; joint_names in a contract.yaml, or a stamp, names them"
+        )
+        yield Finding("warning", "joint_names", message)
 
 
 def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -> Iterator[Finding]:

@@ -31,6 +31,7 @@ from humanoid_sim.policy.robot_check import (
     joint_findings,
     model_damping_findings,
     motor_findings,
+    naming_findings,
     point_findings,
     range_findings,
     rate_finding,
@@ -125,6 +126,7 @@ def _findings(
     contract = checkpoint.contract
     joints = tuple(joint_findings(contract, description))
     yield from joints
+    yield from naming_findings(contract, description)
     if contract.body_names or contract.anchor_body:
         yield from body_findings(contract, _bodies(description), description.name)
     yield from _model_findings(checkpoint)

@@ -20,7 +20,7 @@ from humanoid_sim.policy.describe import contract_document, field_lines, term_li
 from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
-from humanoid_sim.policy.readers.complete import UnnamedJointsError
+from humanoid_sim.policy.readers.complete import UnnamedJointsError, UnnamedRobot
 from humanoid_sim.policy.readers.partial import is_assumed
 from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
@@ -75,7 +75,7 @@ def _load(options: Show, joints: tuple[str, ...] | None) -> tuple[Checkpoint, st
     except UnnamedJointsError as error:
         if not error.count:
             raise
-        places = tuple(f"joint {place} of the robot" for place in range(error.count))
+        places = UnnamedRobot.with_joints(error.count)
         note = "no source names the joints, so they are shown by their places on the robot; --robot gives their names"
         return load_checkpoint(options.checkpoint, options.contract, places, verify=False), note
 

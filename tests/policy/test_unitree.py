@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.policy.readers.complete import UnnamedJointsError, UnnamedRobot
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.sources import assumptions
@@ -261,3 +262,29 @@ def test_where_the_file_lies(tmp_path: Path) -> None:
     assert find_deploy(tmp_path / "policy.onnx") == tmp_path / "params" / "deploy.yaml"
     (tmp_path / "exported" / "deploy.yaml").touch()
     assert find_deploy(model) == tmp_path / "exported" / "deploy.yaml"
+
+
+def test_names_that_the_robot_lacks_show_that_it_is_another_one(tmp_path: Path) -> None:
+    assert contract(tmp_path, actions=action(joint_names=["[ab]", "c|d"])).joint_names == ("c", "a", "d", "b")
+    terms = observations(joint_pos_rel={"params": {"asset_cfg": {"joint_names": ["left_knee"]}}})
+    for changes in ({"actions": action(joint_names=["[abcd]", "left_knee"])}, {"observations": terms}):
+        with pytest.raises(InputError) as caught:
+            contract(tmp_path, **changes)
+        assert str(caught.value) == (
+            "policy.onnx: joint_names: deploy.yaml names 'left_knee', and no joint of this robot is called so: "
+            "is the policy for another robot? this one has c, a, d, b"
+        )
+    # Where another source names the joints, they are the robot's by name, and are compared as such.
+    named = parse_contract({"joint_names": list("abcd")}, "contract.yaml", "contract.yaml")
+    read = read_deploy(written(tmp_path / "deploy.yaml", observations=terms))
+    assert merge([read, *named], "policy.onnx", ROBOT).joint_names == ("a", "b", "c", "d")
+
+
+def test_without_a_robot_joints_are_called_by_their_places(tmp_path: Path) -> None:
+    read = read_deploy(written(tmp_path / "deploy.yaml", actions=action(joint_names=["left_.*"])))
+    with pytest.raises(UnnamedJointsError) as caught:
+        merge([read], "policy.onnx")
+    assert caught.value.count == 4
+    made = merge([read], "policy.onnx", UnnamedRobot.with_joints(4))
+    assert made.joint_names[:2] == ("joint 2 of the robot", "joint 0 of the robot")
+    assert made.action_count == 4

@@ -17,7 +17,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.robot_check import Finding, effort_findings, range_findings
+from humanoid_sim.policy.robot_check import Finding, effort_findings, naming_findings, range_findings
 from humanoid_sim.policy_tools.check import check_checkpoint
 from humanoid_sim.policy_tools.stamp import add_metadata
 from humanoid_sim.robots.description import RobotDescription
@@ -152,6 +152,15 @@ def test_a_robot_that_is_weaker_than_the_one_of_the_training_is_named(lite: Robo
     weaker = [finding.joint for finding in effort_findings(wiring, lite)]
     assert weaker == [joint.name for joint in lite.joints if joint.effort_limit < 5.0]
     assert "is 5 N·m, but 'lite' allows 4, which stays" in str(next(effort_findings(wiring, lite)))
+
+
+def test_joints_that_only_their_places_tell_are_a_warning(robot: RobotDescription) -> None:
+    placed = contract(provenance={"joint_names": "deploy.yaml and the robot"})
+    (finding,) = naming_findings(placed, robot)
+    assert finding.severity == "warning"
+    assert str(finding).startswith("joint_names: are those of 'walker' (deploy.yaml and the robot): nothing in the")
+    assert list(naming_findings(contract(provenance={"joint_names": "mjlab metadata"}), robot)) == []
+    assert list(naming_findings(contract(provenance={"joint_names": "robot's own order"}), robot)) != []
 
 
 def test_a_rounded_limit_is_no_error(robot: RobotDescription) -> None:

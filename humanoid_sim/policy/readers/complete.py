@@ -11,9 +11,9 @@ import numpy as np
 from humanoid_sim.controllers.contract import FORMS
 from humanoid_sim.controllers.term_kinds import TermKind, term_kind
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.policy.readers.partial import Given, derived, is_assumed
+from humanoid_sim.policy.readers.partial import Given, derived, from_robot, is_assumed, is_from_robot
 
-__all__ = ["UnnamedJointsError", "complete", "missing_fields"]
+__all__ = ["UnnamedJointsError", "UnnamedRobot", "complete", "missing_fields"]
 
 
 class UnnamedJointsError(InputError):
@@ -23,6 +23,17 @@ class UnnamedJointsError(InputError):
         super().__init__(message)
         self.count = count
         """Joints that such a robot has at least; 0 where nothing tells."""
+
+
+class UnnamedRobot(tuple[str, ...]):
+    """Joints of a robot that nobody has named, called by their places."""
+
+    __slots__ = ()
+
+    @classmethod
+    def with_joints(cls, count: int) -> UnnamedRobot:
+        """The joints of a robot that has so many."""
+        return cls(f"joint {place} of the robot" for place in range(count))
 
 
 def complete(
@@ -40,14 +51,18 @@ def complete(
     Raises:
         FieldError: if a place leads nowhere.
     """
-    places = known.pop("joint_places", None)
+    places, named = known.pop("joint_places", None), known.pop("joint_patterns", None)
     # Without gains, the robot's own order has nothing to be the order of.
     if "joint_names" not in known and places and (places.value != slice(None) or "joint_stiffness" in known):
         known["joint_names"] = _joint_names(known, places, robot_joints)
     chosen, patterns = known.pop("action_joint_places", None), known.pop("action_joint_patterns", None)
+    if isinstance(robot_joints, UnnamedRobot):  # no pattern of names fits it
+        patterns = named = None
     if "joint_names" in known:
         joints: tuple[str, ...] = known["joint_names"].value
         _by_joint(known, joints)
+        if named is not None and is_from_robot(known["joint_names"].source):
+            _refuse_another_robot(joints, named)
         if "action_joint_names" not in known:
             known["action_joint_names"] = _action_joints(joints, chosen, patterns)
         for name, options in terms.items():
@@ -122,17 +137,17 @@ def _joint_names(known: Mapping[str, Given], places: Given, robot_joints: tuple[
             "name the robot, or give joint_names in a contract.yaml",
         )
     if isinstance(places.value, slice):
-        return Given(robot_joints[places.value], "robot's own order")
+        return from_robot(robot_joints[places.value])
     order: tuple[int, ...] = places.value
     if len(order) == len(robot_joints):  # also where the numbers leave gaps for joints that this robot lacks
         ranks = sorted(order)
-        return Given(tuple(robot_joints[ranks.index(place)] for place in order), f"{places.source} and the robot")
+        return from_robot(tuple(robot_joints[ranks.index(place)] for place in order), places.source)
     if max(order) >= len(robot_joints):
         raise FieldError(
             f"joint_ids_map: leads to place {max(order)} ({places.source}), "
             f"but the robot has {len(robot_joints)} joints"
         )
-    return Given(tuple(robot_joints[place] for place in order), f"{places.source} and the robot")
+    return from_robot(tuple(robot_joints[place] for place in order), places.source)
 
 
 def _action_joints(joints: tuple[str, ...], chosen: Given | None, patterns: Given | None) -> Given:
@@ -144,6 +159,16 @@ def _action_joints(joints: tuple[str, ...], chosen: Given | None, patterns: Give
             raise FieldError(f"action_joint_names: {list(patterns.value)} ({patterns.source}) matches no joint")
         return Given(matches, patterns.source)
     return derived(joints, "joint_names")
+
+
+def _refuse_another_robot(joints: tuple[str, ...], named: Given) -> None:
+    """Joints that are given by their places may be any robot's; where the source names some, they have to be there."""
+    for pattern in named.value:
+        if not any(_matches(pattern, joint, named) for joint in joints):
+            raise FieldError(
+                f"joint_names: {named.source} names '{pattern}', and no joint of this robot is called so: "
+                f"is the policy for another robot? this one has {', '.join(joints)}"
+            )
 
 
 def _matches(pattern: str, joint: str, patterns: Given) -> bool:

@@ -13,15 +13,18 @@ __all__ = [
     "PartialContract",
     "assumed",
     "derived",
+    "from_robot",
     "given",
     "is_assumed",
     "is_derived",
+    "is_from_robot",
     "is_stated",
 ]
 
 NOT_STATED = "default"
 """Source of a field that no source gives: the usual meaning stands."""
 _ASSUMED, _DERIVED = "assumed", "follows from"
+_ROBOT, _OWN_ORDER = "and the robot", "robot's own order"
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -43,9 +46,10 @@ class PartialContract:
 
     source: str
     fields: Mapping[str, Given] = field(default_factory=lambda: _NOTHING)
-    """By the name of the contract's field; `observation` holds the names of the terms alone. Three more say how to
+    """By the name of the contract's field; `observation` holds the names of the terms alone. Four more say how to
     find what the source does not name: `joint_places` (the policy's joints as places in the robot's own order),
-    `action_joint_places` (the driven ones as places in `joint_names`) and `action_joint_patterns`."""
+    `action_joint_places` (the driven ones as places in `joint_names`), `action_joint_patterns`, and `joint_patterns`,
+    each of which some joint has to match."""
     terms: Mapping[str, Mapping[str, Given]] = field(default_factory=lambda: _NOTHING)
     """Options of observation terms: name of the term, then name of the option."""
     assumed: Mapping[str, Given] = field(default_factory=lambda: _NOTHING)
@@ -71,6 +75,16 @@ def assumed(dialect: str, values: Mapping[str, Any]) -> dict[str, Given]:
 def derived(value: Any, origin: str) -> Given:
     """A value that follows from something else in the contract."""
     return Given(value, f"{_DERIVED} {origin}")
+
+
+def from_robot(value: Any, source: str = "") -> Given:
+    """A value that is this robot's, by places that the source gives, or in the robot's own order."""
+    return Given(value, f"{source} {_ROBOT}" if source else _OWN_ORDER)
+
+
+def is_from_robot(source: str) -> bool:
+    """Whether the robot gives the field, so that any robot with as many joints would fit."""
+    return source == _OWN_ORDER or source.endswith(f" {_ROBOT}")
 
 
 def is_assumed(source: str) -> bool:

@@ -58,6 +58,8 @@ class _Reader:
         self.document = self._mapping(document, "")
         self.terms: dict[str, dict[str, Any]] = {}
         self.commands: list[str] = []
+        self.patterns: list[str] = []
+        """Of joint names, wherever the file has one."""
 
     def fields(self) -> dict[str, Any]:
         fields: dict[str, Any] = {}
@@ -74,6 +76,8 @@ class _Reader:
         if self.document.get("default_joint_pos") is not None:
             fields["default_joint_pos"] = self._numbers(self.document["default_joint_pos"], "default_joint_pos")
         fields |= self._commands() | self._action() | self._observations()
+        if self.patterns:
+            fields["joint_patterns"] = tuple(dict.fromkeys(self.patterns))
         if "command_names" not in fields and self.commands:
             fields["command_names"] = tuple(dict.fromkeys(self.commands))
         return fields
@@ -122,6 +126,7 @@ class _Reader:
             if not all(isinstance(pattern, str) for pattern in patterns):
                 raise self._wrong(f"{where}.joint_names", patterns, "patterns of joint names")
             fields["action_joint_patterns"] = tuple(patterns)
+            self.patterns += patterns
         return fields
 
     def _observations(self) -> dict[str, Any]:
@@ -162,6 +167,7 @@ class _Reader:
         if isinstance(params.get("command_name"), str):
             self.commands.append(params["command_name"])
         asset = self._mapping(params.get("asset_cfg") or {}, f"{where}.params.asset_cfg")
+        self.patterns += [text for text in _as_list(asset.get("joint_names")) if isinstance(text, str)]
         ids = asset.get("joint_ids")
         if ids is not None and ids != slice(None):
             options["joint_places"] = self._chosen(ids, f"{where}.params.asset_cfg.joint_ids")
@@ -227,6 +233,10 @@ class _Reader:
 
     def _wrong(self, where: str, value: Any, expected: str) -> InputError:
         return InputError(f"{self.path}: {one_line(f'{where} is {cut(str(value))}, expected {expected}')}")
+
+
+def _as_list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
 
 
 def _is_group(value: Any) -> bool:
