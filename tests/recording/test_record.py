@@ -9,6 +9,7 @@ from recorded_run import COUNT, PERIOD, Wobble, run
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.record import main as record_main
 
 record = partial(run_program, record_main)
@@ -70,6 +71,23 @@ def test_info_for_a_person(path, capsys, monkeypatch):
     ):
         assert text in out
     assert "not complete" not in out
+
+
+def test_info_says_whether_figures_meant_what_they_mean_today(tmp_path, sample, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "140")
+    header, ticks = sample
+    today = dict(DEFINITIONS)
+    for definitions, shown in (
+        (today, "today's, of fall, loss, errors"),
+        ({**today, "fall": "the base is low"}, "others than today's: fall"),
+        ({}, "others than today's: fall, loss, errors"),
+        (None, "not recorded"),
+    ):
+        settings = {} if definitions is None else {"definitions": definitions}
+        documents = {**header.documents, "settings": json.dumps(settings)}
+        write_recording(tmp_path / "r.mcap", ticks[:20], replace(header, documents=documents))
+        assert record(["info", str(tmp_path / "r.mcap")]) == 0
+        assert shown in capsys.readouterr().out
 
 
 def test_a_cut_file_says_so_and_is_recovered(path, capsys, monkeypatch):
