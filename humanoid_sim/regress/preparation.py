@@ -105,8 +105,15 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
     path = Path(name) if robot else folder / name
     name = name if name in shipped_robots() or not path.is_file() else str(path.resolve())
     description = load_robot(name)
-    if not description.is_floating:
-        _refuse_fixed_base(suite, description)
+    if not description.is_floating:  # what it cannot do, or would not feel and would be praised for withstanding
+        where = f"robot '{description.name}': has a fixed base"
+        if suite.task == "velocity":
+            raise InputError(f"{where}, a velocity suite expects a floating one")
+        if suite.pushes is not None:
+            raise InputError(f"{where}, which the suite's pushes would not move")
+        for sweep in () if suite.margins is None else suite.margins.sweeps:
+            if sweep.axis in ("push", "friction"):
+                raise InputError(f"{where}, which does not feel the suite's sweep of {sweep.axis}")
     if suite.base_height is not None:
         base = msgspec.structs.replace(description.base, height=suite.base_height)
         description = msgspec.structs.replace(description, base=base)
@@ -120,18 +127,6 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
             raise InputError(f"case '{case.name}': {str(error).removeprefix('--motion: ')}") from None
     digests = {case.name: _digest(suite, case, motions[case.name], description) for case in suite.cases}
     return PreparedSuite(suite, name, description, motions, digests)
-
-
-def _refuse_fixed_base(suite: Suite, description: RobotDescription) -> None:
-    """What a robot on a fixed base cannot do, or would not feel and would be praised for bearing."""
-    where = f"robot '{description.name}': has a fixed base"
-    if suite.task == "velocity":
-        raise InputError(f"{where}, a velocity suite expects a floating one")
-    if suite.pushes is not None:
-        raise InputError(f"{where}, which the suite's pushes would not move")
-    for sweep in () if suite.margins is None else suite.margins.sweeps:
-        if sweep.axis in ("push", "friction"):
-            raise InputError(f"{where}, which does not feel the suite's sweep of {sweep.axis}")
 
 
 def _digest(suite: Suite, case: Case, motion: Motion | None, description: RobotDescription) -> str:

@@ -6,6 +6,7 @@ import platform
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -165,11 +166,7 @@ def run_policy(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     total = len(suite.cases) * suite.seeds + (planned_levels(suite) if margins else 0)
     with Progress(*columns, console=stderr, transient=True, disable=not label or not stderr.is_terminal) as bar:
-        task = bar.add_task(label, total=total)
-
-        def advance(count: int) -> None:
-            bar.advance(task, count)
-
+        advance = partial(bar.advance, bar.add_task(label, total=total))
         episodes = executor.run(policy.cases, suite.seed_numbers, suite.disturbance, advance)
         found = measure_margins(policy.cases, executor, advance) if margins else ()
     return PolicyRun(

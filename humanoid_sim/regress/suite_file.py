@@ -18,7 +18,7 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.options import RegressConfig
-from humanoid_sim.regress.suite import AXES, Suite, Sweep
+from humanoid_sim.regress.suite import AXES, Suite
 from humanoid_sim.simulation.batch.randomisation import LONGEST_DELAY
 from humanoid_sim.strict_yaml import read_yaml
 
@@ -114,9 +114,18 @@ def suite_problems(suite: Suite) -> Iterator[str]:
     yield from _name_problems(suite)
     yield from _number_problems(suite)
     for i, sweep in enumerate(() if suite.margins is None else suite.margins.sweeps):
-        problem = _level_problem(sweep)
-        if problem:
-            yield f"margins.sweeps[{i}].levels: is {list(sweep.levels)}, expected {problem}"
+        nominal, levels, expected = AXES[sweep.axis][1], sweep.levels, ""
+        away = [nominal, *levels]
+        rises = all(a < b for a, b in pairwise(away))
+        falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
+        if not levels or not (rises or falls) or not all(map(math.isfinite, levels)):
+            expected = f"finite numbers that lead away from {nominal:g}"
+        elif sweep.axis in ("delay", "jitter") and max(levels) > LONGEST_DELAY:
+            expected = f"at most {LONGEST_DELAY:g} s"
+        elif sweep.axis == "mass" and min(levels) <= 0.0:
+            expected = "masses > 0"
+        if expected:
+            yield f"margins.sweeps[{i}].levels: is {list(levels)}, expected {expected}"
     try:
         drawn = suite.disturbance.randomisation
     except InputError as error:
@@ -211,16 +220,3 @@ def _number_problems(suite: Suite) -> Iterator[str]:
     for place, positive in positives.items():
         if positive is not None and not 0.0 < positive < math.inf:
             yield f"{place}: is {positive:g}, expected a finite number > 0"
-
-
-def _level_problem(sweep: Sweep) -> str:
-    """What is expected of the levels instead, '' if nothing is."""
-    nominal = AXES[sweep.axis][1]
-    away = [nominal, *sweep.levels]
-    rises = all(a < b for a, b in pairwise(away))
-    falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
-    if not sweep.levels or not (rises or falls) or not all(map(math.isfinite, sweep.levels)):
-        return f"finite numbers that lead away from {nominal:g}"
-    if sweep.axis in ("delay", "jitter") and max(sweep.levels) > LONGEST_DELAY:
-        return f"at most {LONGEST_DELAY:g} s"
-    return "masses > 0" if sweep.axis == "mass" and min(sweep.levels) <= 0.0 else ""
