@@ -2,31 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from hypothesis.internal.conjecture import engine
+from hypothesis.reporting import current_reporter, with_reporter
 from hypothesis.stateful import run_state_machine_as_test
 from hypothesis.strategies import DataObject
 
 from humanoid_sim.controllers.base import Controller, Fault
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.messages import TickInput
+from humanoid_sim.messages import Intent, TickInput
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor
 from humanoid_sim.testing.checks import SafetyViolationError, check_complete, fingerprint, require
-from humanoid_sim.testing.healthy import healthy_externs
+from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
 from humanoid_sim.testing.machine import StackMachine
 from humanoid_sim.testing.policies import ScriptedPolicy
+from humanoid_sim.testing.properties import REMOTE
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
 
-__all__ = ["DEFAULT_SETTINGS", "fuzz_controller", "fuzz_stack", "robot_stack"]
+__all__ = [
+    "DEFAULT_SETTINGS",
+    "HEALTHY_TICKS",
+    "SHRINK_SECONDS",
+    "fuzz_controller",
+    "fuzz_stack",
+    "robot_stack",
+]
 
 DEFAULT_SETTINGS = settings(
     max_examples=50,
@@ -39,6 +52,11 @@ DEFAULT_SETTINGS = settings(
 
 More examples: `settings(DEFAULT_SETTINGS, max_examples=1000)`. The same ones every time: `derandomize=True`.
 """
+
+HEALTHY_TICKS = 2000
+"""In each mode, before anything is attacked: 40 s at 50 Hz."""
+SHRINK_SECONDS = 30.0
+"""s for which Hypothesis may look for a shorter run that leads to the same violation."""
 
 _PERIOD = 0.02
 """s of the robot's clock from one tick to the next of a healthy session."""
@@ -65,26 +83,106 @@ def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervis
     return build
 
 
-def fuzz_stack(build: Callable[[ScriptedPolicy], Supervisor], settings: settings = DEFAULT_SETTINGS) -> None:
+def fuzz_stack(
+    build: Callable[[ScriptedPolicy], Supervisor],
+    settings: settings = DEFAULT_SETTINGS,
+    *,
+    healthy_ticks: int = HEALTHY_TICKS,
+    shrink_seconds: float = SHRINK_SECONDS,
+) -> None:
     """Drive a control stack with anything, and check `SafetyProperties` on every tick.
+
+    First every mode lasts for `healthy_ticks` on a healthy robot, with nothing random: what needs time only is found at
+    once. The first violation of the search that follows is written to stderr when it is found.
 
     Args:
         build: gives the stack under test, new for every run. The policy that it is given behaves or misbehaves as the
             run has it; a stack that runs a policy of its own may leave it aside.
         settings: of Hypothesis.
+        healthy_ticks: in each mode; 0 for none.
+        shrink_seconds: s, for which a shorter run is looked for.
 
     Raises:
         SafetyViolationError: with the shortest run that was found to break a property.
     """
+    search = _Search()
 
     class Stack(StackMachine):
+        def __init__(self) -> None:
+            super().__init__()
+            search.runs += 1
+
         def build(self, policy: ScriptedPolicy) -> Supervisor:
             return build(policy)
 
-    run_state_machine_as_test(Stack, settings=settings)
+        def broken(self, error: AssertionError) -> None:
+            search.tell(error)
+
+    if healthy_ticks > 0:
+        _healthy_modes(Stack, healthy_ticks)
+    with _shrinking_for(shrink_seconds):
+        run_state_machine_as_test(Stack, settings=settings)
 
 
-def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTINGS) -> None:
+class _Search:
+    """Tells of the first violation when it is found: the search for a shorter run may take long."""
+
+    def __init__(self) -> None:
+        self.runs = 0
+        self._began = perf_counter()
+        self._has_told = False
+
+    def tell(self, error: AssertionError) -> None:
+        if not self._has_told:
+            self._has_told = True
+            seconds = perf_counter() - self._began
+            sys.stderr.write(f"found in run {self.runs}, after {seconds:.1f} s (looking for a shorter one): {error}\n")
+            sys.stderr.flush()
+
+
+@contextmanager
+def _shrinking_for(seconds: float) -> Iterator[None]:
+    """Let Hypothesis shrink for so long; it takes no such setting, and says "five minutes" when its time is up."""
+    before, report = engine.MAX_SHRINKING_SECONDS, current_reporter()
+
+    def without_that(text: object) -> None:
+        if "more than five minutes" not in str(text):
+            report(text)
+
+    engine.MAX_SHRINKING_SECONDS = seconds  # type: ignore[assignment]  # it is added to a float
+    try:
+        with with_reporter(without_that):
+            yield
+    finally:
+        engine.MAX_SHRINKING_SECONDS = before
+
+
+def _healthy_modes(machine_type: type[StackMachine], ticks: int) -> None:
+    """Each mode on a healthy robot, for so many ticks, as an operator comes there."""
+    damp, load_a, load_b = Intent.DAMP, Intent.LOAD_A, Intent.LOAD_B
+    locomotion, remote = Intent.START_LOCOMOTION, Intent.START_REMOTE
+    for way in ((), (damp,), (load_a,), (load_b,), (load_a, locomotion), (load_a, remote)):
+        machine = machine_type()
+        try:
+            if way == (damp,):
+                machine.tick(damp)
+            elif way and not machine.go(*way):
+                continue
+            machine.pass_time(ticks)
+            if machine.memory.controller == REMOTE:
+                machine.pass_time(ticks, sends=False)
+        except AssertionError as error:
+            names = ", ".join(intent.name for intent in way) or "the start"
+            raise SafetyViolationError(f"{error}; after {names}, without any attack") from error
+
+
+def fuzz_controller(
+    controller: Controller,
+    settings: settings = DEFAULT_SETTINGS,
+    *,
+    healthy_ticks: int = HEALTHY_TICKS,
+    shrink_seconds: float = SHRINK_SECONDS,
+) -> None:
     """Hold a controller by itself to what the supervisor expects of every one, whatever its input.
 
     It never raises. It answers with a memory and a complete command, or with a `Fault` that says why. The same inputs
@@ -93,11 +191,19 @@ def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTING
     Args:
         controller: the one under test.
         settings: of Hypothesis.
+        healthy_ticks: of the longest healthy session; 0 for none.
+        shrink_seconds: s, for which a shorter example is looked for.
 
     Raises:
         SafetyViolationError: with the shortest example that was found.
     """
     n = len(controller.joints)
+    memory = None
+    for i in range(healthy_ticks):
+        time = 10.0 + _PERIOD * i
+        tick = healthy_tick((0.5,) * n, time, externs=getattr(controller, "extern", {}))
+        memory = _step(controller, memory, tick)
+        require(not isinstance(memory, Fault), "on a healthy robot: {}, in tick {}", memory, i)
 
     @settings
     @given(st.data(), st.lists(clock_jumps(), max_size=6))
@@ -117,8 +223,9 @@ def fuzz_controller(controller: Controller, settings: settings = DEFAULT_SETTING
             memory = _step(controller, memory, TickInput(replace(state, time=time, extern=externs)))
             require(not isinstance(memory, Fault), "on a healthy robot: {}", memory)
 
-    healthy_session()
-    any_session()
+    with _shrinking_for(shrink_seconds):
+        healthy_session()
+        any_session()
 
 
 def _step(controller: Controller, memory: Any, tick: TickInput) -> Any:

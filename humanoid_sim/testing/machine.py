@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from hypothesis.strategies import DataObject
 
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
+from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.supervisor import Supervisor
@@ -46,9 +51,24 @@ _TARGETS = {
     Intent.START_LOCOMOTION: RL,
     Intent.START_REMOTE: REMOTE,
 }
+_STRETCHES = st.sampled_from([100, 300, 1000])
+"""Ticks."""
 _BUTTONS = 8
 _FURTHEST_TIME = 1e9
 """s. A clock beyond it has no room for hundredths of a second, and the run could not go on from there."""
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Healthy ticks, one after the other, in which nobody asks for anything."""
+
+    began: float
+    """s, the tick before the first."""
+    ticks: int
+    remote: RemoteCommand | None
+    """The latest one."""
+    sends: bool
+    """Its sender goes on sending it."""
 
 
 class StackMachine(RuleBasedStateMachine):
@@ -67,6 +87,8 @@ class StackMachine(RuleBasedStateMachine):
     """rad, where the joints of the healthy robot rest; empty: 0.5 for all."""
     longest_standby = 20.0
     """s within which a standby pose must have been reached on a healthy robot."""
+    healthy_ticks = 1000
+    """The longest stretch of healthy ticks in one mode; each mode has one in a run."""
     bindings = JoyBindings()
     """Of the gamepad."""
     properties_type: type[SafetyProperties] = SafetyProperties
@@ -100,7 +122,9 @@ class StackMachine(RuleBasedStateMachine):
         self.time = 10.0
         self.remote: RemoteCommand | None = None
         self.buttons: tuple[bool, ...] = ()
-        self.history: list[tuple[TickInput, str, object]] = []
+        self.history: list[tuple[TickInput | _Stretch, str, object]] = []
+        self._is_calm = False
+        self._waited: set[str] = set()
 
     def feed(self, given: TickInput, answer: str = "well behaved") -> TickOutput:
         """One tick, run twice: the same bits must come out, and nothing that went in may change.
@@ -110,6 +134,7 @@ class StackMachine(RuleBasedStateMachine):
             answer: how the policy behaves if it is asked: `well behaved`, or one of `misbehaviours`.
         """
         self.policy.answer = self.answers[answer]
+        self._is_calm = False
         before = fingerprint(given), self.remembered
         memory, output = self.stack.step(self.memory, given)
         again, same = self.stack.step(self.memory, given)
@@ -124,9 +149,60 @@ class StackMachine(RuleBasedStateMachine):
         return output
 
     def tick(self, *wanted: Intent, remote: RemoteCommand | None = None) -> TickOutput:
-        """One period later, on the healthy robot; the last remote command stays the latest."""
+        """One period later, on the healthy robot; the last remote command stays the latest.
+
+        If the tick before was such a one, too, no controller may fail.
+        """
+        was_calm = self._is_calm
         self.time += self.period
-        return self.feed(self._healthy(*wanted, remote=remote or self.remote))
+        output = self.feed(self._healthy(*wanted, remote=remote or self.remote))
+        require(not (was_calm and output.faults), "on a healthy robot: {}", output.faults)
+        self._is_calm = not output.faults and self._is_valid(self.remote)
+        return output
+
+    def _is_valid(self, remote: RemoteCommand | None) -> bool:
+        return remote is None or not command_problem(remote.command, self.stack.joints)
+
+    def pass_time(self, ticks: int, *, sends: bool = True) -> None:
+        """Healthy ticks in the present mode, checked one by one, the last one also run twice.
+
+        The mode stays, and no controller fails.
+
+        Args:
+            ticks: how many.
+            sends: a valid remote command arrives in each of them; else the last one grows old.
+        """
+        if sends:
+            self.remote = RemoteCommand(MITCommand.zeros(self.joint_count), self.time)
+        if not self._is_valid(self.remote):
+            return
+        stretch = _Stretch(self.time, ticks - 1, self.remote, sends)
+        self.policy.answer = self.answers["well behaved"]
+        name = self.memory.controller
+        output: TickOutput | None = None
+        for i, given in enumerate(self._inputs(stretch), 1):
+            self.memory, output = self.stack.step(self.memory, given)
+            self.time, self.remote = float(given.state.time), given.remote
+            try:
+                self.check(given, output)
+            except AssertionError as error:
+                error.args = (f"{error} (tick {i} of a healthy stretch in {name})",)
+                raise
+            require(not output.faults, "on a healthy robot, after {} ticks in {}: {}", i, name, output.faults)
+            now = output.control_mode.controller_name
+            require(now == name, "on a healthy robot, after {} ticks {} went to {} by itself", i, name, now)
+        self.remembered = fingerprint(self.memory)
+        self.history.append((stretch, "well behaved", fingerprint(output)))
+        self._is_calm = True
+        self.tick(remote=self.remote)
+
+    def _inputs(self, stretch: _Stretch) -> Iterator[TickInput]:
+        time, remote = stretch.began, stretch.remote
+        for _ in range(stretch.ticks):
+            time += self.period
+            if stretch.sends and remote is not None:
+                remote = RemoteCommand(remote.command, time)
+            yield healthy_tick(self.rest, time, remote=remote, externs=self.externs)
 
     def _healthy(self, *wanted: Intent, remote: RemoteCommand | None) -> TickInput:
         return healthy_tick(self.rest, self.time, *wanted, remote=remote, externs=self.externs)
@@ -157,6 +233,10 @@ class StackMachine(RuleBasedStateMachine):
     def start_a_policy(self, pose: Intent, begin: Intent) -> None:
         """From a finished pose into LOCOMOTION or REMOTE."""
         self._begin(pose, begin)
+
+    def go(self, pose: Intent, begin: Intent | None = None) -> bool:
+        """To a finished pose, and from there into LOCOMOTION or REMOTE; whether there are such controllers."""
+        return self._walk(pose) if begin is None else self._begin(pose, begin)
 
     def _walk(self, pose: Intent, impatient: Intent | None = None) -> bool:
         """Whether there is such a pose; then it was reached."""
@@ -208,6 +288,15 @@ class StackMachine(RuleBasedStateMachine):
             mode = self.tick().control_mode
             require(mode.mode is Mode.LOCOMOTION, "a policy that behaves, on a healthy robot, ended in {}", mode)
         self.the_policy_misbehaves(answer, 3)
+
+    @precondition(lambda self: self.memory.controller not in self._waited)
+    @rule(ticks=_STRETCHES, sends=st.booleans())
+    def time_passes(self, ticks: int, sends: bool) -> None:
+        """Nobody asks for anything for hundreds of ticks: some mistakes need time."""
+        self._waited.add(self.memory.controller)
+        self.tick()  # which takes the consequences of what was odd
+        if self._is_calm:
+            self.pass_time(min(ticks, self.healthy_ticks), sends=sends)
 
     @rule(data=st.data())
     def move(self, data: DataObject) -> None:
@@ -274,12 +363,28 @@ class StackMachine(RuleBasedStateMachine):
         state = data.draw(healthy_states(max(self.joint_count + change, 0), self.time))
         self.feed(TickInput(state, intents=data.draw(intents())))
 
+    def broken(self, error: AssertionError) -> None:
+        """Called when a run breaks a property, before Hypothesis looks for a shorter one that does."""
+
     def teardown(self) -> None:
         """A whole run repeated from its inputs on a new stack is the same, bit for bit."""
+        error = sys.exception()
+        if isinstance(error, AssertionError):
+            self.broken(error)
+            return
+        try:
+            self._repeat()
+        except AssertionError as violation:
+            self.broken(violation)
+            raise
+
+    def _repeat(self) -> None:
         policy = ScriptedPolicy(well_behaved(1))
         stack = self.build(policy)
         memory = stack.initial()
         for i, (given, answer, expected) in enumerate(self.history):
             policy.answer = self.answers[answer]
-            memory, output = stack.step(memory, given)
-            require(fingerprint(output) == expected, "tick {} of the repeated run gave {}", i, output)
+            output = None
+            for one in [given] if isinstance(given, TickInput) else self._inputs(given):
+                memory, output = stack.step(memory, one)
+            require(fingerprint(output) == expected, "step {} of the repeated run gave {}", i, output)

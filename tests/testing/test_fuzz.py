@@ -128,12 +128,12 @@ def test_the_packages_own_controllers_are_sound(name):
     externs = {"velocity": 3}
     controller = rig.supervisor().controllers[name]
     assert getattr(controller, "extern", externs) == externs
-    fuzz_controller(controller, settings(QUICK, max_examples=6))
+    fuzz_controller(controller, settings(QUICK, max_examples=6), healthy_ticks=300)
 
 
 def test_a_sound_controller_of_ones_own():
-    fuzz_controller(Held(), settings(QUICK, max_examples=6))
-    fuzz_stack(lambda policy: rig.supervisor(policy, rl_policy_controller=Held()), QUICK)
+    fuzz_controller(Held(), settings(QUICK, max_examples=6), healthy_ticks=100)
+    fuzz_stack(lambda policy: rig.supervisor(policy, rl_policy_controller=Held()), QUICK, healthy_ticks=100)
 
 
 @pytest.mark.parametrize(("kind", "message"), MISTAKES)
@@ -181,11 +181,11 @@ def test_a_mistake_in_the_fsm_is_found(monkeypatch, rule, message):
 
 @pytest.mark.parametrize("left_out", ["rl_policy_controller", "remote_policy_controller", "standby_controller_b"])
 def test_a_stack_without_a_controller_is_sound(left_out):
-    fuzz_stack(lambda policy: rig.supervisor(policy, **{left_out: None}), QUICK)
+    fuzz_stack(lambda policy: rig.supervisor(policy, **{left_out: None}), QUICK, healthy_ticks=100)
 
 
 def test_a_robots_settings():
-    fuzz_stack(robot_stack("lite"), settings(QUICK, max_examples=1))
+    fuzz_stack(robot_stack("lite"), settings(QUICK, max_examples=1), healthy_ticks=300)
 
 
 @pytest.mark.slow

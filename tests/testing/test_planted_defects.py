@@ -1,0 +1,139 @@
+"""Planted defects are found: those that need time at once and always, the others by the search; the first is told."""
+
+from __future__ import annotations
+
+import re
+import time
+
+import planted_defects
+import pytest
+from hypothesis import settings
+from hypothesis.internal.conjecture import engine
+from planted_defects import DEFECTS, NEED_TIME, SOUND, DampingGoesLimp, Stack, find
+
+from humanoid_sim.controllers.base import Fault
+from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.messages import Intent
+from humanoid_sim.testing import (
+    DEFAULT_SETTINGS,
+    SafetyViolationError,
+    StackMachine,
+    fuzz_controller,
+    fuzz_stack,
+)
+
+JOINTS = ("shoulder", "elbow")
+FEW = settings(DEFAULT_SETTINGS, max_examples=5, derandomize=True, database=None)
+MESSAGES = dict(
+    zip(
+        DEFECTS,
+        (
+            "expected finite numbers (tick 1000 of a healthy stretch in damping_controller); after DAMP, without any",
+            "damping_controller went to zero_torque_controller by itself (tick 300 of a healthy stretch",
+            "on a healthy robot, after 501 ticks in rl_policy_controller: (FaultReport(",
+            "of its targets like the other gains (tick ",
+            "expected the newest command",
+            "although safety reports",
+            "DAMP was asked for",
+            "expected no negative gain",
+            "DAMPING's position",
+            "index 14 is out of bounds",
+        ),
+        strict=True,
+    )
+)
+
+
+@pytest.mark.parametrize("name", NEED_TIME)
+def test_what_needs_time_is_found_before_anything_random(name: str) -> None:
+    with pytest.raises(SafetyViolationError) as caught:
+        fuzz_stack(DEFECTS[name], FEW, healthy_ticks=1100)
+    assert MESSAGES[name] in str(caught.value)
+    assert "without any attack" in str(caught.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(DEFECTS))
+def test_each_planted_defect_is_found_with_the_default_settings(name: str) -> None:
+    found = find(DEFECTS[name], shrink_seconds=0.0)
+    assert found.message
+    assert found.runs <= 150
+
+
+def test_a_sound_stack_in_the_same_dress_passes() -> None:
+    fuzz_stack(Stack, FEW, healthy_ticks=200)
+
+
+class Patient(StackMachine):
+    build = staticmethod(SOUND)
+
+
+class Limp(StackMachine):
+    build = staticmethod(DampingGoesLimp)  # type: ignore[assignment]
+
+
+def test_time_passes_in_a_machine_of_ones_own() -> None:
+    machine = Patient()
+    machine.tick(Intent.DAMP)
+    machine.time_passes(300, True)
+    assert machine.time == pytest.approx(10.0 + 302 * 0.02)
+    assert machine.memory.controller == "damping_controller"
+    machine.teardown()
+    limp = Limp()
+    limp.tick(Intent.DAMP)
+    with pytest.raises(SafetyViolationError, match="by itself"):
+        limp.time_passes(1000, True)
+
+
+def test_a_long_stretch_is_repeated_too() -> None:
+    """What a stretch remembers outside its memory shows when the run is repeated."""
+    shared = {"runs": 0}
+
+    class Forgetful(Stack):
+        def __init__(self, policy):
+            super().__init__(policy)
+            shared["runs"] += 1
+            self.later = shared["runs"] > 1
+
+        def after(self, memory, given, output):
+            if self.later and memory.ticks == 99:
+                output = planted_defects.changed(output, damping=output.command.damping * 2.0)
+            return memory, output
+
+    class Machine(StackMachine):
+        build = staticmethod(Forgetful)  # type: ignore[assignment]
+
+    machine = Machine()
+    machine.tick(Intent.DAMP)
+    machine.pass_time(99)
+    with pytest.raises(SafetyViolationError, match="of the repeated run gave"):
+        machine.teardown()
+
+
+class FailsInTime(DampingController):
+    __slots__ = ()
+
+    def update(self, memory, tick_input):
+        return Fault("tired") if tick_input.state.time > 40.0 else super().update(memory, tick_input)
+
+
+def test_a_controller_may_not_fail_on_a_healthy_robot_however_long_it_runs() -> None:
+    tired = FailsInTime(JOINTS)
+    with pytest.raises(SafetyViolationError, match=r"on a healthy robot: Fault\(message='tired'.*in tick 1501"):
+        fuzz_controller(tired, FEW)
+
+
+def test_the_first_finding_is_told_before_a_shorter_one_is_looked_for(capsys) -> None:
+    class Impolite(Stack):
+        def after(self, memory, given, output):
+            said = [intent.name for intent in given.intents]
+            return memory, planted_defects.changed(output, velocity=[float("nan")] * 14) if "DAMP" in said else output
+
+    began = time.perf_counter()
+    with pytest.raises(SafetyViolationError):
+        fuzz_stack(Impolite, FEW, healthy_ticks=0, shrink_seconds=2.0)
+    assert time.perf_counter() - began < 40.0
+    told = re.findall(r"found in run \d+, after [\d.]+ s \(looking for a shorter one\): (.*)", capsys.readouterr().err)
+    assert len(told) == 1
+    assert "expected finite numbers" in told[0]
+    assert engine.MAX_SHRINKING_SECONDS == 300
