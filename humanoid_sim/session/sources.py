@@ -104,7 +104,7 @@ class RemoteInbox:
         problem = self._problem(tuple(joint_names), command)
         if problem:
             self.rejected += 1
-            raise FieldError(f"remote {problem}" if problem.startswith("command") else f"remote command: {problem}")
+            raise FieldError(problem)
         self._latest = RemoteCommand(command, self._clock())
         self.accepted += 1
 
@@ -113,10 +113,12 @@ class RemoteInbox:
         return self._latest
 
     def _problem(self, joint_names: tuple[str, ...], command: MITCommand) -> str:
+        """What keeps a command from being accepted; else ''."""
         if joint_names != self._joints:
             given = ", ".join(joint_names) or "missing"
-            return f"joint_names are {given}, expected {', '.join(self._joints)} in this order"
-        return command_problem(command, self._joints)
+            return f"remote command: joint_names are {given}, expected {', '.join(self._joints)} in this order"
+        problem = command_problem(command, self._joints)
+        return f"remote {problem}" if problem else ""
 
 
 _STEP = 0.1
