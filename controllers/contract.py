@@ -240,8 +240,14 @@ class PolicyContract:
 
     @property
     def extern_widths(self) -> Mapping[str, int]:
-        """Name and width of the live inputs that a robot in a simulation can have for such a policy."""
-        return {**EXTERN_WIDTHS, **{point_velocity(point): 3 for point in self.velocity_points}}
+        """Name and width of the live inputs that such a policy can have: of a robot in a simulation, and declared."""
+        points = {point_velocity(point): 3 for point in self.velocity_points}
+        return {**EXTERN_WIDTHS, **points, **self.live_inputs}
+
+    @property
+    def live_inputs(self) -> Mapping[str, int]:
+        """Name and width of the live inputs that terms declare, because no kind expresses them."""
+        return {term.kind: term.width for term in self.terms if term.width is not None}
 
     @property
     def takes_velocity_command(self) -> bool:
@@ -324,6 +330,9 @@ class PolicyContract:
         terms = tuple(term if isinstance(term, Term) else Term(term) for term in value)
         joint_tuple(_OWNER, [term.name for term in terms], "observation")
         for term in terms:
+            same = [other.width for other in terms if other.kind == term.kind]
+            if term.width is not None and same.count(term.width) < len(same):
+                raise FieldError(f"{_OWNER}.observation: live input '{term.kind}' has widths {same}, expected one")
             strangers = [joint for joint in term.joints or () if joint not in self.joint_names]
             if strangers:
                 raise FieldError(

@@ -17,13 +17,13 @@ import numpy.typing as npt
 from humanoid_sim.controllers import term_values as values
 from humanoid_sim.controllers.term_values import Bounds, Limits, Request, Resolve, Source
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, point_velocity
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND, point_velocity
 
 if TYPE_CHECKING:  # contracts hold terms, and terms are named by this table
     from humanoid_sim.controllers.contract import PolicyContract
     from humanoid_sim.controllers.terms import Term
 
-__all__ = ["TERM_KINDS", "TERM_NAMES", "TermKind", "term_kind"]
+__all__ = ["TERM_KINDS", "TERM_NAMES", "TermKind", "is_known", "term_kind"]
 
 Convention = Literal["frame", "at", "relative", "layout", "inverse", "quaternion", "form", "sign"]
 
@@ -109,14 +109,34 @@ def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
     kind = TERM_KINDS.get(TERM_NAMES.get(name, name))
     if kind is not None:
         return kind
-    return TermKind(name, "live input", _live, reads=name)
+    return TermKind(name, "live input", _live, bounds=_live_bounds, reads=name)
+
+
+def is_known(name: str) -> bool:
+    """Whether a kind of term, or something that a robot reports, has this name: no live input may be declared so."""
+    is_reported = name in EXTERN_WIDTHS or name.startswith(BASE_LINEAR_VELOCITY)
+    return name == _COMMAND or name in TERM_KINDS or name in TERM_NAMES or is_reported
+
+
+_ANY_MAGNITUDE = 1e6
+"""Of a declared live input, whose unit nobody knows."""
 
 
 def _live(request: Request) -> tuple[int, Source]:
-    if request.kind.name not in request.extern:
-        known = sorted({*TERM_NAMES, *request.extern})
-        raise FieldError(known_names("observation term", request.term.name, known))
+    name, width = request.kind.name, request.term.width
+    if width is not None:
+        if name not in request.extern:
+            raise request.missing(f"the live input '{name}' of width {width} (fed through `live` from Python)")
+        return values.declared(request)
+    if name not in request.extern:
+        unknown = known_names("observation term", request.term.name, sorted({*TERM_NAMES, *request.extern}))
+        raise FieldError(f"{unknown}; a width declares a live input: {{name: {request.term.name}, width: 2}}")
     return values.live(request)
+
+
+def _live_bounds(request: Request, _limits: Limits) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+    largest = 1.0 if request.term.width is None else _ANY_MAGNITUDE
+    return -largest, largest
 
 
 def _keys(request: Request) -> tuple[int, Source]:

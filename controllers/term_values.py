@@ -213,6 +213,14 @@ def live(request: Request) -> tuple[int, Source]:
     return width, source
 
 
+def declared(request: Request) -> tuple[int, Source]:
+    """A live input of the width that its term declares; not a number where it is missing or too old."""
+    name, width = request.kind.name, request.extern[request.kind.name]
+    if width != request.term.width:
+        raise FieldError(f"observation term '{request.term.name}': width is {request.term.width}, expected {width}")
+    return width, lambda context: _nan_when_stale(context.state, name, width)
+
+
 def live_command(state: MITState, contract: PolicyContract) -> FloatArray:
     """The velocity command within the contract's ranges, shape (3,): zero if there is none, or it is too old."""
     heard = _live_input(state, VELOCITY_COMMAND, 3)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.parameters import joint_tuple
-from humanoid_sim.controllers.term_kinds import TERM_NAMES
+from humanoid_sim.controllers.term_kinds import TERM_NAMES, is_known
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BASE, IMU, FloatArray, frozen_array
 
@@ -75,6 +75,8 @@ class Term:
     """For the last action: the network's output, or that times the action scale."""
     joints: tuple[str, ...] | None = None
     """For joint positions and velocities: the joints shown, in this order; None: all, in the policy's order."""
+    width: int | None = None
+    """Of a live input that no kind of term expresses: its number of values; None: the kind says."""
 
     def __post_init__(self) -> None:
         where = f"observation term '{self.name}'"
@@ -97,9 +99,17 @@ class Term:
             set_field(self, "joints", joint_tuple(where, self.joints, "joints"))
         if not isinstance(self.at, str) or not self.at.strip():
             raise FieldError(f"{where}: at is {self.at!r}, expected base, imu or the name of a site")
+        if self.width is not None:
+            self._check_width(where)
         for name, accepted in _CHOICES.items():
             if getattr(self, name) not in accepted:
                 raise FieldError(f"{where}: {name} is {getattr(self, name)!r}, expected one of {', '.join(accepted)}")
+
+    def _check_width(self, where: str) -> None:
+        if isinstance(self.width, bool) or not isinstance(self.width, int) or self.width < 1:
+            raise FieldError(f"{where}: width is {self.width!r}, expected a whole number >= 1")
+        if is_known(self.kind):
+            raise FieldError(f"{where}: width is {self.width}, expected none: only a live input has one of its own")
 
     def process(self, value: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Clip, then scale, a value of shape (..., width)."""

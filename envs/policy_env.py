@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.live_inputs import LiveInput
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
@@ -74,6 +75,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         width: int = 480,
         height: int = 480,
         camera: str | None = None,
+        live: Mapping[str, LiveInput] | None = None,
         **task_options: Any,
     ) -> None:
         """Build the robot. Delays are between robot and policy: rewards and terminations are those of the true state.
@@ -94,6 +96,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             width: pixels of a picture.
             height: pixels of a picture.
             camera: of the model; None looks at the robot from the front.
+            live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
+                shape (..., width).
             task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
 
         Raises:
@@ -107,6 +111,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             task=task,
             physics_timestep=physics_timestep,
             action_limit=action_limit,
+            live=live,
             **task_options,
         )
         self.robot = EpisodeRobot(
@@ -150,7 +155,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         plant, memory = self._begin({} if options is None else dict(options))
         self.robot.place(plant)
         self._steps = 0
-        self._loop = loop = ClosedLoop(self.robot, self.scenario.wiring, self.scenario.task.command(self._commands, 0))
+        velocity = self.scenario.task.command(self._commands, 0)
+        self._loop = loop = ClosedLoop(self.robot, self.scenario.wiring, velocity, self.scenario.live)
         if memory is not None:
             loop.observation, loop.memory = loop.wiring.observe(memory, loop.state)
         # of a state of the caller's choice it may be anything
@@ -232,7 +238,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         robot, loop = snapshot["robot"], snapshot["_loop"]
         super().restore({name: value for name, value in snapshot.items() if name not in ("robot", "_loop")})
         self.robot.restore(robot)
-        self._loop = None if loop is None else ClosedLoop.resumed(self.robot, self.scenario.wiring, loop)
+        scenario = self.scenario
+        self._loop = None if loop is None else ClosedLoop.resumed(self.robot, scenario.wiring, loop, scenario.live)
 
     def _lost(self, fault: str, frame: Frame) -> Step:
         self.fault_count += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from humanoid_sim.assets import asset_path, motion_path
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.errors import FieldError, InputError, known_names
@@ -47,6 +49,8 @@ class Scenario:
     """The checkpoint's; one that answers zeros where there is only a contract."""
     physics_timestep: float
     """s"""
+    live: LiveInputs
+    """What feeds the live inputs that the contract declares."""
 
     @property
     def contract(self) -> PolicyContract:
@@ -68,6 +72,7 @@ def make_scenario(
     physics_timestep: float | None = None,
     action_limit: float | None = None,
     motion_source: str = "motion",
+    live: Mapping[str, LiveInput] | None = None,
     **task_options: Any,
 ) -> Scenario:
     """Read what is named, and check that it fits together.
@@ -81,6 +86,8 @@ def make_scenario(
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
         motion_source: what to call a motion that is given itself.
+        live: by its name, what makes each live input that the contract declares: of an `MITState` a value of shape
+            (..., width).
         task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
 
     Raises:
@@ -99,6 +106,8 @@ def make_scenario(
     told = {VELOCITY_COMMAND, *points, *([ANCHOR_POSE] if read.anchor_body else [])}
     extern = {name: width for name, width in read.extern_widths.items() if name in told}
     try:
+        fed = LiveInputs(read, {} if live is None else dict(live))
+        extern |= fed.widths
         wiring = PolicyWiring(description.joint_names, read, loaded.reference, extern, action_limit)
     except FieldError as error:
         raise InputError(f"policy on robot '{description.name}': {error}") from None
@@ -114,6 +123,7 @@ def make_scenario(
         ),
         policy=loaded.policy,
         physics_timestep=timestep,
+        live=fed,
     )
 
 

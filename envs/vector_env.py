@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.live_inputs import LiveInput
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
@@ -70,6 +71,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         width: int = 480,
         height: int = 480,
         camera: str | None = None,
+        live: Mapping[str, LiveInput] | None = None,
         **task_options: Any,
     ) -> None:
         """Build the robots.
@@ -90,6 +92,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             width: pixels of one environment's picture.
             height: pixels of one environment's picture.
             camera: of the model; None looks at the robot from the front.
+            live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
+                shape (..., width).
             task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
 
         Raises:
@@ -105,6 +109,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             task=task,
             physics_timestep=physics_timestep,
             action_limit=action_limit,
+            live=live,
             **task_options,
         )
         self.simulation = BatchSimulation(
@@ -189,7 +194,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         self._is_over[chosen] = False
         velocity = task.command(self._commands, self._steps).copy()
         if self._loop is None or len(chosen) == self.num_envs:
-            self._loop = ClosedLoop(self.simulation, self.scenario.wiring, velocity)
+            self._loop = ClosedLoop(self.simulation, self.scenario.wiring, velocity, self.scenario.live)
         else:
             self._loop.restart(chosen, velocity)
         self._observation[chosen] = np.clip(self._loop.observation[chosen], self._low, self._high)
@@ -277,7 +282,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         simulation, loop = snapshot["simulation"], snapshot["_loop"]
         super().restore({name: value for name, value in snapshot.items() if name not in ("simulation", "_loop")})
         self.simulation.restore(simulation)
-        self._loop = None if loop is None else ClosedLoop.resumed(self.simulation, self.scenario.wiring, loop)
+        scenario = self.scenario
+        self._loop = None if loop is None else ClosedLoop.resumed(self.simulation, scenario.wiring, loop, scenario.live)
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """A picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""

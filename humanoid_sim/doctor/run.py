@@ -40,6 +40,8 @@ def doctor(config: DoctorConfig) -> int:
         config.motion,
         base_height=config.base_height,
     )
+    for name, width in examined.contract.live_inputs.items():
+        raise InputError(f"{config.checkpoint}: needs the live input '{name}' of width {width}, and doctor has none")
     plan = make_plan(
         examined.contract,
         seconds=config.seconds,

@@ -9,6 +9,7 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import Alignment, Frame
 from humanoid_sim.messages import SafetyStatus
@@ -79,16 +80,20 @@ class ClosedLoop:
     In turn: the policy, on `observation` and `memory.frame`; `act`.
     """
 
-    def __init__(self, robots: Robots, wiring: PolicyWiring, velocity: FloatArray) -> None:
+    def __init__(
+        self, robots: Robots, wiring: PolicyWiring, velocity: FloatArray, live: LiveInputs | None = None
+    ) -> None:
         """Begin where the robots now are.
 
         Args:
             robots: shape (...), at the start of an episode.
             wiring: of the policy on one of them.
             velocity: shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: the commands.
+            live: feeds the live inputs that the contract declares; None: nothing does.
         """
         self.robots = robots
         self.wiring = wiring
+        self.live = LiveInputs(wiring.contract) if live is None else live
         self.velocity = velocity
         """Shape (..., 3): the commands that are observed."""
         self.state = self._reported()
@@ -101,13 +106,16 @@ class ClosedLoop:
 
     def snapshot(self) -> dict[str, Any]:
         """All that it keeps beside robots and wiring, for `resumed`; shares its arrays."""
-        return {name: value for name, value in vars(self).items() if name not in ("robots", "wiring")}
+        return {name: value for name, value in vars(self).items() if name not in ("robots", "wiring", "live")}
 
     @classmethod
-    def resumed(cls, robots: Robots, wiring: PolicyWiring, snapshot: Mapping[str, Any]) -> Self:
+    def resumed(
+        cls, robots: Robots, wiring: PolicyWiring, snapshot: Mapping[str, Any], live: LiveInputs | None = None
+    ) -> Self:
         """The loop of that snapshot, around robots that are in the state in which it was taken."""
         loop = cls.__new__(cls)
-        vars(loop).update(snapshot, robots=robots, wiring=wiring)
+        live = LiveInputs(wiring.contract) if live is None else live
+        vars(loop).update(snapshot, robots=robots, wiring=wiring, live=live)
         return loop
 
     def restart(self, chosen: IndexArray, velocity: FloatArray) -> None:
@@ -157,9 +165,9 @@ class ClosedLoop:
 
     def _reported(self) -> MITState:
         state = self.robots.state()
-        if not self.wiring.takes_velocity_command:
-            return state
-        return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self.velocity, 0.0)})
+        if self.wiring.takes_velocity_command:
+            state = replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self.velocity, 0.0)})
+        return self.live.heard(state)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,6 +26,7 @@ __all__ = [
     "effort_findings",
     "estimate_findings",
     "joint_findings",
+    "live_findings",
     "model_damping_findings",
     "motor_findings",
     "naming_findings",
@@ -305,6 +306,14 @@ def estimate_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[F
             yield Finding("error", f"observation term {term.name}", f"{message}; there is no estimator")
         else:
             yield Finding("info", f"observation term {term.name}", message)
+
+
+def live_findings(contract: PolicyContract) -> Iterator[Finding]:
+    """Live inputs that the contract declares: they have to come from somewhere."""
+    for term in contract.terms:
+        if term.width is not None:
+            message = f"is a live input of width {term.width}: `live` of an environment or a session feeds it"
+            yield Finding("info", f"observation term {term.name}", f"{message}; play, doctor and regress cannot")
 
 
 def rate_finding(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:

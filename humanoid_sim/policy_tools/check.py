@@ -29,6 +29,7 @@ from humanoid_sim.policy.robot_check import (
     effort_findings,
     estimate_findings,
     joint_findings,
+    live_findings,
     model_damping_findings,
     motor_findings,
     naming_findings,
@@ -145,6 +146,7 @@ def _findings(
         yield Finding("info", "imu", imu_line(model, description))
     yield from suspicious_findings(contract, description, own_damping)
     yield from estimate_findings(contract, hardware=hardware)
+    yield from live_findings(contract)
     if hardware:
         yield from rate_finding(contract, description)
 
@@ -155,7 +157,10 @@ def _golden(checkpoint: Checkpoint) -> Iterator[Finding]:
     except (InputError, FieldError) as error:
         yield Finding("error", "golden vectors", str(error).removeprefix(f"{checkpoint.source}: golden vectors: "))
         return
-    message = label or "there are none: wrong wiring would not be seen; `stamp --trace` adds those of a trainer's run"
+    remedy = "`stamp --trace` adds those of a trainer's run"
+    if checkpoint.contract.live_inputs:
+        remedy = "a policy with live inputs has none"
+    message = label or f"there are none: wrong wiring would not be seen; {remedy}"
     yield Finding("info", "golden vectors", message)
 
 

@@ -22,6 +22,7 @@ from humanoid_sim.policy.golden.make import blind_spots, own_samples, trainer_sa
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples, encode_samples
 from humanoid_sim.policy.golden.trace import BodyReader, read_trace
 from humanoid_sim.policy.golden.verify import verify_golden
+from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_policy import first_line
@@ -45,7 +46,8 @@ class StampResult:
     output: Path
     size: int
     """bytes"""
-    samples: GoldenSamples
+    samples: GoldenSamples | None
+    """None where the contract declares live inputs, which nobody here can make."""
     blind_spots: tuple[str, ...]
     """Mistakes that the samples could not show; empty for samples that are drift only anyway."""
 
@@ -64,8 +66,9 @@ def stamp(
 
     The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
     the trace; or else those of a trainer's run that the checkpoint has already; or else ones of this program, which
-    are drift only. Whatever other metadata the checkpoint has stays. The copy is loaded, and its contract and actions
-    compared with the original's, before a file takes the name `output`.
+    are drift only. A contract that declares live inputs is written without any. Whatever other metadata the checkpoint
+    has stays. The copy is loaded, and its contract and actions compared with the original's, before a file
+    takes the name `output`.
 
     Args:
         path: the checkpoint.
@@ -88,15 +91,16 @@ def stamp(
         metadata = {
             **write_metadata(checkpoint.contract),
             STAMP_KEY: encode(checkpoint.contract),
-            GOLDEN_KEY: encode_samples(samples),
         }
+        if samples is not None:
+            metadata[GOLDEN_KEY] = encode_samples(samples)
     except FieldError as error:
         raise InputError(f"{path}: {str(error).removeprefix('PolicyContract.')}") from None
     data = add_metadata(path, metadata)
     _check_copy(checkpoint, data, samples)
     with whole_file(output) as file:
         file.write(data)
-    unseen = blind_spots(checkpoint, samples) if samples.origin == "trainer" else ()
+    unseen = blind_spots(checkpoint, samples) if samples is not None and samples.origin == "trainer" else ()
     return StampResult(output, len(data), samples, unseen)
 
 
@@ -131,7 +135,13 @@ def _samples(
     description: RobotDescription | None,
     trace: Path | None,
     motion_file: Path | None,
-) -> GoldenSamples:
+) -> GoldenSamples | None:
+    for name in checkpoint.contract.live_inputs:
+        if trace is not None:
+            raise InputError(
+                f"--trace: is '{trace}', but {checkpoint.source} observes the live input '{name}': no samples"
+            )
+        return None
     motion = None if motion_file is None else read_motion(motion_file)
     if trace is not None:
         contract = checkpoint.contract
@@ -147,7 +157,7 @@ def _samples(
     return own_samples(checkpoint, motion)
 
 
-def _check_copy(original: Checkpoint, data: bytes, samples: GoldenSamples) -> None:
+def _check_copy(original: Checkpoint, data: bytes, samples: GoldenSamples | None) -> None:
     """Load the copy where no other file is near, and compare."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "copy.onnx"
@@ -160,8 +170,10 @@ def _check_copy(original: Checkpoint, data: bytes, samples: GoldenSamples) -> No
     different = _different_field(original.contract, copy.contract)
     if different:
         raise InputError(f"{original.source}: {different} would read back differently from a stamped copy")
-    probes = np.random.default_rng(0).normal(0.0, 1.0, (_PROBES, samples.observation.shape[1])).astype(np.float32)
-    for frame, observation in enumerate([*samples.observation, *probes]):
+    width = original.observation_width or contract_layout(original.contract).width
+    probes = np.random.default_rng(0).normal(0.0, 1.0, (_PROBES, width)).astype(np.float32)
+    known = [] if samples is None else [*samples.observation]
+    for frame, observation in enumerate([*known, *probes]):
         if not np.array_equal(original.policy(observation, frame), copy.policy(observation, frame)):
             raise InputError(f"{original.source}: a stamped copy would answer other actions; nothing was written")
 
@@ -185,6 +197,9 @@ def stamp_copy(options: Stamp) -> int:
     )
     console = make_console()
     console.print(f"{escape(str(result.output))}: {result.size / 1e6:.2f} MB, contract inside", soft_wrap=True)
+    if result.samples is None:
+        console.print("golden vectors: none: the contract declares live inputs, which are not sampled", soft_wrap=True)
+        return 0
     console.print(f"golden vectors: {escape(result.samples.label)}", soft_wrap=True)
     if result.samples.origin == "own":
         console.print("  --trace FILE with the trainer's run makes vectors that show wrong wiring as well")

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter, sleep
 from typing import Protocol
 
+from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import (
@@ -87,6 +88,7 @@ class Session:
         intents: Sequence[IntentSource] = (),
         remote: RemoteSource | None = None,
         externs: Sequence[ExternSource] = (),
+        live: LiveInputs | None = None,
         sinks: Sequence[Sink] = (),
         safety_filter: SafetyFilter = _unfiltered,
         qpos: Callable[[], FloatArray] | None = None,
@@ -103,6 +105,7 @@ class Session:
             intents: asked for intents every tick, in order.
             remote: the latest remote command.
             externs: live inputs beside those of the robot.
+            live: likewise, made of each tick's state.
             sinks: take the ticks.
             safety_filter: adds to what the robot reports.
             qpos: MuJoCo's generalised position, for viewers.
@@ -117,6 +120,7 @@ class Session:
         self._intents = tuple(intents)
         self._remote = remote
         self._externs = tuple(externs)
+        self._live = live
         self._sinks = SinkGroup(sinks, lambda: self.time)
         self._safety_filter = safety_filter
         self._qpos = qpos
@@ -258,6 +262,8 @@ class Session:
         if self._externs:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
             state = replace(state, extern={**state.extern, **live})
+        if self._live is not None:
+            state = self._live.heard(state)
         self._state = state
         chosen = self._collect() if intents is None else intents
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None

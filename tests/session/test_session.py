@@ -19,9 +19,14 @@ from fakes import (
 )
 
 import humanoid_sim.session.session as loop
+from humanoid_sim.controllers.live_inputs import LiveInputs
+from humanoid_sim.controllers.reference import no_reference
+from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
-from humanoid_sim.mit import Extern
+from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.robot import LoopbackRobot
 from humanoid_sim.session import pace
@@ -71,6 +76,75 @@ def test_a_tick_takes_all_sources_and_live_terms_beside_the_robots_own() -> None
     first = sink.records[0].input
     assert first.intents == (Intent.LOAD_A, Intent.DAMP)
     assert dict(first.state.extern) == {"key_pressed": own, "velocity": live}
+
+
+def live_supervisor() -> Supervisor:
+    """The rig's, with a policy that observes the joints and two values that only a program knows."""
+    wiring = rig.contract(
+        task_type="locomotion", body_names=(), observation=(Term("foot_contact", width=2), "joint_pos")
+    )
+    policy = RLPolicyController(
+        rig.JOINTS, wiring, no_reference(), rig.good_answer, control_period=rig.PERIOD, extern=wiring.live_inputs
+    )
+    return rig.supervisor(rl_policy_controller=policy)
+
+
+def live_inputs(source: Callable[[MITState], Any]) -> LiveInputs:
+    controller = live_supervisor().controllers["rl_policy_controller"]
+    assert isinstance(controller, RLPolicyController)
+    return LiveInputs(controller.contract, {"foot_contact": source})
+
+
+def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks() -> None:
+    sink, live = FakeSink(), live_inputs(lambda state: [state.time, 0.5])
+    session(
+        FakeRobot(),
+        supervisor=live_supervisor(),
+        duration=0.4,
+        intents=[FakeSource(TO_LOCOMOTION)],
+        live=live,
+        sinks=[sink],
+    ).run()
+    steps = [record for record in sink.records if record.output.policy_step is not None]
+    assert len(steps) >= 3
+    for record in steps:
+        time = record.input.state.time
+        assert record.output.policy_step is not None
+        assert record.output.policy_step.observation[:2].tolist() == [np.float32(time), 0.5]
+        assert record.input.state.extern["foot_contact"].arrival_time == time
+    # What was decided follows from the recorded inputs alone.
+    again = live_supervisor()
+    memory = again.initial()
+    for record in sink.records:
+        memory, output = again.step(memory, record.input)
+        np.testing.assert_array_equal(output.command.position, record.output.command.position)
+        assert output.control_mode == record.output.control_mode
+
+
+@pytest.mark.parametrize(
+    ("live", "reason"),
+    [
+        (None, "observation foot_contact[0] is nan, expected a finite number"),
+        (lambda _: [1.0, np.inf], "observation foot_contact[1] is inf, expected a finite number"),
+        (lambda _: np.ones(3), "MITState.extern['foot_contact']: has shape (3,), expected (2,)"),
+    ],
+    ids=["none", "not finite", "another shape"],
+)
+def test_a_live_input_that_is_not_there_is_a_fault_and_never_zeros(
+    live: Callable[[MITState], Any] | None, reason: str
+) -> None:
+    sink = FakeSink()
+    session(
+        FakeRobot(),
+        supervisor=live_supervisor(),
+        duration=0.4,
+        intents=[FakeSource(TO_LOCOMOTION)],
+        live=None if live is None else live_inputs(live),
+        sinks=[sink],
+    ).run()
+    modes = [record.output.control_mode for record in sink.records]
+    assert not any(record.output.policy_step for record in sink.records)
+    assert any(mode.mode is Mode.DAMPING and reason in mode.status_message for mode in modes)
 
 
 def test_the_safety_filter_decides_what_the_supervisor_sees() -> None:

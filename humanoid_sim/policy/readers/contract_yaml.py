@@ -56,6 +56,7 @@ def _members(owner: type) -> list[_Field]:
         FloatArray | float: Numbers,
         FloatArray | None: list[Pair] | None,
         bool | None: bool,
+        int | None: int,
         tuple[str, ...] | None: list[str],
     }
     members: list[_Field] = []

@@ -1,0 +1,61 @@
+"""Live inputs that Python code feeds: what no kind of observation term expresses, of the width that a term declares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import FieldError, known_names
+from humanoid_sim.mit import Extern, MITState
+
+__all__ = ["LiveInput", "LiveInputs"]
+
+LiveInput = Callable[[MITState], npt.ArrayLike]
+"""Given the state that a robot reports, the value: shape (width,), in the term's own unit; (..., width) for a batch."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveInputs:
+    """What feeds a policy's declared live inputs. It does not say that all are fed: whoever resolves the terms does."""
+
+    contract: PolicyContract
+    sources: Mapping[str, LiveInput] = field(default_factory=lambda: MappingProxyType({}))
+    """By the name of the live input: the term's, or its `kind`."""
+
+    def __post_init__(self) -> None:
+        declared = self.contract.live_inputs
+        for name, source in self.sources.items():
+            if name not in declared:
+                if not declared:
+                    raise FieldError(f"live['{name}']: is given, but no observation term declares a live input")
+                raise FieldError(f"live: {known_names('live input', name, declared)}")
+            if not callable(source):
+                accepted = f"a callable that makes shape (..., {declared[name]}) of an MITState"
+                raise FieldError(f"live['{name}']: is a {type(source).__name__}, expected {accepted}")
+
+    @property
+    def widths(self) -> Mapping[str, int]:
+        """Name and width of those that are fed."""
+        return {name: width for name, width in self.contract.live_inputs.items() if name in self.sources}
+
+    def heard(self, state: MITState) -> MITState:
+        """The state with the values that belong to it.
+
+        A value of the wrong shape, or one that is not finite, is refused where it is observed: there it is a fault.
+        """
+        if not self.sources:
+            return state
+        batch = state.joint_position.shape[:-1]
+        time = float(state.time) if np.ndim(state.time) == 0 else 0.0  # a batch's clocks differ; nothing grows too old
+        live = dict(state.extern)
+        for name, source in self.sources.items():
+            value = np.atleast_1d(np.asarray(source(state), dtype=np.float64))
+            if value.ndim == 1:  # one value for all robots
+                value = np.broadcast_to(value, (*batch, len(value)))
+            live[name] = Extern(value, time)
+        return replace(state, extern=live)

@@ -1,0 +1,121 @@
+"""Environments whose policy observes what only Python code knows."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import MITState
+from humanoid_sim.robots.description import load_robot
+
+POLICY = "humanoid_sim/Policy-v0"
+LITE = load_robot("lite")
+COUNT = 3
+
+
+def tilt(state: MITState) -> npt.NDArray[np.float64]:
+    """Of the first two joints, in a unit of nobody's."""
+    return np.sin(3.0 * state.joint_position[..., :2]) + np.square(state.joint_velocity[..., :2])
+
+
+@pytest.fixture
+def contract(tmp_path: Path) -> Path:
+    """As somebody would write it by hand; JSON is YAML."""
+    n = len(LITE.joint_names)
+    path = tmp_path / "contract.yaml"
+    fields = {
+        "joint_names": list(LITE.joint_names),
+        "joint_stiffness": 20.0,
+        "joint_damping": 1.0,
+        "default_joint_pos": [0.0] * n,
+        "action_scale": 0.25,
+        "policy_dt": 0.02,
+        "observation": ["joint_pos", {"name": "tilt", "width": 2, "history": 2}, "actions"],
+    }
+    path.write_text(json.dumps(fields), encoding="utf-8")
+    return path
+
+
+def single(contract: Path, **options: Any) -> Any:
+    return gymnasium.make(POLICY, contract=str(contract), robot=LITE, **options).unwrapped
+
+
+def test_single_and_vector_environments_observe_the_same_bits(contract: Path) -> None:
+    vector = gymnasium.make_vec(
+        POLICY,
+        num_envs=COUNT,
+        vectorization_mode="vector_entry_point",
+        contract=str(contract),
+        robot=LITE,
+        live={"tilt": tilt},
+        threads=1,
+    )
+    ones = [single(contract, live={"tilt": tilt}) for _ in range(COUNT)]
+    rng = np.random.default_rng(4)
+    weights = rng.normal(0.0, 0.3, (2 * len(LITE.joint_names) + 4, len(LITE.joint_names))).astype(np.float32)
+    together, _ = vector.reset(seed=7)
+    alone = np.stack([env.reset(seed=7 + i)[0] for i, env in enumerate(ones)])
+    places = slice(len(LITE.joint_names), len(LITE.joint_names) + 4)
+    for _ in range(20):
+        np.testing.assert_array_equal(together, alone)
+        assert np.abs(together[:, places]).min() > 0.0
+        actions = np.stack([np.tanh(row @ weights) for row in alone])
+        together, *_ = vector.step(actions)
+        alone = np.stack([env.step(action)[0] for env, action in zip(ones, actions, strict=True)])
+    chosen = np.array([False, True, False])
+    rest, _ = vector.reset(seed=[None, 30, None], options={"reset_mask": chosen})
+    np.testing.assert_array_equal(rest[1], ones[0].reset(seed=30)[0])
+    np.testing.assert_array_equal(rest[[0, 2]], alone[[0, 2]])
+    vector.close()
+
+
+def test_a_copy_goes_on_with_the_same_live_input(contract: Path) -> None:
+    env = single(contract, live={"tilt": tilt})
+    env.reset(seed=1)
+    env.step(np.full(env.action_space.shape, 0.5, dtype=np.float32))
+    other = copy.deepcopy(env)
+    action = np.full(env.action_space.shape, -0.5, dtype=np.float32)
+    np.testing.assert_array_equal(env.step(action)[0], other.step(action)[0])
+
+
+def test_dm_env_takes_it_too(contract: Path) -> None:
+    pytest.importorskip("dm_control")
+    from humanoid_sim.envs.dm import load  # noqa: PLC0415 - optional
+
+    env = load("policy", contract=str(contract), robot=LITE, live={"tilt": tilt}, seed=2, flat_observation=True)
+    shown = env.reset().observation["observations"]
+    np.testing.assert_array_equal(shown, single(contract, live={"tilt": tilt}).reset(seed=2)[0])
+
+
+def test_nothing_that_feeds_it_is_one_line(contract: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        single(contract)
+    assert str(caught.value) == (
+        "policy on robot 'lite': observation term 'tilt' needs the live input 'tilt' of width 2 "
+        "(fed through `live` from Python), and there is none"
+    )
+    with pytest.raises(InputError, match=r"^policy on robot 'lite': live: unknown live input 'tlit'; .*known: tilt"):
+        single(contract, live={"tlit": tilt})
+
+
+def test_a_value_that_is_not_finite_ends_the_episode(contract: Path) -> None:
+    env = single(contract, live={"tilt": lambda state: [0.0, np.nan if state.time > 0.01 else 0.0]})
+    env.reset(seed=0)
+    _, reward, terminated, truncated, info = env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+    assert (reward, terminated, truncated) == (0.0, True, False)
+    assert info["fault"] == "observation tilt[1] of history step 1 is nan, beyond any robot's"
+
+
+def test_a_value_of_another_shape_is_a_mistake_in_the_program(contract: Path) -> None:
+    env = single(contract, live={"tilt": lambda _: np.zeros(3)})
+    with pytest.raises(FieldError, match=r"MITState.extern\['tilt'\]: has shape \(3,\), expected \(2,\)"):
+        env.reset(seed=0)

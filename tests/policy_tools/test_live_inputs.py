@@ -1,0 +1,88 @@
+"""A contract with a live input is checked, shown and stamped without samples; programs that cannot feed it say so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from trainer import contract, save_checkpoint, terms
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.play import main as play
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.contract_json import STAMP_KEY
+from humanoid_sim.policy.golden.samples import GOLDEN_KEY
+from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.robots.description import RobotDescription
+
+FED = "(fed through `live` from Python)"
+
+
+@pytest.fixture
+def live(tmp_path: Path) -> Path:
+    """The trainer's policy, with two values of a sensor of its own in the place of a clock's."""
+    observed = [Term("foot_contact", width=2) if term.name == "sin_phase" else term for term in terms()]
+    return save_checkpoint(tmp_path / "live.onnx", contract(observation=observed))
+
+
+def test_check_accepts_it_and_names_it(cli, live: Path, robot: RobotDescription) -> None:
+    status, out, error = cli("check", live, "--robot", robot.mjcf_path)
+    assert status == 0, error
+    assert "observation term foot_contact: is a live input of width 2: `live` of an environment or a session" in out
+    assert "a policy with live inputs has none" in out
+
+
+def test_show_shows_it(cli, live: Path) -> None:
+    status, out, error = cli("show", live)
+    assert status == 0, error
+    (line,) = [line for line in out.splitlines() if "foot_contact" in line and "live input" in line]
+    assert "2" in line
+
+
+def test_the_width_may_come_from_a_contract_file(cli, walker: Path, tmp_path: Path, robot: RobotDescription) -> None:
+    plain = save_checkpoint(tmp_path / "plain.onnx", contract(observation=[*terms()[:-2], "foot", "cos_phase"]))
+    status, out, _ = cli("check", plain, "--robot", robot.mjcf_path)
+    assert status == 1
+    assert "unknown observation term 'foot'" in out
+    assert "a width declares a live input: {name: foot, width: 2}" in out
+    file = tmp_path / "live.yaml"
+    file.write_text("terms:\n  foot: {width: 2}\n", encoding="utf-8")
+    status, out, error = cli("check", plain, "--robot", robot.mjcf_path, "--contract", file)
+    assert status == 0, out + error
+    file.write_text("terms:\n  joint_pos_rel: {width: 4}\n", encoding="utf-8")
+    status, out, _ = cli("check", plain, "--robot", robot.mjcf_path, "--contract", file)
+    assert status == 1
+    assert "observation term 'joint_pos_rel': width is 4, expected none: only a live input has one of its own" in out
+
+
+def test_stamp_writes_the_contract_without_samples(cli, live: Path, tmp_path: Path) -> None:
+    output = tmp_path / "stamped.onnx"
+    status, out, error = cli("stamp", live, "-o", output)
+    assert status == 0, error
+    assert "golden vectors: none: the contract declares live inputs, which are not sampled" in out
+    metadata = read_header(output)[0]
+    assert STAMP_KEY in metadata
+    assert GOLDEN_KEY not in metadata
+    assert dict(load_checkpoint(output).contract.live_inputs) == {"foot_contact": 2}
+
+
+def test_a_trace_is_refused(cli, live: Path, trace: Path, tmp_path: Path) -> None:
+    output = tmp_path / "stamped.onnx"
+    status, out, error = cli("stamp", live, "-o", output, "--trace", trace)
+    assert (status, out, output.exists()) == (2, "", False)
+    assert error == f"error: --trace: is '{trace}', but {live} observes the live input 'foot_contact': no samples\n"
+
+
+def test_doctor_refuses_it(cli, live: Path, robot: RobotDescription) -> None:
+    status, out, error = cli("doctor", live, "--robot", robot.mjcf_path)
+    assert (status, out) == (2, "")
+    assert error == f"error: {live}: needs the live input 'foot_contact' of width 2, and doctor has none\n"
+
+
+def test_play_refuses_it(live: Path, robot: RobotDescription, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_program(play, ["--policy", str(live), "--robot", str(robot.mjcf_path)]) == 2
+    assert capsys.readouterr().err == (
+        f"error: policy on robot '{robot.name}': observation term 'foot_contact' needs the live input 'foot_contact' "
+        f"of width 2 {FED}, and there is none\n"
+    )
