@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from motion_samples import FPS, joint_path, lite
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.prepare.velocities import VelocityCheck, check_rate, check_velocities, refuse_velocities
+from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.training.motions import SAMPLES, sample_motion
 
 JOINTS = lite().joint_names
@@ -135,6 +137,15 @@ def test_ratio_and_delay_are_measured() -> None:
     assert (found.joint, found.lag) == ("left_elbow_pitch", 10)
     assert found.ratio == pytest.approx(0.5, abs=0.01)
     assert found.correlation > 0.999
+
+
+def test_what_a_simulated_robot_did_passes() -> None:
+    """Its wrists jump and settle within each policy step: their speed at its end is less than the mean speed."""
+    recording = Path(__file__).parents[1] / "data" / "recordings" / "simulated_locomotion.mcap"
+    states = [tick.input.state for tick in open_recording(recording).ticks() if tick.output.policy_step is not None]
+    q, v = (np.array([getattr(state, name) for state in states]) for name in ("joint_position", "joint_velocity"))
+    assert min(check.ratio for check in check_velocities(q, v, FPS, JOINTS)) < 0.85
+    assert told(q, v) == ""
 
 
 def test_velocities_of_another_joint() -> None:
