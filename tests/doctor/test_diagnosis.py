@@ -66,20 +66,25 @@ def test_even_a_hasty_search_finds_what_makes_a_robot_fall(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(3600)
-def test_the_cause_is_among_the_first_three(subjects: dict[str, ExaminedPolicy]) -> None:
+@pytest.mark.timeout(7200)
+def test_the_cause_is_among_the_first_three(
+    subjects: dict[str, ExaminedPolicy], request: pytest.FixtureRequest
+) -> None:
+    """Of all mistakes with `--complete`; else of a sample with some of each policy's."""
+    complete = request.config.getoption("--complete")
     ranks = {}
-    for chosen in MISTAKES:
+    for chosen in MISTAKES if complete else MISTAKES[1::5]:
         examined = subjects[chosen.policy]
         found = rank(diagnosed(examined, chosen.edit(examined.contract)), chosen.cause)
         ranks[chosen] = found
         print(f"{chosen.policy:10}{chosen.name:50}{found}")
     losing = [found for chosen, found in ranks.items() if chosen.loses]
-    assert len(losing) == 19
+    assert {chosen.policy for chosen in ranks} == set(POLICIES)
+    assert len(losing) == 19 if complete else len(losing) >= 3
     assert sum(found <= 3 for found in losing) >= SHARE * len(losing)
-    # Faults that do not fall: only the quality tells.
-    for policy, name in (("unitree", "joint_vel zero"), ("unitree", "last_action scaled")):
-        assert ranks[mistake(policy, name)] == 1
+    if complete:  # faults that do not fall: only the quality tells
+        for policy, name in (("unitree", "joint_vel zero"), ("unitree", "last_action scaled")):
+            assert ranks[mistake(policy, name)] == 1
 
 
 @pytest.mark.slow
