@@ -88,14 +88,14 @@ def test_the_cause_is_among_the_first_three(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("policy", POLICIES)
 def test_nothing_is_wrong_with_the_right_contract(policy: str, subjects: dict[str, ExaminedPolicy]) -> None:
     assert is_healthy(diagnosed(subjects[policy], subjects[policy].contract))
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("policy", "first", "second"),
     [
