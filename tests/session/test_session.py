@@ -295,7 +295,7 @@ def test_a_sink_that_cannot_start_keeps_the_robot_from_being_activated() -> None
 
 
 def raise_broken(*_: Any) -> Any:
-    raise BrokenError("on purpose")
+    raise BrokenError("deliberate")
 
 
 def broken_at(count: int) -> Callable[[int], None]:
@@ -338,7 +338,7 @@ def test_an_exception_in_motion_comes_out_after_damping(name: str) -> None:
     with pytest.raises(BrokenError, match="on purpose"):
         session(robot, sinks=[sink], **options).run()
     assert ended_damped(robot) == REST_TICKS + 1
-    assert sink.events == ["ended by BrokenError: on purpose"]
+    assert sink.events == ["ended by BrokenError: deliberate"]
     assert sink.log[-1] == "close sink"
 
 
@@ -398,10 +398,10 @@ def test_a_sink_that_raises_is_left_out_and_the_run_goes_on() -> None:
     broken, sink = FakeSink(), FakeSink()
     broken.on_tick = lambda record: raise_broken() if record.index == 3 else None
     result = session(FakeRobot(), duration=0.2, sinks=[broken, sink]).run()
-    assert result.failures == ("FakeSink: BrokenError: on purpose",)
+    assert result.failures == ("FakeSink: BrokenError: deliberate",)
     assert [record.index for record in broken.records] == [0, 1, 2]
     assert [record.index for record in sink.records] == list(range(result.ticks))
-    assert sink.events[0] == "left out from here on: FakeSink: BrokenError: on purpose"
+    assert sink.events[0] == "left out from here on: FakeSink: BrokenError: deliberate"
     assert broken.log[-1] == "close sink"
 
 
@@ -409,9 +409,9 @@ def test_a_sink_that_raises_at_an_event_is_left_out_too() -> None:
     broken, sink = FakeSink(), FakeSink()
     broken.event = raise_broken  # type: ignore[method-assign]
     result = session(FakeRobot(), duration=0.1, sinks=[broken, sink]).run()
-    assert result.failures == ("FakeSink: BrokenError: on purpose",)
+    assert result.failures == ("FakeSink: BrokenError: deliberate",)
     assert sink.events == [
-        "left out from here on: FakeSink: BrokenError: on purpose",
+        "left out from here on: FakeSink: BrokenError: deliberate",
         "ending: duration of 0.1 s reached",
     ]
 

@@ -209,7 +209,7 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stu
 
 
 def broken(*_: Any) -> None:
-    raise BrokenError("on purpose")
+    raise BrokenError("deliberate")
 
 
 def test_only_sinks_that_started_are_closed() -> None:
@@ -231,7 +231,7 @@ def test_a_sink_that_raises_is_left_out_and_the_others_hear_of_it() -> None:
     group.tick(record)
     group.event("later")
     assert good.records == [record, record]
-    assert group.failures == ["FakeSink: BrokenError: on purpose"]
+    assert group.failures == ["FakeSink: BrokenError: deliberate"]
     assert good.events == [f"left out from here on: {group.failures[0]}", "later"]
     assert bad.events == []
 
