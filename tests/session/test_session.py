@@ -335,7 +335,7 @@ BREAKAGES: dict[str, Callable[[FakeRobot], dict[str, Any]]] = {
 def test_an_exception_in_motion_comes_out_after_damping(name: str) -> None:
     robot, sink = FakeRobot(), FakeSink()
     options = {"intents": [FakeSource(TO_STANDBY)], **BREAKAGES[name](robot)}
-    with pytest.raises(BrokenError, match="on purpose"):
+    with pytest.raises(BrokenError, match="deliberate"):
         session(robot, sinks=[sink], **options).run()
     assert ended_damped(robot) == REST_TICKS + 1
     assert sink.events == ["ended by BrokenError: deliberate"]
