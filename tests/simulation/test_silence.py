@@ -1,5 +1,6 @@
 """MuJoCo's one handler of warnings, lent to simulations."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -29,17 +30,31 @@ def test_nothing_is_written_and_warnings_still_count(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_last_to_leave_puts_back_the_handler() -> None:
-    heard: list[str] = []
+@pytest.fixture
+def heard() -> Iterator[list[str]]:
+    """What MuJoCo warns of, by a handler that stands as long as the test."""
+    messages: list[str] = []
     before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(heard.append)
-    try:
+    mujoco.set_mju_user_warning(messages.append)
+    yield messages
+    mujoco.set_mju_user_warning(before)
+
+
+def test_the_last_to_leave_puts_back_the_handler(heard: list[str]) -> None:
+    with mujoco_silenced:
         with mujoco_silenced:
-            with mujoco_silenced:
-                step_into_trouble()
+            step_into_trouble()
+        step_into_trouble()
+    assert heard == []
+    step_into_trouble()
+    assert len(heard) == 1
+
+
+def test_a_handler_set_while_another_simulation_steps_neither_hears_nor_is_lost(heard: list[str]) -> None:
+    with mujoco_silenced:  # the other simulation: a thread of emulated motors, say
+        mujoco.set_mju_user_warning(heard.append)
+        with mujoco_silenced:
             step_into_trouble()
         assert heard == []
-        step_into_trouble()
-        assert len(heard) == 1
-    finally:
-        mujoco.set_mju_user_warning(before)
+    step_into_trouble()
+    assert len(heard) == 1

@@ -16,7 +16,7 @@ from humanoid_sim.robots.description import load_robot
 CHANNEL = "virtual:bench-tools"
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def lite_motors() -> Iterator[VirtualMotors]:
     """The Lite's 14 motors on CHANNEL, for tests that leave them as they are."""
     with VirtualMotors(load_robot("lite"), [CHANNEL]) as motors:
