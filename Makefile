@@ -68,10 +68,10 @@ $(VENV)/train.done: $(VENV)/play.done
 	touch $@
 
 $(VENV)/slow.done: $(VENV)/test.done $(VENV)/train.done
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[cluster,notebooks,rl]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[cluster,notebooks,rl,test-frontends]'
 	touch $@
 
 $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
 	$(PYTHON) -m venv $(LEROBOT)
-	$(LEROBOT)/bin/pip install --quiet --disable-pip-version-check -c constraints-lerobot.txt -e '.[lerobot,wandb,test]'
+	$(LEROBOT)/bin/pip install --quiet --disable-pip-version-check -c constraints-lerobot.txt -e '.[lerobot,wandb,test,test-video]'
 	touch $@

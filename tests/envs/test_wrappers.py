@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -85,36 +84,6 @@ def test_normalize_observation() -> None:
     # Gymnasium starts from a count of 1e-4, and counts each environment's observation of every step and reset.
     assert envs.obs_rms.count == pytest.approx(21 * COUNT, abs=1e-3)
     envs.close()
-
-
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::SyntaxWarning")
-def test_record_video(tmp_path: Path) -> None:
-    pytest.importorskip("moviepy")
-    size = {"render_mode": "rgb_array", "width": 64, "height": 64, "max_episode_steps": 2}
-    one, two = tmp_path / "single", tmp_path / "vector"
-    env = wrappers.RecordVideo(single(**size), str(one), episode_trigger=lambda episode: episode == 0)
-    env.reset(seed=0)
-    for _ in range(2):
-        env.step(rest(env))
-    env.close()
-    envs = vector.RecordVideo(several(**size), str(two), episode_trigger=lambda episode: episode == 0)
-    envs.reset(seed=0)
-    for _ in range(3):
-        envs.step(rest(envs))
-    envs.close()
-    assert _frames(one) == [(64, 64)] * 3
-    assert _frames(two) == [(64, 128)] * 3 or _frames(two) == [(128, 64)] * 3
-
-
-def _frames(folder: Path) -> list[tuple[int, int]]:
-    """Height and width of every frame of the folder's one video, none of them of one colour."""
-    import av  # noqa: PLC0415 - only for this
-
-    (path,) = folder.glob("*.mp4")
-    with av.open(str(path)) as container:
-        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
-    assert all(frame.std() > 5.0 for frame in frames)
-    return [frame.shape[:2] for frame in frames]
 
 
 def test_pictures_of_a_vector_are_those_of_its_environments() -> None:
