@@ -9,17 +9,17 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["ADAPTERS", "adapter_of"]
 
-ADAPTERS: Mapping[str, type[RobstrideRobot]] = MappingProxyType({"robstride": RobstrideRobot})
+ADAPTERS: Mapping[str, type[HardwareRobot]] = MappingProxyType({"robstride": HardwareRobot})
 """By family: what drives a robot of such motors."""
 
 
-def adapter_of(description: RobotDescription) -> type[RobstrideRobot]:
+def adapter_of(description: RobotDescription) -> type[HardwareRobot]:
     """What drives this robot's motors. Joints without one, and models that nobody knows, are the adapter's to refuse.
 
     Raises:
@@ -29,4 +29,4 @@ def adapter_of(description: RobotDescription) -> type[RobstrideRobot]:
     families = sorted({MOTORS[model].family for model in models if model in MOTORS})
     if len(families) > 1:
         raise InputError(f"{description.name}: has motors of {' and '.join(families)}, expected one family")
-    return ADAPTERS[families[0]] if families else RobstrideRobot
+    return ADAPTERS[families[0]] if families else HardwareRobot

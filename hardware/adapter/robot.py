@@ -1,4 +1,4 @@
-"""A robot of Robstride motors on CAN channels, as the `Robot` protocol has it."""
+"""A robot of motors on CAN channels, as the `Robot` protocol has it."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["RobstrideRobot"]
+__all__ = ["HardwareRobot"]
 
 _JUMPED = "its position jumped before: compare it with this list, and calibrate if it differs"
 
 
-class RobstrideRobot:
+class HardwareRobot:
     """Real motors, or emulated ones that speak their protocol.
 
     Nothing is sent before `prepare` or `activate`. Both begin afresh each time: channels are opened again, every motor

@@ -133,7 +133,7 @@ def make_settings(
     host_id: int,
     can_timeout: float,
 ) -> AdapterSettings:
-    """Settings for a robot; the arguments are those of `RobstrideRobot`.
+    """Settings for a robot; the arguments are those of `HardwareRobot`.
 
     Raises:
         InputError: a channel, the calibration or a number does not fit.

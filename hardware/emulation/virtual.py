@@ -24,7 +24,7 @@ class VirtualMotors(EmulatorHost):
     """A robot's motors on python-can channels, run by a thread of this process until `close`.
 
     With the interface `virtual` only this process can talk to them; any other works as well. `open_bus` opens the
-    computer's end of a channel, with the faults that are made there: give it to `RobstrideRobot`.
+    computer's end of a channel, with the faults that are made there: give it to `HardwareRobot`.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
@@ -137,7 +137,7 @@ class _BringUp:
     """See `BringUp`."""
 
     def __init__(
-        self, robot: RobstrideRobot, description: RobotDescription, addresses: Sequence[BusAddress], *, emulated: bool
+        self, robot: HardwareRobot, description: RobotDescription, addresses: Sequence[BusAddress], *, emulated: bool
     ) -> None:
         channels = ", ".join(map(str, addresses))
         self._robot = robot
@@ -150,7 +150,7 @@ class _BringUp:
         return [(check.verdict.value, check.subject, check.text) for check in self._robot.checks]
 
 
-def _figures(robot: RobstrideRobot) -> Mapping[str, Any]:
+def _figures(robot: HardwareRobot) -> Mapping[str, Any]:
     statistics = robot.statistics
     return {**msgspec.to_builtins(statistics, str_keys=True), "lines": list(statistics.lines())}
 

@@ -7,7 +7,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware import families
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.families import ADAPTERS, adapter_of
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
@@ -15,7 +15,7 @@ from humanoid_sim.robots.motors import MOTORS
 
 def test_every_models_family_has_an_adapter() -> None:
     assert {model.family for model in MOTORS.values()} == set(ADAPTERS)
-    assert adapter_of(load_robot("lite")) is RobstrideRobot
+    assert adapter_of(load_robot("lite")) is HardwareRobot
 
 
 def test_motors_of_several_families_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

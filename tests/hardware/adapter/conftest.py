@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.hardware.adapter import activation, control
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus import channel
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.robstride import enabling, identification, requests
@@ -112,7 +112,7 @@ def motors(
         yield motors
 
 
-MakeRobot = Callable[..., RobstrideRobot]
+MakeRobot = Callable[..., HardwareRobot]
 
 
 @pytest.fixture
@@ -125,11 +125,11 @@ def make_robot(
     monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[MakeRobot]:
     """Makes robots on the two channels; at the end the motors obey again, and the robots are closed."""
-    made: list[RobstrideRobot] = []
+    made: list[HardwareRobot] = []
 
-    def make(calibration: Mapping[str, float] | None = None, **options: object) -> RobstrideRobot:
+    def make(calibration: Mapping[str, float] | None = None, **options: object) -> HardwareRobot:
         offsets = {"left": 0.0, "right": 0.0} if calibration is None else calibration
-        robot = RobstrideRobot(description, channels, calibration=offsets, **options)  # type: ignore[arg-type]
+        robot = HardwareRobot(description, channels, calibration=offsets, **options)  # type: ignore[arg-type]
         made.append(robot)
         return robot
 
@@ -142,6 +142,6 @@ def make_robot(
 
 
 @pytest.fixture
-def robot(make_robot: MakeRobot) -> RobstrideRobot:
+def robot(make_robot: MakeRobot) -> HardwareRobot:
     """The pair, not activated."""
     return make_robot()

@@ -16,7 +16,7 @@ from waiting import wait_until
 
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.adapter import control
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.imu.interface import ImuReading, upright_at_rest
@@ -39,10 +39,10 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RemoteSettings, RobotDescription
 
-MakeRobot = Callable[..., RobstrideRobot]
+MakeRobot = Callable[..., HardwareRobot]
 
 
-def _refusal(robot: RobstrideRobot) -> list[str]:
+def _refusal(robot: HardwareRobot) -> list[str]:
     """The problems of an activation that must be refused; no motor may have been enabled."""
     with pytest.raises(RobotError) as caught:
         robot.activate()
@@ -52,7 +52,7 @@ def _refusal(robot: RobstrideRobot) -> list[str]:
     return problems
 
 
-def _warnings(robot: RobstrideRobot) -> list[str]:
+def _warnings(robot: HardwareRobot) -> list[str]:
     return [str(check) for check in robot.checks if check.verdict is Verdict.WARNING]
 
 
@@ -70,7 +70,7 @@ def _wrote(motor: ScriptedMotor) -> bool:
 
 
 def test_sound_motors_are_configured_and_enabled_without_torque(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     robot.activate()
     assert robot.is_enabled
@@ -93,7 +93,7 @@ def test_sound_motors_are_configured_and_enabled_without_torque(
     assert all(status.is_ok for status in statuses)
 
 
-def test_the_list_says_what_was_verified(robot: RobstrideRobot) -> None:
+def test_the_list_says_what_was_verified(robot: HardwareRobot) -> None:
     robot.activate()
     lines = {check.subject: str(check) for check in robot.checks}
     assert "motor 11 on virtual:left-" in lines["left"]
@@ -110,7 +110,7 @@ def test_the_list_says_what_was_verified(robot: RobstrideRobot) -> None:
     assert any("supply 48.0 to 48.0 V" in line for line in lines.values())
 
 
-def test_preparing_does_everything_but_enabling(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_preparing_does_everything_but_enabling(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.prepare()
     assert not robot.is_enabled
     assert left.mode is MotorMode.RESET
@@ -132,7 +132,7 @@ def test_a_dry_run_never_enables(make_robot: MakeRobot, left: ScriptedMotor) -> 
     assert wait_until(lambda: not left.reports), "and leaves nobody talking"
 
 
-def test_lost_frames_are_asked_for_again(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_lost_frames_are_asked_for_again(robot: HardwareRobot, left: ScriptedMotor) -> None:
     seen: dict[type, int] = {}
 
     def every_second(command: Command) -> bool:
@@ -159,7 +159,7 @@ def test_reports_are_left_off_where_answers_come_as_often(make_robot: MakeRobot,
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_that_does_not_report_is_mentioned(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_motor_that_does_not_report_is_mentioned(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.hears = lambda command: not isinstance(command, SetActiveReport)
     robot.activate()
     assert _warnings(robot) == ["warning: left: sends no active reports: its state is a control period old"]
@@ -170,7 +170,7 @@ def test_a_motor_that_does_not_report_is_mentioned(robot: RobstrideRobot, left: 
 
 @pytest.mark.usefixtures("impatient")
 def test_a_missing_motor_keeps_every_motor_from_being_touched(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor, channels: tuple[BusAddress, BusAddress]
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor, channels: tuple[BusAddress, BusAddress]
 ) -> None:
     right.is_silent = True
     assert _refusal(robot) == [f"right: motor 21 does not answer on {channels[1]}"]
@@ -179,7 +179,7 @@ def test_a_missing_motor_keeps_every_motor_from_being_touched(
 
 @pytest.mark.usefixtures("impatient")
 def test_everything_that_is_wrong_is_said_at_once(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     left.is_silent = right.is_silent = True
     assert len(_refusal(robot)) == 2
@@ -187,7 +187,7 @@ def test_everything_that_is_wrong_is_said_at_once(
 
 @pytest.mark.usefixtures("impatient")
 def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: tuple[BusAddress, BusAddress]) -> None:
-    robot = RobstrideRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
+    robot = HardwareRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
     ended = threading.Event()
 
     def complain() -> None:
@@ -213,7 +213,7 @@ def test_a_channel_of_other_motors_is_not_dead(
     description: RobotDescription, channels: tuple[BusAddress, BusAddress]
 ) -> None:
     with ScriptedMotors([(channels[0], [ScriptedMotor(99)])]):
-        robot = RobstrideRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
+        robot = HardwareRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
         problems = _refusal(robot)
         robot.close()
     assert problems == [
@@ -228,7 +228,7 @@ def test_swapped_channels_are_recognised(
     channels: tuple[BusAddress, BusAddress], description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     with ScriptedMotors([(channels[0], [right]), (channels[1], [left])]):
-        robot = RobstrideRobot(description, channels, calibration={"left": 0.0, "right": 0.0})
+        robot = HardwareRobot(description, channels, calibration={"left": 0.0, "right": 0.0})
         problems = _refusal(robot)
         robot.close()
     assert problems == [
@@ -241,7 +241,7 @@ def test_swapped_channels_are_recognised(
 @pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("where", [0, 1])
 def test_a_second_motor_with_an_expected_id_is_refused(
-    where: int, robot: RobstrideRobot, channels: tuple[BusAddress, BusAddress], left: ScriptedMotor
+    where: int, robot: HardwareRobot, channels: tuple[BusAddress, BusAddress], left: ScriptedMotor
 ) -> None:
     twin = ScriptedMotor(11, uid=b"the twin")
     with ScriptedMotors([(channels[where], [twin])]):
@@ -254,7 +254,7 @@ def test_a_second_motor_with_an_expected_id_is_refused(
 
 
 @pytest.mark.usefixtures("attentive")
-def test_a_motor_that_is_no_joint_is_left_alone(robot: RobstrideRobot, channels: tuple[BusAddress, BusAddress]) -> None:
+def test_a_motor_that_is_no_joint_is_left_alone(robot: HardwareRobot, channels: tuple[BusAddress, BusAddress]) -> None:
     stranger = ScriptedMotor(0x7F, uid=b"new one!")
     with ScriptedMotors([(channels[0], [stranger])]):
         robot.activate()
@@ -270,27 +270,27 @@ def test_a_motor_that_is_no_joint_is_left_alone(robot: RobstrideRobot, channels:
     ],
 )
 def test_firmware_that_would_scale_wrongly_is_refused(
-    version: tuple[int, int, int, int], says: str, robot: RobstrideRobot, left: ScriptedMotor
+    version: tuple[int, int, int, int], says: str, robot: HardwareRobot, left: ScriptedMotor
 ) -> None:
     left.version = version
     assert _refusal(robot) == [f"left: {says}"]
 
 
-def test_firmware_with_the_old_position_range_is_mentioned(robot: RobstrideRobot, right: ScriptedMotor) -> None:
+def test_firmware_with_the_old_position_range_is_mentioned(robot: HardwareRobot, right: ScriptedMotor) -> None:
     right.version = (0, 0, 2, 6)
     robot.activate()
     assert any("counts ±12.5 rad where frames are read as ±12.566" in line for line in _warnings(robot))
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_without_a_version_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_motor_without_a_version_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.has_version = False
     (problem,) = _refusal(robot)
     assert problem.startswith("left: does not tell its firmware's version")
 
 
 def test_another_master_is_left_alone(
-    robot: RobstrideRobot,
+    robot: HardwareRobot,
     motors: ScriptedMotors,
     left: ScriptedMotor,
     right: ScriptedMotor,
@@ -311,25 +311,23 @@ def test_another_master_is_left_alone(
 
 
 @pytest.mark.parametrize("name", ["canTimeout", "run_mode", "limit_torque"])
-def test_what_must_hold_and_cannot_be_verified_is_refused(
-    name: str, robot: RobstrideRobot, left: ScriptedMotor
-) -> None:
+def test_what_must_hold_and_cannot_be_verified_is_refused(name: str, robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.unreadable.add(name)
     assert _refusal(robot) == [f"left: {name} cannot be verified (refused)"]
     assert left.mode is MotorMode.RESET
 
 
-def test_a_can_timeout_that_does_not_stick_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_can_timeout_that_does_not_stick_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.unwritable.add("canTimeout")
     assert _refusal(robot) == ["left: canTimeout reads 0 after 2000 was written"]
 
 
-def test_more_torque_than_was_allowed_is_refused(robot: RobstrideRobot, right: ScriptedMotor) -> None:
+def test_more_torque_than_was_allowed_is_refused(robot: HardwareRobot, right: ScriptedMotor) -> None:
     right.unwritable.add("limit_torque")
     assert _refusal(robot) == ["right: limit_torque reads 14 N·m after 10 was written"]
 
 
-def test_less_than_was_allowed_is_mentioned(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_less_than_was_allowed_is_mentioned(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.limits = {"limit_torque": 12.0}
     left.unreadable.add("limit_cur")
     robot.activate()
@@ -339,7 +337,7 @@ def test_less_than_was_allowed_is_mentioned(robot: RobstrideRobot, left: Scripte
     ]
 
 
-def test_the_fault_of_a_motor_is_cleared_and_told(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_the_fault_of_a_motor_is_cleared_and_told(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.faults = StatusFault.STALL_OVERLOAD
     robot.activate()
     assert _warnings(robot) == ["warning: left: had faults, cleared: stall_overload"]
@@ -348,7 +346,7 @@ def test_the_fault_of_a_motor_is_cleared_and_told(robot: RobstrideRobot, left: S
 
 
 def test_reports_of_an_earlier_session_do_not_hide_that_a_fault_was_cleared(
-    robot: RobstrideRobot, left: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor
 ) -> None:
     left.reports = True
     left.faults = StatusFault.STALL_OVERLOAD
@@ -358,33 +356,33 @@ def test_reports_of_an_earlier_session_do_not_hide_that_a_fault_was_cleared(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_fault_that_does_not_clear_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_fault_that_does_not_clear_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.faults, left.clears_faults = StatusFault.UNDERVOLTAGE, False
     assert _refusal(robot) == ["left: faults do not clear: undervoltage"]
 
 
-def test_a_fault_that_no_status_shows_is_cleared_as_well(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_fault_that_no_status_shows_is_cleared_as_well(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.parameters[0x3022] = (1 << 3).to_bytes(4, "little")
     robot.activate()
     assert _warnings(robot) == ["warning: left: had faults, cleared: overvoltage"]
 
 
 def test_a_fault_that_no_status_shows_and_that_does_not_clear_is_refused(
-    robot: RobstrideRobot, left: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor
 ) -> None:
     left.parameters[0x3022] = (1 << 3).to_bytes(4, "little")
     left.clears_faults = False
     assert _refusal(robot) == ["left: faults do not clear: overvoltage"]
 
 
-def test_a_fault_word_that_cannot_be_read_is_mentioned(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_fault_word_that_cannot_be_read_is_mentioned(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.unreadable.add("fault_word")
     robot.activate()
     assert _warnings(robot) == ["warning: left: its fault word cannot be read: overvoltage would not be seen here"]
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_that_does_not_stop_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_motor_that_does_not_stop_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.mode, left.stops = MotorMode.RUN, False
     assert "left: does not confirm that it is stopped (mode run)" in _refusal(robot)
     left.stops = True
@@ -392,7 +390,7 @@ def test_a_motor_that_does_not_stop_is_refused(robot: RobstrideRobot, left: Scri
 
 @pytest.mark.usefixtures("impatient")
 def test_a_motor_that_does_not_enable_takes_the_others_down_again(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     left.enables = False
     assert _refusal(robot) == ["left: was not enabled (mode reset)"]
@@ -401,7 +399,7 @@ def test_a_motor_that_does_not_enable_takes_the_others_down_again(
 
 
 def test_motors_that_run_already_are_kept_running_while_others_are_asked(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     asked = []
 
@@ -418,7 +416,7 @@ def test_motors_that_run_already_are_kept_running_while_others_are_asked(
 
 @pytest.mark.usefixtures("impatient")
 def test_a_motor_that_reports_a_fault_as_it_is_enabled_is_refused(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     def fails(command: Command) -> bool:
         left.faults = StatusFault.PHASE_OVERCURRENT if isinstance(command, Enable) else left.faults
@@ -432,7 +430,7 @@ def test_a_motor_that_reports_a_fault_as_it_is_enabled_is_refused(
 # --- where are they
 
 
-def test_a_turn_at_power_on_is_counted(robot: RobstrideRobot, right: ScriptedMotor) -> None:
+def test_a_turn_at_power_on_is_counted(robot: HardwareRobot, right: ScriptedMotor) -> None:
     right.position = 2.0 * math.pi - 0.1
     robot.activate()
     assert robot.read()[0].joint_position[1] == pytest.approx(-0.1, abs=4e-4)
@@ -446,19 +444,19 @@ def test_the_calibration_is_applied(make_robot: MakeRobot) -> None:
     assert robot.read()[0].joint_position.tolist() == pytest.approx([0.5, 0.25], abs=4e-4)
 
 
-def test_a_joint_outside_its_range_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_joint_outside_its_range_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.position = -2.5
     (problem,) = _refusal(robot)
     assert problem.startswith("left: is at 2.50 rad, outside its range of -1.5 to 1 rad on any turn")
 
 
-def test_a_motor_that_turned_beyond_its_report_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_motor_that_turned_beyond_its_report_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.counted = left.position + 8.0 * math.pi
     (problem,) = _refusal(robot)
     assert problem.startswith("left: counts 25.38 rad by itself and reports 0.25")
 
 
-def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot: HardwareRobot, left: ScriptedMotor) -> None:
     left.counted = left.position + 1.2  # between the status and the parameter's answer
     robot.activate()
 
@@ -466,7 +464,7 @@ def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot: RobstrideRobot, 
 # --- again, and together
 
 
-def test_activating_again_begins_afresh(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_activating_again_begins_afresh(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.activate()
     left.mode = MotorMode.RESET
     left.faults = StatusFault.ENCODER_FAULT
@@ -479,7 +477,7 @@ def test_activating_again_begins_afresh(robot: RobstrideRobot, left: ScriptedMot
     assert state.joint_position[0] == pytest.approx(-0.5, abs=4e-4)
 
 
-def test_a_motor_exchanged_between_two_activations_is_refused(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_motor_exchanged_between_two_activations_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.activate()
     left.uid = b"another!"
     (problem,) = _refusal(robot)
@@ -488,7 +486,7 @@ def test_a_motor_exchanged_between_two_activations_is_refused(robot: RobstrideRo
 
 @pytest.mark.usefixtures("impatient")
 def test_a_refused_reactivation_leaves_a_robot_that_can_be_read(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     robot.activate()
     left.is_silent = True
@@ -583,7 +581,7 @@ def test_the_imu_is_opened_read_and_closed(make_robot: MakeRobot) -> None:
 
 
 def test_an_interrupted_activation_stops_the_motors(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object) -> None:
         left.mode = right.mode = MotorMode.RUN
@@ -604,7 +602,7 @@ def test_gains_of_the_description_beyond_a_motors_range_are_mentioned(
         remote_policy_controller=RemoteSettings(damping=(6.0, 5.0)),
         standby_controller_a=msgspec.structs.replace(description.standby_controller_a, target_stiffness=(50.0, 501.0)),
     )
-    robot = RobstrideRobot(stiff, channels, calibration={"left": 0.0, "right": 0.0})
+    robot = HardwareRobot(stiff, channels, calibration={"left": 0.0, "right": 0.0})
     robot.activate()
     assert _warnings(robot) == [
         "warning: right: standby_controller_a.target_stiffness is 501, an rs-00 is told 500 at most",
@@ -633,14 +631,14 @@ def test_settings_that_cannot_be_are_refused(options: dict[str, float], says: st
 
 def test_a_channel_named_twice_is_refused(description: RobotDescription) -> None:
     with pytest.raises(InputError, match="a channel is named twice"):
-        RobstrideRobot(description, ["virtual:a", "virtual:a"], calibration={"left": 0.0, "right": 0.0})
+        HardwareRobot(description, ["virtual:a", "virtual:a"], calibration={"left": 0.0, "right": 0.0})
 
 
 # --- what waits, and what falls
 
 
 def test_a_robot_that_moves_is_damped_before_it_is_activated_again(
-    robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "_LONGEST", 0.4)
     robot.activate()
@@ -655,7 +653,7 @@ def test_a_robot_that_moves_is_damped_before_it_is_activated_again(
     assert all(command.damping > 2.9 for command in left.commands[: kinds.index(Stop)])
 
 
-def test_a_robot_at_rest_is_activated_again_at_once(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_robot_at_rest_is_activated_again_at_once(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.activate()
     robot.write(_damp())
     assert wait_until(lambda: bool(left.commands) and left.commands[-1].damping > 2.9)
@@ -702,7 +700,7 @@ def test_no_enable_waits_in_a_jam_until_the_robot_was_refused(make_robot: MakeRo
 
 @pytest.mark.usefixtures("impatient")
 def test_a_motor_that_booted_after_it_was_configured_is_refused(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     def boots(command: Command) -> bool:
         if isinstance(command, Enable):  # its supply failed for a moment: what was written is lost
@@ -714,7 +712,7 @@ def test_a_motor_that_booted_after_it_was_configured_is_refused(
     assert [left.mode, right.mode] == [MotorMode.RESET, MotorMode.RESET]
 
 
-def test_a_position_that_jumped_is_told_at_the_next_activation(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_position_that_jumped_is_told_at_the_next_activation(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.activate()
     robot.read()
     left.position += 0.5
@@ -737,7 +735,7 @@ def test_nothing_comes_between_a_motors_enabling_and_its_command_without_torque(
 
     left.hears = right.hears = remember
     channel = BusAddress("virtual", "one-by-one")
-    robot = RobstrideRobot(description, [channel], calibration={"left": 0.0, "right": 0.0}, can_timeout=1.0)
+    robot = HardwareRobot(description, [channel], calibration={"left": 0.0, "right": 0.0}, can_timeout=1.0)
     with ScriptedMotors([(channel, [left, right])]), contextlib.closing(robot):
         robot.activate()
     for motor in (left, right):

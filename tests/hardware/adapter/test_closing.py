@@ -11,13 +11,13 @@ from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter import control
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.robstride import requests
 from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.messages import Command, OperationControl, Stop
 from humanoid_sim.mit import MITCommand
 
-MakeRobot = Callable[..., RobstrideRobot]
+MakeRobot = Callable[..., HardwareRobot]
 
 
 def _hold(stiffness: float = 50.0, damping: float = 2.0) -> MITCommand:
@@ -26,7 +26,7 @@ def _hold(stiffness: float = 50.0, damping: float = 2.0) -> MITCommand:
 
 
 def test_a_robot_that_holds_is_damped_and_then_disabled(
-    robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "_LONGEST", 2.0)
     robot.activate()
@@ -46,7 +46,7 @@ def test_a_robot_that_holds_is_damped_and_then_disabled(
 
 
 def test_a_moving_joint_is_damped_for_two_seconds_at_most(
-    robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "_LONGEST", 0.2)
     left.velocity = 3.0
@@ -60,7 +60,7 @@ def test_a_moving_joint_is_damped_for_two_seconds_at_most(
 
 @pytest.mark.parametrize("command", [None, MITCommand.zeros(2), _hold(0.0, 3.0)])
 def test_a_robot_that_is_limp_or_rests_in_damping_is_disabled_at_once(
-    command: MITCommand | None, robot: RobstrideRobot, left: ScriptedMotor
+    command: MITCommand | None, robot: HardwareRobot, left: ScriptedMotor
 ) -> None:
     robot.activate()
     left.heard.clear()
@@ -99,7 +99,7 @@ def test_the_channels_are_free_after_a_close_that_failed(make_robot: MakeRobot, 
 
 
 def test_a_robot_is_closed_when_its_motors_are_disabled_and_not_before(
-    robot: RobstrideRobot, left: ScriptedMotor
+    robot: HardwareRobot, left: ScriptedMotor
 ) -> None:
     seen = []
 
@@ -115,7 +115,7 @@ def test_a_robot_is_closed_when_its_motors_are_disabled_and_not_before(
     assert robot.is_closed
 
 
-def test_closing_twice_is_closing_once(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_closing_twice_is_closing_once(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.activate()
     robot.close()
     left.heard.clear()
@@ -123,7 +123,7 @@ def test_closing_twice_is_closing_once(robot: RobstrideRobot, left: ScriptedMoto
     assert left.heard == []
 
 
-def test_a_closed_robot_refuses_commands_and_activation_but_can_be_read(robot: RobstrideRobot) -> None:
+def test_a_closed_robot_refuses_commands_and_activation_but_can_be_read(robot: HardwareRobot) -> None:
     robot.activate()
     robot.close()
     with pytest.raises(RobotError, match="the robot is closed"):
@@ -135,13 +135,13 @@ def test_a_closed_robot_refuses_commands_and_activation_but_can_be_read(robot: R
     assert all(status.message == "closed" for status in statuses)
 
 
-def test_a_robot_that_was_never_activated_is_closed_without_a_word(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_robot_that_was_never_activated_is_closed_without_a_word(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.close()
     assert left.heard == []
 
 
 def test_an_impatient_interrupt_still_disables(
-    robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
@@ -156,7 +156,7 @@ def test_an_impatient_interrupt_still_disables(
     robot.close()
 
 
-def _moving_while_answers_are_lost(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def _moving_while_answers_are_lost(robot: HardwareRobot, left: ScriptedMotor) -> None:
     """Left sinks in DAMPING; the last that was heard of it is that it did not move."""
     robot.activate()
     robot.write(_hold(0.0, 3.0))
@@ -167,7 +167,7 @@ def _moving_while_answers_are_lost(robot: RobstrideRobot, left: ScriptedMotor) -
 
 
 def test_a_silent_joint_is_not_taken_to_rest(
-    robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "_LONGEST", 0.7)
     _moving_while_answers_are_lost(robot, left)
@@ -180,7 +180,7 @@ def test_a_silent_joint_is_not_taken_to_rest(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_lost_in_a_reactivation_is_answered_for_at_the_end(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_motor_lost_in_a_reactivation_is_answered_for_at_the_end(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.activate()
     robot.write(_hold())
     left.is_silent = True  # unplugged from the bus: it goes on with its last command
@@ -192,7 +192,7 @@ def test_a_motor_lost_in_a_reactivation_is_answered_for_at_the_end(robot: Robstr
 
 
 def test_a_motor_found_again_after_a_refused_reactivation_is_disabled(
-    robot: RobstrideRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
+    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot.activate()
     left.is_silent = True

@@ -13,7 +13,7 @@ import pytest
 from waiting import wait_until
 
 from humanoid_sim.hardware.adapter import control
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
@@ -46,11 +46,11 @@ def _channels(count: int) -> list[str]:
 
 def _robot(
     motors: VirtualMotors, channels: list[str], offsets: dict[str, float] | None = None, can_timeout: float = 1.0
-) -> RobstrideRobot:
+) -> HardwareRobot:
     """A robot that a busy machine does not disturb, unless the test says so."""
     calibration = dict.fromkeys(LITE.joint_names, 0.0) if offsets is None else offsets
     patient = msgspec.structs.replace(LITE, hardware=HardwareSettings(rx_timeout_ms=2000.0))
-    return RobstrideRobot(patient, channels, calibration=calibration, can_timeout=can_timeout, open_bus=motors.open_bus)
+    return HardwareRobot(patient, channels, calibration=calibration, can_timeout=can_timeout, open_bus=motors.open_bus)
 
 
 def _hold(position: FloatArray, stiffness: float = 50.0, damping: float = 1.0) -> MITCommand:
@@ -58,7 +58,7 @@ def _hold(position: FloatArray, stiffness: float = 50.0, damping: float = 1.0) -
 
 
 def _drive(
-    robot: RobstrideRobot, command: MITCommand, seconds: float, until: Callable[[MITState], bool] = lambda _: False
+    robot: HardwareRobot, command: MITCommand, seconds: float, until: Callable[[MITState], bool] = lambda _: False
 ) -> tuple[MITState, list[SafetyStatus]]:
     """Write a command at 50 Hz, for some time at most; the last state, and what was not OK."""
     bad: list[SafetyStatus] = []

@@ -15,7 +15,7 @@ from test_motor_table import random_frame
 from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.commands import encode_command
@@ -25,12 +25,12 @@ from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.motors import MOTORS
 
-MakeRobot = Callable[..., RobstrideRobot]
+MakeRobot = Callable[..., HardwareRobot]
 FAULT, WARNING = SafetyLevel.FAULT, SafetyLevel.WARNING
 
 
 @pytest.fixture
-def enabled(robot: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor) -> RobstrideRobot:
+def enabled(robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor) -> HardwareRobot:
     """The pair, enabled, its motors' memory of that empty."""
     robot.activate()
     for motor in (left, right):
@@ -42,11 +42,11 @@ def _hold(stiffness: float = 50.0, damping: float = 2.0) -> MITCommand:
     return MITCommand(np.array([-0.2, 0.4]), np.zeros(2), np.zeros(2), np.full(2, stiffness), np.full(2, damping))
 
 
-def _statuses(robot: RobstrideRobot) -> tuple[SafetyStatus, ...]:
+def _statuses(robot: HardwareRobot) -> tuple[SafetyStatus, ...]:
     return robot.read()[1]
 
 
-def _wait_for(robot: RobstrideRobot, flags: SafetyFlag, channel: int = 0) -> SafetyStatus:
+def _wait_for(robot: HardwareRobot, flags: SafetyFlag, channel: int = 0) -> SafetyStatus:
     """The first status of a channel with these flags; the other channel stays OK."""
     assert wait_until(lambda: _statuses(robot)[channel].flags == flags), _statuses(robot)
     statuses = _statuses(robot)
@@ -58,7 +58,7 @@ def _wait_for(robot: RobstrideRobot, flags: SafetyFlag, channel: int = 0) -> Saf
 
 
 def test_a_command_reaches_each_motor_in_its_own_frame(
-    enabled: RobstrideRobot, left: ScriptedMotor, right: ScriptedMotor
+    enabled: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     enabled.write(_hold())
     assert wait_until(lambda: bool(left.commands and right.commands))
@@ -69,7 +69,7 @@ def test_a_command_reaches_each_motor_in_its_own_frame(
     assert enabled.statistics.commanded == 2
 
 
-def test_a_command_that_is_not_finite_becomes_damping_and_is_told(enabled: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_command_that_is_not_finite_becomes_damping_and_is_told(enabled: HardwareRobot, left: ScriptedMotor) -> None:
     command = _hold()
     enabled.write(
         MITCommand(
@@ -85,12 +85,12 @@ def test_a_command_that_is_not_finite_becomes_damping_and_is_told(enabled: Robst
     assert enabled.statistics.refused == 1
 
 
-def test_a_command_for_another_robot_raises(enabled: RobstrideRobot) -> None:
+def test_a_command_for_another_robot_raises(enabled: HardwareRobot) -> None:
     with pytest.raises(RobotError, match=r"command has shape \(3,\), expected \(2,\)"):
         enabled.write(MITCommand.zeros(3))
 
 
-def test_nothing_is_sent_to_motors_that_are_not_enabled(robot: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_nothing_is_sent_to_motors_that_are_not_enabled(robot: HardwareRobot, left: ScriptedMotor) -> None:
     robot.write(_hold())
     robot.prepare()
     left.heard.clear()
@@ -100,7 +100,7 @@ def test_nothing_is_sent_to_motors_that_are_not_enabled(robot: RobstrideRobot, l
     assert robot.statistics.refused == 1
 
 
-def test_before_anything_was_heard_nothing_is_known(robot: RobstrideRobot) -> None:
+def test_before_anything_was_heard_nothing_is_known(robot: HardwareRobot) -> None:
     state, statuses = robot.read()
     assert np.isnan(state.joint_position).all()
     assert np.isinf(state.joint_age).all()
@@ -110,7 +110,7 @@ def test_before_anything_was_heard_nothing_is_known(robot: RobstrideRobot) -> No
     ] * 2
 
 
-def test_what_does_not_fit_is_counted_and_shown(enabled: RobstrideRobot) -> None:
+def test_what_does_not_fit_is_counted_and_shown(enabled: HardwareRobot) -> None:
     enabled.write(_hold(damping=6.0))
     enabled.write(MITCommand(np.array([1.0, 0.4]), np.zeros(2), np.zeros(2), np.full(2, 50.0), np.zeros(2)))
     statistics = enabled.statistics
@@ -124,7 +124,7 @@ def test_what_does_not_fit_is_counted_and_shown(enabled: RobstrideRobot) -> None
 # --- silence
 
 
-def test_a_silent_joint_keeps_its_values_and_ages(enabled: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_a_silent_joint_keeps_its_values_and_ages(enabled: HardwareRobot, left: ScriptedMotor) -> None:
     left.is_silent = True
     begin = time.monotonic()
     status = _wait_for(enabled, SafetyFlag.RX_TIMEOUT)
@@ -139,7 +139,7 @@ def test_a_silent_joint_keeps_its_values_and_ages(enabled: RobstrideRobot, left:
 
 
 def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
-    enabled: RobstrideRobot, left: ScriptedMotor
+    enabled: HardwareRobot, left: ScriptedMotor
 ) -> None:
     left.mode = MotorMode.RESET
     status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
@@ -168,7 +168,7 @@ def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
     ],
 )
 def test_a_fault_in_a_status_is_flagged_while_it_lasts(
-    faults: StatusFault, flags: SafetyFlag, text: str, enabled: RobstrideRobot, left: ScriptedMotor
+    faults: StatusFault, flags: SafetyFlag, text: str, enabled: HardwareRobot, left: ScriptedMotor
 ) -> None:
     left.faults = faults
     status = _wait_for(enabled, flags)
@@ -201,7 +201,7 @@ def test_a_fault_report_holds_until_the_motor_reports_none(
     warnings: WarningBit,
     flags: SafetyFlag,
     text: str,
-    enabled: RobstrideRobot,
+    enabled: HardwareRobot,
     motors: ScriptedMotors,
 ) -> None:
     motors.send(motors.buses[0], fault_report(11, faults, warnings))
@@ -214,7 +214,7 @@ def test_a_fault_report_holds_until_the_motor_reports_none(
 
 
 def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
-    enabled: RobstrideRobot, left: ScriptedMotor
+    enabled: HardwareRobot, left: ScriptedMotor
 ) -> None:
     assert _statuses(enabled)[0].is_ok
     left.position += 0.8
@@ -245,7 +245,7 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
     ],
 )
 def test_frames_that_should_not_be_are_a_warning_for_a_while(
-    frame: Frame, text: str, enabled: RobstrideRobot, motors: ScriptedMotors
+    frame: Frame, text: str, enabled: HardwareRobot, motors: ScriptedMotors
 ) -> None:
     motors.send_frame(motors.buses[0], frame)
     begin = time.monotonic()
@@ -256,7 +256,7 @@ def test_frames_that_should_not_be_are_a_warning_for_a_while(
     assert np.isfinite(enabled.read()[0].joint_position).all()
 
 
-def test_strangers_and_scans_stop_nothing(enabled: RobstrideRobot, motors: ScriptedMotors) -> None:
+def test_strangers_and_scans_stop_nothing(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
     before = sum(enabled.statistics.channels[0].strangers.values())
     motors.send_frame(motors.buses[0], Frame(join_identifier(2, 0xBF, 99, 0xFD), bytes(8)))
     motors.send_frame(motors.buses[0], encode_command(GetDeviceId(11, host_id=0xFE), MOTORS["rs-02"]))
@@ -267,7 +267,7 @@ def test_strangers_and_scans_stop_nothing(enabled: RobstrideRobot, motors: Scrip
 # --- channels
 
 
-def test_bus_off_lasts_until_the_next_activation(enabled: RobstrideRobot, motors: ScriptedMotors) -> None:
+def test_bus_off_lasts_until_the_next_activation(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
     motors.send_frame(motors.buses[0], Frame(0x40, bytes(8), is_extended=False, is_error=True))
     status = _wait_for(enabled, SafetyFlag.BUS_OFF)
     assert (status.level, status.message) == (FAULT, "down: bus-off")
@@ -349,7 +349,7 @@ def test_after_a_jam_the_latest_command_leaves(make_robot: MakeRobot, left: Scri
 
 
 def test_random_frames_raise_nothing_and_leave_no_joint_unheard_of(
-    enabled: RobstrideRobot, motors: ScriptedMotors, left: ScriptedMotor, right: ScriptedMotor
+    enabled: HardwareRobot, motors: ScriptedMotors, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
     """Frames of other motors, other hosts, wrong lengths and types: positions stay those that the motors told."""
     generator = random.Random(7)
@@ -386,7 +386,7 @@ def _random_message(generator: random.Random) -> can.Message:
 
 @pytest.mark.slow
 def test_random_messages_for_minutes_neither_raise_nor_stop_the_threads(
-    enabled: RobstrideRobot, motors: ScriptedMotors, fuzzing_seconds: float
+    enabled: HardwareRobot, motors: ScriptedMotors, fuzzing_seconds: float
 ) -> None:
     seed = random.SystemRandom().getrandbits(32)
     print(f"seed {seed}")
@@ -408,7 +408,7 @@ def test_random_messages_for_minutes_neither_raise_nor_stop_the_threads(
     assert not any("has ended" in status.message for status in enabled.read()[1])
 
 
-def test_messages_do_not_change_from_tick_to_tick(enabled: RobstrideRobot, left: ScriptedMotor) -> None:
+def test_messages_do_not_change_from_tick_to_tick(enabled: HardwareRobot, left: ScriptedMotor) -> None:
     left.is_silent = True
     left.mode = MotorMode.RESET
     _wait_for(enabled, SafetyFlag.RX_TIMEOUT)

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
-from humanoid_sim.hardware.adapter.robot import RobstrideRobot
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.emulation.plant import PlantTruth
@@ -102,7 +102,7 @@ class Tick:
 class _Timed:
     """A robot that notes when it was read."""
 
-    def __init__(self, robot: RobstrideRobot, clock: Clock) -> None:
+    def __init__(self, robot: HardwareRobot, clock: Clock) -> None:
         self.robot = robot
         self._clock = clock
         self.joints = robot.joints
@@ -225,7 +225,7 @@ def driven(
         before_closing: is called before the robot is closed.
     """
     description = quick_lite()
-    robot = RobstrideRobot(
+    robot = HardwareRobot(
         description,
         [address],
         calibration=dict.fromkeys(description.joint_names, 0.0),
