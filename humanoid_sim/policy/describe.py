@@ -15,11 +15,11 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.term_kinds import TermKind
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.contract_json import encode
-from humanoid_sim.policy.readers.partial import NOT_STATED, is_assumed
+from humanoid_sim.policy.contract_json import encode, plain_value
+from humanoid_sim.policy.readers.partial import NOT_STATED, Given, is_assumed
 from humanoid_sim.policy.readers.values import shown
 
-__all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "term_lines"]
+__all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "known_document", "known_lines", "term_lines"]
 
 _LISTED = 4
 """Names that are all shown; of more, the first three."""
@@ -105,7 +105,7 @@ def field_lines(contract: PolicyContract) -> list[FieldLine]:
     lines = []
     for name in FORMS:
         if name not in ("tensors", "observation"):
-            value = _value(name, getattr(contract, name), contract)
+            value = _value(name, getattr(contract, name), contract.joint_names)
             lines.append(FieldLine(name, value, contract.provenance.get(name, NOT_STATED)))
         if name == "phase":
             lines += _phase_lines(contract)
@@ -167,13 +167,38 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _value(name: str, value: Any, contract: PolicyContract) -> str:
+def known_lines(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[FieldLine]:
+    """What is known of a contract that lacks fields, as `field_lines` shows a whole one.
+
+    Args:
+        known: as in `PartialContract.fields`.
+        terms: options of the observation terms, by the names in the observation.
+    """
+    joints = known["joint_names"].value if "joint_names" in known else ()
+    lines = [FieldLine(name, _value(name, given.value, joints), given.source) for name, given in known.items()]
+    return lines + [
+        FieldLine(f"observation.{name}.{option}", shown(given.value), given.source)
+        for name, options in terms.items()
+        for option, given in options.items()
+    ]
+
+
+def known_document(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> dict[str, Any]:
+    """The same as plain JSON values: value and source of each field, by its name; null stands for infinity."""
+    options = {f"observation.{name}.{option}": given for name in terms for option, given in terms[name].items()}
+    return {
+        name: {"value": _finite(plain_value(name, given.value)), "source": given.source}
+        for name, given in {**known, **options}.items()
+    }
+
+
+def _value(name: str, value: Any, joint_names: tuple[str, ...]) -> str:
     if value is None or (isinstance(value, str | tuple) and not value):
         return "none"
     if name in _FORMATS:
         return _FORMATS[name](value)
-    if name == "action_joint_names" and len(value) == len(contract.joint_names):
-        return "all joints" + ("" if value == contract.joint_names else ", in another order")
+    if name == "action_joint_names" and len(value) == len(joint_names):
+        return "all joints" + ("" if value == joint_names else ", in another order")
     if isinstance(value, tuple):
         texts = [str(item) for item in value]
         return ", ".join(texts) if len(texts) <= _LISTED else f"{len(texts)}: {', '.join(texts[:3])}, …"

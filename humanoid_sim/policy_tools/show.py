@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -15,13 +18,22 @@ from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.describe import contract_document, field_lines, term_lines
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint
+from humanoid_sim.policy.describe import (
+    FieldLine,
+    contract_document,
+    field_lines,
+    known_document,
+    known_lines,
+    term_lines,
+)
 from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
-from humanoid_sim.policy.onnx_policy import OnnxPolicy
-from humanoid_sim.policy.readers.complete import UnnamedJointsError, UnnamedRobot
-from humanoid_sim.policy.readers.partial import is_assumed
+from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
+from humanoid_sim.policy.readers.complete import IncompleteContractError, UnnamedJointsError, UnnamedRobot
+from humanoid_sim.policy.readers.contract_yaml import find_contract
+from humanoid_sim.policy.readers.partial import Given, is_assumed
 from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
@@ -32,13 +44,29 @@ __all__ = ["make_console", "show"]
 
 _PIPE_WIDTH = 150
 """Columns where no terminal says how many it has."""
+_JOINTS = "joints, in the policy's order"
+_BY_JOINT = {
+    "default_joint_pos": "default rad",
+    "joint_stiffness": "stiffness N·m/rad",
+    "joint_damping": "damping N·m·s/rad",
+}
+"""Fields with one number for each joint, and the headings of their columns."""
 
 
 def show(options: Show) -> int:
-    """Print a checkpoint's contract; exit status 1 if its golden vectors say that it is not wired as it was trained."""
+    """Print a checkpoint's contract, or what is known of it.
+
+    Returns:
+        1 if fields are missing, or if its golden vectors say that it is not wired as it was trained.
+    """
     description = None if options.robot is None else load_robot(options.robot)
     joints = None if description is None else description.joint_names
-    checkpoint, note = _load(options, joints)
+    try:
+        checkpoint, note = _load(options, joints)
+    except IncompleteContractError as error:
+        if not error.known:
+            raise
+        return _show_incomplete(options, error)
     contract = checkpoint.contract
     try:
         layout = contract_layout(contract, checkpoint.observation_width)
@@ -54,7 +82,7 @@ def show(options: Show) -> int:
     console.print(_overview(checkpoint, layout, golden, problem))
     console.print(_joints(contract))
     console.print(_observation(contract, layout))
-    console.print(_fields(contract))
+    console.print(_field_table("where it came from", field_lines(contract)))
     for finding in (
         ()
         if description is None
@@ -80,6 +108,30 @@ def _load(options: Show, joints: tuple[str, ...] | None) -> tuple[Checkpoint, st
         return load_checkpoint(options.checkpoint, options.contract, places, verify=False), note
 
 
+def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
+    """Print what is known of a contract that lacks fields, and which it lacks."""
+    path, model = options.checkpoint, OnnxModel(options.checkpoint)
+    file = find_contract(path) if options.contract is None else options.contract
+    if options.json:
+        document = {
+            **_source_document(str(path), file_digest(path), file),
+            "model": _model_document(model),
+            "known": known_document(error.known, error.terms),
+            "missing": list(error.missing),
+        }
+        print(json.dumps(document, indent=2, allow_nan=False))
+        return ExitStatus.FAILED
+    console = make_console()
+    rows = {**_file_rows(file, file_digest(path)), **_model_rows(model)}
+    console.print(_pairs_table(str(path), rows))
+    if "joint_names" in error.known:
+        console.print(_known_joints(error.known))
+    console.print(_field_table("known so far, and where it came from", known_lines(error.known, error.terms)))
+    missing = f"missing: {', '.join(error.missing)}; give it in a contract.yaml"
+    console.print(f"[red]{escape(missing)}[/red]", soft_wrap=True)
+    return ExitStatus.FAILED
+
+
 def make_console() -> Console:
     """Standard output, wide enough for tables where it is not a terminal."""
     wide = None if sys.stdout.isatty() or "COLUMNS" in os.environ else _PIPE_WIDTH
@@ -96,9 +148,6 @@ def _golden(checkpoint: Checkpoint) -> tuple[str, str]:
 
 def _overview(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, problem: str) -> Table:
     contract, policy = checkpoint.contract, checkpoint.policy
-    table = Table(title=escape(checkpoint.source), show_header=False, title_justify="left")
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
     width = checkpoint.observation_width
     fits = "" if width in (None, layout.width) else f" [red]but the model's input has {width}[/red]"
     rows = {
@@ -109,15 +158,28 @@ def _overview(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, pr
         "command": ", ".join(contract.command_names) or "none",
         "motion": _motion(checkpoint),
         "golden vectors": f"[red]REFUSED: {escape(problem)}[/red]" if problem else escape(golden or "none"),
-        "contract file": "none" if checkpoint.contract_file is None else escape(str(checkpoint.contract_file)),
-        "sha256": checkpoint.sha256,
+        **_file_rows(checkpoint.contract_file, checkpoint.sha256),
     }
     if isinstance(policy, OnnxPolicy):
-        rows["inputs"] = _tensors(policy.model.inputs)
-        rows["outputs"] = _tensors(policy.model.outputs)
+        rows |= _model_rows(policy.model)
+    return _pairs_table(checkpoint.source, rows)
+
+
+def _pairs_table(title: str, rows: dict[str, str]) -> Table:
+    table = Table(title=escape(title), show_header=False, title_justify="left")
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
     for name, text in rows.items():
         table.add_row(name, text)
     return table
+
+
+def _file_rows(contract_file: Path | None, sha256: str) -> dict[str, str]:
+    return {"contract file": "none" if contract_file is None else escape(str(contract_file)), "sha256": sha256}
+
+
+def _model_rows(model: OnnxModel) -> dict[str, str]:
+    return {"inputs": _tensors(model.inputs), "outputs": _tensors(model.outputs)}
 
 
 def _motion(checkpoint: Checkpoint) -> str:
@@ -132,10 +194,10 @@ def _tensors(tensors: Any) -> str:
 
 
 def _joints(contract: PolicyContract) -> Table:
-    table = Table(title="joints, in the policy's order", title_justify="left")
+    table = Table(title=_JOINTS, title_justify="left")
     table.add_column("", justify="right")
     table.add_column("joint", overflow="fold")
-    for heading in ("default rad", "stiffness N·m/rad", "damping N·m·s/rad", "driven", "scale rad", "offset rad"):
+    for heading in (*_BY_JOINT.values(), "driven", "scale rad", "offset rad"):
         table.add_column(heading, justify="right")
     clip = None if isinstance(contract.position_clip, str) else contract.position_clip
     if clip is not None:
@@ -143,10 +205,7 @@ def _joints(contract: PolicyContract) -> Table:
     assert contract.action_offset is not None  # filled in at construction
     for i, name in enumerate(contract.joint_names):
         row = [str(i), escape(name)]
-        row += [
-            f"{values[i]:g}"
-            for values in (contract.default_joint_pos, contract.joint_stiffness, contract.joint_damping)
-        ]
+        row += [f"{getattr(contract, field)[i]:g}" for field in _BY_JOINT]
         if name in contract.action_joint_names:
             a = contract.action_joint_names.index(name)
             row += [f"action {a}", f"{contract.action_scale[a]:g}", f"{contract.action_offset[a]:g}"]
@@ -155,6 +214,25 @@ def _joints(contract: PolicyContract) -> Table:
             row += ["held at 0"]
         table.add_row(*row)
     return table
+
+
+def _known_joints(known: Mapping[str, Given]) -> Table:
+    """The joints of a contract that lacks fields, with what is known of each."""
+    names = known["joint_names"].value
+    values = {name: np.asarray(known[name].value) for name in _BY_JOINT if name in known}
+    columns = {name: np.broadcast_to(value, len(names)) for name, value in values.items() if _fits(value, len(names))}
+    table = Table(title=_JOINTS, title_justify="left")
+    table.add_column("", justify="right")
+    table.add_column("joint", overflow="fold")
+    for name in columns:
+        table.add_column(_BY_JOINT[name], justify="right")
+    for i, name in enumerate(names):
+        table.add_row(str(i), escape(name), *(f"{column[i]:g}" for column in columns.values()))
+    return table
+
+
+def _fits(value: FloatArray, count: int) -> bool:
+    return value.shape in ((), (1,), (count,))
 
 
 def _observation(contract: PolicyContract, layout: ObservationLayout) -> Table:
@@ -172,29 +250,33 @@ def _observation(contract: PolicyContract, layout: ObservationLayout) -> Table:
     return table
 
 
-def _fields(contract: PolicyContract) -> Table:
-    table = Table(title="where it came from", title_justify="left")
+def _field_table(title: str, lines: list[FieldLine]) -> Table:
+    table = Table(title=title, title_justify="left")
     for heading in ("field", "value", "source"):
         table.add_column(heading, overflow="fold")
-    for line in field_lines(contract):
+    for line in lines:
         style = "yellow" if is_assumed(line.source) else None
         table.add_row(escape(line.name), escape(line.value), escape(line.source), style=style)
     return table
 
 
 def _document(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, problem: str) -> dict[str, Any]:
-    policy = checkpoint.policy
-    tensors: dict[str, Any] = {}
-    if isinstance(policy, OnnxPolicy):
-        for name, group in (("inputs", policy.model.inputs), ("outputs", policy.model.outputs)):
-            tensors[name] = [{"name": t.name, "type": t.type, "shape": list(t.shape)} for t in group]
-    motion = checkpoint.motion
+    policy, motion = checkpoint.policy, checkpoint.motion
+    tensors = _model_document(policy.model) if isinstance(policy, OnnxPolicy) else {}
     return {
-        "checkpoint": checkpoint.source,
-        "sha256": checkpoint.sha256,
-        "contract_file": None if checkpoint.contract_file is None else str(checkpoint.contract_file),
+        **_source_document(checkpoint.source, checkpoint.sha256, checkpoint.contract_file),
         "model": {**tensors, "observation_width": checkpoint.observation_width},
         "motion": None if motion is None else {"frames": len(motion.frames), "bodies": list(motion.body_names)},
         "golden": {"label": golden, "problem": problem},
         "contract": contract_document(checkpoint.contract, layout),
     }
+
+
+def _source_document(source: str, sha256: str, contract_file: Path | None) -> dict[str, Any]:
+    file = None if contract_file is None else str(contract_file)
+    return {"checkpoint": source, "sha256": sha256, "contract_file": file}
+
+
+def _model_document(model: OnnxModel) -> dict[str, Any]:
+    groups = (("inputs", model.inputs), ("outputs", model.outputs))
+    return {name: [{"name": t.name, "type": t.type, "shape": list(t.shape)} for t in group] for name, group in groups}

@@ -154,6 +154,39 @@ def test_bad_input_is_one_line(cli, tmp_path: Path, walker: Path) -> None:
             assert error.count("\n") == 1
 
 
+PARTLY = """\
+joint_names: [left_hip, left_knee]
+joint_stiffness: [40.5, 41.5]
+joint_damping: 1.25
+observation: [base_ang_vel, {name: projected_gravity, scale: -1.0}]
+action_clip: .inf
+"""
+
+
+def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path: Path, walker: Path) -> None:
+    bare = tmp_path / "bare.onnx"
+    model = onnx.load(str(walker))
+    del model.metadata_props[:]
+    onnx.save(model, str(bare))
+    (tmp_path / "contract.yaml").write_text(PARTLY)
+    status, out, error = cli("show", bare)
+    assert (status, error) == (1, "")
+    assert "missing: default_joint_pos, action_scale, policy_dt; give it in a contract.yaml" in out
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if line.startswith("│")]
+    assert ["1", "left_knee", "41.5", "1.25"] in rows
+    assert ["observation.projected_gravity.scale", "-1", "contract.yaml"] in rows
+    assert ["action_joint_names", "all joints", "follows from joint_names"] in rows
+    assert ["inputs", "obs [1, 32]"] in rows
+
+    status, out, _ = cli("show", bare, "--json")
+    assert status == 1
+    document = json.loads(out, parse_constant=pytest.fail)
+    assert document["missing"] == ["default_joint_pos", "action_scale", "policy_dt"]
+    assert document["known"]["joint_stiffness"] == {"value": [40.5, 41.5], "source": "contract.yaml"}
+    assert document["known"]["action_clip"]["value"] is None
+    assert document["model"]["inputs"][0]["shape"] == [1, 32]
+
+
 def test_keys_of_a_piano_policy_follow_from_the_models_input() -> None:
     wiring = contract(
         task_type="piano",

@@ -13,7 +13,25 @@ from humanoid_sim.controllers.term_kinds import TermKind, term_kind
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.policy.readers.partial import Given, derived, from_robot, is_assumed, is_from_robot
 
-__all__ = ["UnnamedJointsError", "UnnamedRobot", "complete", "missing_fields"]
+__all__ = ["IncompleteContractError", "UnnamedJointsError", "UnnamedRobot", "complete", "missing_fields"]
+
+
+class IncompleteContractError(InputError):
+    """No source gives some fields that a contract cannot do without."""
+
+    def __init__(
+        self,
+        message: str,
+        missing: tuple[str, ...],
+        known: Mapping[str, Given],
+        terms: Mapping[str, Mapping[str, Given]],
+    ) -> None:
+        super().__init__(message)
+        self.missing = missing
+        self.known = known
+        """By its name every field that is known, as `PartialContract.fields` has them."""
+        self.terms = terms
+        """Options of the observation terms, by the names in the observation."""
 
 
 class UnnamedJointsError(InputError):

@@ -10,7 +10,12 @@ from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract, 
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError, known_names, one_line
 from humanoid_sim.policy.readers.agreement import Kinds, agreed, contradiction
-from humanoid_sim.policy.readers.complete import UnnamedJointsError, complete, missing_fields
+from humanoid_sim.policy.readers.complete import (
+    IncompleteContractError,
+    UnnamedJointsError,
+    complete,
+    missing_fields,
+)
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract
 
 __all__ = ["build_contract", "merge"]
@@ -30,7 +35,8 @@ def merge(
         robot_joints: the joints in the robot's own order, for a source that gives places instead of names.
 
     Raises:
-        InputError: if two sources contradict each other, if a field is missing, or if the whole does not fit together.
+        IncompleteContractError: if a field is missing; it holds those that are known.
+        InputError: if two sources contradict each other, or if the whole does not fit together.
     """
     try:
         kinds = Kinds.told(partials)
@@ -44,9 +50,12 @@ def merge(
     missing = missing_fields(known, terms)
     if missing:
         read = "; ".join(f"{partial.source} ({', '.join(partial.fields)})" for partial in partials if partial.fields)
-        raise InputError(
+        raise IncompleteContractError(
             f"{where}: the contract lacks {', '.join(missing)}; read: {read or 'no source'}; "
-            "give what is missing in a contract.yaml"
+            "give what is missing in a contract.yaml",
+            tuple(missing),
+            known,
+            terms,
         )
     return build_contract(known, terms, where)
 
