@@ -34,6 +34,9 @@ __all__ = [
 ]
 
 
+_LIFETIME = 2.0
+"""Control periods after which a command that has not left never leaves: by then there are newer ones, or none because
+this process stood still."""
 _BAD_COMMAND = SafetyStatus(
     SafetyLevel.CRITICAL, SafetyFlag.NONE, "host", "a command was not finite and was replaced by damping"
 )
@@ -118,7 +121,7 @@ class MotorControl:
         batches = self.encoder.encode(command, self._joints, self._tracker)
         for channel, batch in zip(self._channels.channels, batches, strict=True):
             self._channels.table.count_commands(batch)
-            channel.send(batch)
+            channel.send(batch, _LIFETIME * self._settings.control_period)
 
     def damp(self, now: float) -> None:
         """DAMPING's command, which needs no state."""

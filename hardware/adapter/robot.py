@@ -215,6 +215,7 @@ class HardwareRobot:
             checks,
             clock=lambda: self.time,
             open_bus=self._open_bus,
+            period=settings.control_period,
         )
         return self._channels
 

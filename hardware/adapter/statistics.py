@@ -72,16 +72,19 @@ class RobotStatistics:
                 for what, count in (
                     ("times the outgoing queue was full", counters.retries),
                     ("commands superseded", counters.superseded),
+                    ("stale commands dropped", counters.stale),
                     ("overruns", counters.overruns),
                     ("send errors", counters.send_errors),
                     ("receive errors", counters.receive_errors),
-                    ("error frames", counters.error_frames),
                     ("frames of another master", channel.intrusions),
                     *channel.strangers.items(),
                 )
                 if count
             ]
             lines.append(f"{channel.source}: {', '.join(parts)}")
+            if counters.error_frames:
+                classes = ", ".join(f"{what} {count} times" for what, count in dict(counters.error_classes).items())
+                lines.append(f"warning: {channel.source}: {counters.error_frames} CAN error frames: {classes}")
         if self.invalid_frames:
             lines.append(f"{self.invalid_frames} frames of the robot's motors could not be read")
         for joint, fields in self.saturations.items():

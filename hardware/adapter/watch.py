@@ -21,7 +21,7 @@ __all__ = ["SafetyWatch"]
 
 
 _WARNINGS = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.INVALID_FRAME
-"""Flags that are a WARNING by themselves; the others are a FAULT."""
+"""Flags that are a WARNING by themselves, as a finding without a flag is; the others are a FAULT."""
 
 _HOT = "motor_overtemperature"
 """The name of that bit in status and fault report alike."""
@@ -36,7 +36,8 @@ class SafetyWatch:
     What is a state is reported while it lasts: a channel that is down (until it is opened afresh), a silent joint, a
     fault that the latest status reports, a mode other than RUN, a position that has lost its meaning (until
     re-activation). What is an event is reported for the receive timeout after it happened, so that an operator and a
-    20 ms tick see the same.
+    20 ms tick see the same. Single bus errors are counted only: CAN sends the frame again, and what is lost all the
+    same shows as a silent joint or a full queue. A burst of them has no flag of its own, and is a WARNING.
 
     Messages hold no figures that change from tick to tick: a status is published when it changes.
     """
@@ -94,7 +95,9 @@ class SafetyWatch:
             yield SafetyFlag.BUS_OFF, f"down: {down}", ""
         if text := channel.recent(BusEvent.TX_FULL, recent):
             yield SafetyFlag.TX_QUEUE_OVERRUN, text, ""
-        if text := channel.recent(BusEvent.DAMAGED, recent):
+        if text := channel.recent(BusEvent.BURST, recent):
+            yield SafetyFlag.NONE, text, ""
+        if text := channel.recent(BusEvent.UNREADABLE, recent):
             yield SafetyFlag.INVALID_FRAME, text, ""
         if notes.intruder.time >= recent:
             yield SafetyFlag.INVALID_FRAME, notes.intruder.text, ""

@@ -7,6 +7,7 @@ turns into safety flags. Whoever hands over commands never touches the driver, a
 from __future__ import annotations
 
 import errno
+import math
 import threading
 import time
 from collections.abc import Callable, Hashable, Sequence
@@ -15,7 +16,7 @@ from dataclasses import dataclass, field
 import can
 
 from humanoid_sim.hardware.bus.address import BusAddress, Echoes, error_number, frame_of, message_of, open_bus
-from humanoid_sim.hardware.bus.events import BusEvent, ChannelCounters, read_error_frame
+from humanoid_sim.hardware.bus.events import BurstDetector, BusEvent, ChannelCounters, read_error_frame
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.outbox import Outbox
 
@@ -68,6 +69,7 @@ class Channel:
         open_bus: OpenBus = open_bus,
         clock: Callable[[], float] = time.monotonic,
         capacity: int = 256,
+        patience: float = 0.016,
     ) -> None:
         """Open the bus and start receiving.
 
@@ -77,6 +79,8 @@ class Channel:
             open_bus: opens it.
             clock: the robot's clock, s.
             capacity: frames that may wait to be sent.
+            patience: s in which the queue must be empty again after the driver has refused a frame for want of room;
+                a little less than a control period, so that the next tick knows.
 
         Raises:
             RobotError: the bus cannot be opened.
@@ -86,7 +90,10 @@ class Channel:
         self._receive_frame = receive
         self._clock = clock
         self._events = _Events()
-        self._outbox = Outbox(capacity)
+        self._outbox = Outbox(capacity, clock)
+        self._patience = patience
+        self._refused_since = math.inf
+        self._burst = BurstDetector()
         self._echoes = Echoes(address, 2 * capacity)
         self._has_real_time = address.interface in _REAL_TIME_STAMPS
         self._receive_failures = 0
@@ -116,9 +123,14 @@ class Channel:
         when, text = self._events.latest.get(event, (-float("inf"), ""))
         return text if when >= since else ""
 
-    def send(self, frames: Sequence[tuple[Hashable, Frame]]) -> None:
-        """Queue frames, each with its key or None, see `Outbox`. Returns at once, whatever the bus is doing."""
-        self._outbox.put(frames)
+    def send(self, frames: Sequence[tuple[Hashable, Frame]], lifetime: float = math.inf) -> None:
+        """Queue frames, each with its key or None, see `Outbox`. Returns at once, whatever the bus is doing.
+
+        Args:
+            frames: with their keys.
+            lifetime: s after which those that have not left are dropped.
+        """
+        self._outbox.put(frames, lifetime)
         if self._outbox.overruns != self._overruns_seen:
             self._overruns_seen = self._outbox.overruns
             self._note(BusEvent.TX_FULL, "commands do not leave in time")
@@ -176,7 +188,7 @@ class Channel:
                 self._take(message)
             except Exception as error:
                 self.counters.receiver_failures += 1
-                self._note(BusEvent.DAMAGED, f"frame not understood: {type(error).__name__}: {error}")
+                self._note(BusEvent.UNREADABLE, f"frame not understood: {type(error).__name__}: {error}")
 
     def _take(self, message: can.Message) -> None:
         if message.is_error_frame:
@@ -198,7 +210,17 @@ class Channel:
             self.counters.lost_arbitration += 1
             return
         self.counters.error_frames += 1
+        self.counters.error_classes.update(report.classes)
         self._note(report.event, report.text)
+        self._watch_for_burst()
+
+    def _watch_for_burst(self) -> None:
+        """One more error on the bus. The message has the most frequent class: the latest would change all the time."""
+        if self._burst.add(self._clock()):
+            most = self.counters.error_classes.most_common(1)
+            cause = f", mostly: {most[0][0]}" if most else ""
+            rate = BurstDetector.COUNT / BurstDetector.WINDOW
+            self._note(BusEvent.BURST, f"more than {rate:g} bus errors a second{cause}")
 
     def _arrival(self, stamp: float) -> float:
         """The time of arrival on the robot's clock.
@@ -221,30 +243,35 @@ class Channel:
         if number in _DOWN or self._receive_failures >= _TOLERATED:
             self._note(BusEvent.DOWN, f"receiving fails: {error}")
         else:
-            self._note(BusEvent.DAMAGED, f"receiving failed: {error}")
+            self._note(BusEvent.ERROR, f"receiving failed: {error}")
+            self._watch_for_burst()
 
     # --- sender
 
     def _send(self) -> None:
         while True:
             item = self._outbox.take(_POLL)
+            self.counters.stale = self._outbox.stale
             if item is None:
+                self._refused_since = math.inf
                 if self._outbox.is_closed:
                     return
                 continue
-            key, frame = item
+            key, frame, until = item
             self._echoes.expect(frame)
             try:
                 self._bus.send(message_of(frame), _SEND_TIMEOUT)
             except Exception as error:
                 self._echoes.take(frame)  # it will not come back
                 if self._send_failed(error):
-                    self._outbox.give_back(key, frame)
+                    self._outbox.give_back(key, frame, until)
                     self._closing.wait(_RETRY)
             else:
                 self.counters.sent += 1
                 self._send_failures = 0
                 self._outbox.sent(key)
+                if self._outbox.is_empty:
+                    self._refused_since = math.inf
 
     def _send_failed(self, error: Exception) -> bool:
         """Take note; whether the frame is worth another attempt."""
@@ -254,7 +281,10 @@ class Channel:
         is_full = number in _FULL or isinstance(error, can.CanTimeoutError) or "buffer full" in str(error)
         if is_full:
             self.counters.retries += 1
-            self._note(BusEvent.TX_FULL, f"outgoing queue is full: {error}")
+            now = self._clock()
+            self._refused_since = min(self._refused_since, now)
+            if now - self._refused_since >= self._patience:
+                self._note(BusEvent.TX_FULL, f"outgoing queue is full: {error}")
             return not self._closing.is_set()
         self.counters.send_errors += 1
         # Dropped: what cannot leave now must not leave later, when the motors have long been told otherwise.

@@ -79,7 +79,8 @@ def identify(
 def _dead_channel(channels: OpenChannels, channel: int) -> str:
     """What to look at when nobody answers on a channel."""
     interface = channels.channels[channel]
-    events = [interface.down, *(interface.recent(event, channels.opened) for event in BusEvent)]
+    kinds = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
+    events = [interface.down, *(interface.recent(event, channels.opened) for event in kinds)]
     events += [channels.table.slots[i].invalid.text for i in channels.motors.on_channel(channel)]
     heard = "; ".join(dict.fromkeys(event for event in events if event))
     rate = BITRATE // 1_000_000

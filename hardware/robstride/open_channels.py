@@ -19,6 +19,8 @@ __all__ = ["Locks", "OpenChannels"]
 
 _POLL = 0.001
 """s"""
+_PATIENCE = 0.8
+"""Share of a control period after which a queue that refused a frame must be empty again."""
 
 
 class Locks:
@@ -58,6 +60,7 @@ class OpenChannels:
         *,
         clock: Callable[[], float] = time.monotonic,
         open_bus: OpenBus = open_bus,
+        period: float = 0.02,
     ) -> None:
         """Open every channel, if nothing was wrong before.
 
@@ -68,6 +71,7 @@ class OpenChannels:
             checks: takes what is wrong with a channel.
             clock: the robot's clock, s.
             open_bus: opens a channel.
+            period: s between commands.
 
         Raises:
             RobotError: with everything that is wrong; no channel is open then.
@@ -80,7 +84,8 @@ class OpenChannels:
         opened: list[Channel] = []
         for index, address in enumerate(addresses):
             try:
-                opened.append(Channel(address, functools.partial(self._receive, index), open_bus=open_bus, clock=clock))
+                receive = functools.partial(self._receive, index)
+                opened.append(Channel(address, receive, open_bus=open_bus, clock=clock, patience=_PATIENCE * period))
             except RobotError as error:
                 checks.problem(str(address), str(error).removeprefix(f"{address}: "))
                 continue
@@ -116,9 +121,9 @@ class OpenChannels:
 
     @property
     def unanswered(self) -> int:
-        """Commands that no status has answered yet; those that a newer one replaced unsent are left out."""
-        superseded = sum(channel.counters.superseded for channel in self.channels)
-        return sum(slot.commanded - slot.acknowledged for slot in self.table.slots) - superseded
+        """Commands that no status has answered yet; those that never left are left out."""
+        unsent = sum(channel.counters.superseded + channel.counters.stale for channel in self.channels)
+        return sum(slot.commanded - slot.acknowledged for slot in self.table.slots) - unsent
 
     def check_intruders(self, checks: CheckList) -> None:
         """Another master is a problem."""

@@ -5,6 +5,7 @@ Every question of the adapter and of the bench tools goes through here, paramete
 
 from __future__ import annotations
 
+import math
 import queue
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,7 +17,9 @@ from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     DeviceId,
+    Enable,
     GetDeviceId,
+    OperationControl,
     ParameterReply,
     ReadParameter,
     Reply,
@@ -35,6 +38,8 @@ frame, the last for a busy computer."""
 _POLL = 0.001
 """s"""
 
+_LIFETIME = 0.06
+"""s in which what makes a motor move must leave, or it never does; questions, writes and stops may be late."""
 _WRITES = 4
 """Times that a value is written before what is read back counts."""
 
@@ -75,8 +80,11 @@ class Requests:
         for step in range(longest):
             for joint, group in commands.items():
                 if step < len(group):
-                    frame = encode_command(group[step], self.motors.model[joint])
-                    self._channels[self.motors.channel[joint]].send([((type(group[step]), joint, step), frame)])
+                    command = group[step]
+                    frame = encode_command(command, self.motors.model[joint])
+                    lifetime = _LIFETIME if isinstance(command, (Enable, OperationControl)) else math.inf
+                    channel = self._channels[self.motors.channel[joint]]
+                    channel.send([((type(command), joint, step), frame)], lifetime)
 
     def ask(
         self,

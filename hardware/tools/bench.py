@@ -45,6 +45,8 @@ __all__ = [
 
 _ANY_MODEL = MOTORS["rs-00"]
 """Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
+_TROUBLE = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
+"""What explains that nothing comes back, the most telling first."""
 _UNLIMITED = 200
 """Characters a line where no terminal says how many fit."""
 
@@ -110,7 +112,7 @@ def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[OpenChann
 def channel_trouble(channels: OpenChannels, index: int) -> str:
     """What a channel itself says about why nothing comes back; empty where it says nothing."""
     channel = channels.channels[index]
-    events = (channel.recent(event, channels.opened) for event in (BusEvent.TX_FULL, BusEvent.DAMAGED))
+    events = (channel.recent(event, channels.opened) for event in _TROUBLE)
     return channel.down or next((text for text in events if text), "")
 
 

@@ -241,7 +241,6 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
         ),
         (encode_command(Stop(11, host_id=0xFE), MOTORS["rs-02"]), "host 0xFE sends 'stop' to motor 11"),
         (Frame(join_identifier(2, 0x80, 11, 0xAA), bytes(8)), "motor 11 answers host 0xAA, not 0xFD"),
-        (Frame(0x20, bytes(8), is_extended=False, is_error=True), "no acknowledgement on transmission"),
     ],
 )
 def test_frames_that_should_not_be_are_a_warning_for_a_while(
@@ -265,6 +264,30 @@ def test_strangers_and_scans_stop_nothing(enabled: HardwareRobot, motors: Script
 
 
 # --- channels
+
+
+_ERROR = Frame(0x08, bytes(8), is_extended=False, is_error=True)
+
+
+def test_single_error_frames_are_counted_and_stop_nothing(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
+    for _ in range(5):
+        motors.send_frame(motors.buses[0], _ERROR)
+    counters = enabled.statistics.channels[0].counters
+    assert wait_until(lambda: counters.error_frames == 5)
+    assert all(status.is_ok for status in _statuses(enabled))
+    warning = f"warning: {enabled.statistics.channels[0].source}: 5 CAN error frames: protocol violation 5 times"
+    assert warning in enabled.statistics.lines()
+
+
+def test_a_burst_of_error_frames_is_a_warning_without_a_flag(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
+    for _ in range(12):
+        motors.send_frame(motors.buses[0], _ERROR)
+    assert wait_until(lambda: not _statuses(enabled)[0].is_ok)
+    status = _statuses(enabled)[0]
+    assert (status.level, status.flags) == (WARNING, SafetyFlag.NONE)
+    assert status.message == "more than 50 bus errors a second, mostly: protocol violation"
+    assert _statuses(enabled)[1].is_ok
+    assert wait_until(lambda: _statuses(enabled)[0].is_ok)
 
 
 def test_bus_off_lasts_until_the_next_activation(enabled: HardwareRobot, motors: ScriptedMotors) -> None:

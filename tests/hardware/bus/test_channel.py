@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import threading
 import time
 from collections.abc import Iterator
@@ -115,7 +116,7 @@ def test_what_does_not_fit_the_protocol_is_counted_only(heard: Heard, bus: Scrip
     ("message", "event"),
     [
         (error_frame(0x40), BusEvent.DOWN),
-        (error_frame(0x20), BusEvent.DAMAGED),
+        (error_frame(0x20), BusEvent.ERROR),
         (error_frame(0x04, bytes([0, 2, 0, 0, 0, 0, 0, 0])), BusEvent.TX_FULL),
     ],
 )
@@ -156,11 +157,11 @@ def test_an_interface_that_goes_down_is_reported_and_reading_goes_on(
     assert scripted.counters.receive_errors == 1
 
 
-def test_one_failure_to_receive_is_a_damaged_frame_and_many_are_a_bus_that_is_down(
+def test_one_failure_to_receive_is_a_bus_error_and_many_are_a_bus_that_is_down(
     bus: ScriptedBus, scripted: Channel
 ) -> None:
     bus.incoming.put(can.CanOperationError("could not unpack received message"))
-    assert wait_until(lambda: bool(scripted.recent(BusEvent.DAMAGED, 0.0)))
+    assert wait_until(lambda: bool(scripted.recent(BusEvent.ERROR, 0.0)))
     assert scripted.down == ""
     bus.fails_always = AssertionError("a driver's own")
     assert wait_until(lambda: bool(scripted.down))
@@ -181,7 +182,7 @@ def test_a_handler_that_raises_loses_one_frame_and_says_so(address: BusAddress, 
     assert wait_until(lambda: bool(taken))
     channel.close()
     assert channel.counters.receiver_failures == 1
-    assert "ZeroDivisionError: bug" in channel.recent(BusEvent.DAMAGED, 0.0)
+    assert "ZeroDivisionError: bug" in channel.recent(BusEvent.UNREADABLE, 0.0)
 
 
 def test_a_full_kernel_queue_is_tried_again_until_there_is_room(bus: ScriptedBus, scripted: Channel) -> None:
@@ -195,8 +196,76 @@ def test_a_full_kernel_queue_is_tried_again_until_there_is_room(bus: ScriptedBus
     scripted.send([("left", FRAME)])
     assert wait_until(lambda: scripted.counters.sent == 1)
     assert scripted.counters.retries == 2
-    assert "outgoing queue is full" in scripted.recent(BusEvent.TX_FULL, 0.0)
+    assert scripted.recent(BusEvent.TX_FULL, 0.0) == "", "it recovered within the control period"
     assert [message.arbitration_id for message in bus.sent] == [FRAME.arbitration_id]
+
+
+def test_a_kernel_queue_that_stays_full_for_most_of_a_period_is_an_event(bus: ScriptedBus, scripted: Channel) -> None:
+    refused_at: list[float] = []
+
+    def full(_: can.Message) -> None:
+        refused_at.append(time.monotonic())
+        raise can.CanOperationError("Failed to transmit", error_code=errno.ENOBUFS)
+
+    bus.on_send = full
+    scripted.send([("left", FRAME)])
+    assert wait_until(lambda: bool(scripted.recent(BusEvent.TX_FULL, 0.0)))
+    bus.on_send = lambda _: None
+    assert scripted.recent(BusEvent.TX_FULL, refused_at[0] + 0.016).startswith("outgoing queue is full")
+
+
+def test_a_jam_that_never_empties_is_an_event_although_frames_leave(bus: ScriptedBus, scripted: Channel) -> None:
+    """A bus that takes every second frame and is offered more than it takes."""
+    refusals = itertools.cycle([True, False])
+
+    def saturated(_: can.Message) -> None:
+        if next(refusals):
+            raise can.CanOperationError("Failed to transmit", error_code=errno.ENOBUFS)
+
+    bus.on_send = saturated
+    number = itertools.count()
+    assert wait_until(
+        lambda: (
+            scripted.send([(None, Frame(next(number), bytes(8)))] * 2) or bool(scripted.recent(BusEvent.TX_FULL, 0.0))
+        )
+    )
+    assert scripted.counters.sent > 0
+
+
+def test_a_command_that_was_queued_before_the_process_stood_still_never_leaves(
+    bus: ScriptedBus, scripted: Channel
+) -> None:
+    entered, stuck = threading.Event(), threading.Event()
+
+    def suspended(_: can.Message) -> None:
+        entered.set()
+        stuck.wait(5.0)
+
+    bus.on_send = suspended
+    scripted.send([("left", Frame(1, bytes(8)))], 0.04)
+    assert entered.wait(5.0)
+    scripted.send([("right", Frame(2, bytes(8)))], 0.04)
+    scripted.send([("question", Frame(3, bytes(8)))])
+    time.sleep(0.05)
+    stuck.set()
+    assert wait_until(lambda: len(bus.sent) == 2)
+    assert [message.arbitration_id for message in bus.sent] == [1, 3]
+    assert wait_until(lambda: scripted.counters.stale == 1)
+
+
+def test_error_frames_are_counted_by_what_they_report(bus: ScriptedBus, scripted: Channel) -> None:
+    for error_class in (0x08, 0x08, 0x28):
+        bus.incoming.put(error_frame(error_class))
+    assert wait_until(lambda: scripted.counters.error_frames == 3)
+    assert scripted.counters.error_classes == {"protocol violation": 3, "no acknowledgement on transmission": 1}
+    assert scripted.recent(BusEvent.BURST, 0.0) == ""
+
+
+def test_a_burst_of_error_frames_is_an_event_of_its_own(bus: ScriptedBus, scripted: Channel) -> None:
+    for _ in range(10):
+        bus.incoming.put(error_frame(0x08))
+    assert wait_until(lambda: bool(scripted.recent(BusEvent.BURST, 0.0)))
+    assert scripted.recent(BusEvent.BURST, 0.0) == "more than 50 bus errors a second, mostly: protocol violation"
 
 
 @pytest.mark.parametrize(

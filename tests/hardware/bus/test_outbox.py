@@ -69,7 +69,7 @@ def test_a_full_outbox_still_takes_newer_commands_in_place_of_old_ones() -> None
 def test_a_frame_that_could_not_leave_goes_first_again() -> None:
     outbox = Outbox(4)
     outbox.put([("left", _frame(1)), ("right", _frame(2))])
-    key, frame = outbox.take(0.0) or ("", _frame(0))
+    key, frame, _ = outbox.take(0.0) or ("", _frame(0), 0.0)
     outbox.give_back(key, frame)
     assert _drain(outbox) == [1, 2]
 
@@ -77,7 +77,7 @@ def test_a_frame_that_could_not_leave_goes_first_again() -> None:
 def test_a_frame_that_could_not_leave_gives_way_to_a_newer_one() -> None:
     outbox = Outbox(4)
     outbox.put([("left", _frame(1))])
-    key, frame = outbox.take(0.0) or ("", _frame(0))
+    key, frame, _ = outbox.take(0.0) or ("", _frame(0), 0.0)
     outbox.put([("left", _frame(2))])
     outbox.give_back(key, frame)
     assert _drain(outbox) == [2]
@@ -105,3 +105,26 @@ def test_a_closed_outbox_gives_what_waits_and_takes_no_more() -> None:
     assert outbox.is_closed
     assert _drain(outbox) == [1]
     assert outbox.take(60.0) is None
+
+
+def test_a_frame_that_outlived_its_lifetime_is_dropped_and_counted() -> None:
+    now = [0.0]
+    outbox = Outbox(8, lambda: now[0])
+    outbox.put([("left", _frame(1)), ("right", _frame(2))], lifetime=0.04)
+    outbox.put([("stop", _frame(3))])
+    now[0] = 0.03
+    outbox.put([("right", _frame(4))], lifetime=0.04)
+    now[0] = 0.06
+    assert _drain(outbox) == [4, 3]
+    assert outbox.stale == 1
+
+
+def test_a_frame_that_is_given_back_keeps_its_time() -> None:
+    now = [0.0]
+    outbox = Outbox(8, lambda: now[0])
+    outbox.put([("left", _frame(1))], lifetime=0.04)
+    item = outbox.take(0.0)
+    assert item is not None
+    outbox.give_back(*item)
+    now[0] = 0.05
+    assert _drain(outbox) == []
