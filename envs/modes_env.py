@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot
@@ -31,8 +33,6 @@ from humanoid_sim.stack import build_supervisor
 __all__ = ["ModesEnv"]
 
 Step = tuple[dict[str, Any], float, bool, bool, dict[str, Any]]
-
-"""Modes in which the robot does what it is for, and no support holds a floating base."""
 
 
 class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
@@ -63,6 +63,7 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         control_frequency: float | None = None,
         actuation: Actuation = "affine",
         action_limit: float | None = None,
+        live: Mapping[str, LiveInput] | None = None,
         episode_seconds: float = 60.0,
         render_mode: str | None = None,
         width: int = 480,
@@ -79,6 +80,8 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
             control_frequency: Hz; None for the robot's.
             actuation: `affine`, stepped natively, or `qfrc_applied`, the reference.
             action_limit: largest magnitude of the policy's raw action; None: the contract's, or 100.
+            live: by its name, what makes each live input that the policy's contract declares: of an `MITState` a value
+                of shape (width,); called once in every tick.
             episode_seconds: s after which an episode is truncated.
             render_mode: `rgb_array`, `human` or None.
             width: pixels of a picture.
@@ -106,9 +109,14 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
             anchor_body="" if observed is None else observed.anchor_body,
             velocity_at=() if observed is None else observed.velocity_points,
         )
-        live = {**self.robot.extern, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
+        self._live = _live_inputs(description.name, observed, live)
+        provided = {
+            **self.robot.extern,
+            VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND],
+            **(self._live.widths if self._live else {}),
+        }
         self.supervisor = build_supervisor(
-            description, period, loaded, remote=remote, live=live, action_limit=action_limit
+            description, period, loaded, remote=remote, live=provided, action_limit=action_limit
         )
         self.action_space = modes_action_space(description, remote)
         self.observation_space = modes_observation_space(description)
@@ -162,6 +170,8 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
             raise gymnasium.error.ResetNeeded("call reset before step")
         intent, refusals = self._take(action)
         state, safety = self._read()
+        if self._live is not None:
+            state = self._live.heard(state)
         tick = TickInput(state, safety, () if intent is None else (intent,), self._inbox.latest())
         self._memory, output = self.supervisor.step(self._memory, tick)
         mode = output.control_mode.mode
@@ -251,3 +261,17 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         if self._window is None:
             self._window = Window(self.robot.description, self.robot.control_period)
         self._window.show(tick, output, self.robot.qpos)
+
+
+def _live_inputs(
+    robot: str, contract: PolicyContract | None, live: Mapping[str, LiveInput] | None
+) -> LiveInputs | None:
+    """What feeds the policy's live inputs; None without a policy."""
+    if contract is None:
+        if live:
+            raise InputError(f"live['{next(iter(live))}']: is given, but there is no policy that observes it")
+        return None
+    try:
+        return LiveInputs(contract, {} if live is None else dict(live))
+    except FieldError as error:
+        raise InputError(f"policy on robot '{robot}': {error}") from None

@@ -8,12 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import msgspec
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.envs.modes_env import ModesEnv
+from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.mit import MITState
 from humanoid_sim.robots.description import load_robot
 
@@ -119,3 +123,64 @@ def test_a_value_of_another_shape_is_a_mistake_in_the_program(contract: Path) ->
     env = single(contract, live={"tilt": lambda _: np.zeros(3)})
     with pytest.raises(FieldError, match=r"MITState.extern\['tilt'\]: has shape \(3,\), expected \(2,\)"):
         env.reset(seed=0)
+
+
+def standing(contract: Path, live: Any) -> tuple[ModesEnv, dict[str, Any]]:
+    """The whole stack at the end of its standby, whose segments are short."""
+    brief = {
+        name: msgspec.structs.replace(
+            getattr(LITE, name), segment_durations=(0.1,) * len(getattr(LITE, name).segment_durations)
+        )
+        for name in ("standby_controller_a", "standby_controller_b")
+    }
+    env = gymnasium.make(
+        "humanoid_sim/LiteModes-v0",
+        robot=msgspec.structs.replace(LITE, **brief),
+        policy=str(contract),
+        motion=None,
+        live=live,
+    ).unwrapped
+    assert isinstance(env, ModesEnv)
+    env.reset(seed=0)
+    shown: dict[str, Any] = {}
+    for intent in (Intent.DAMP, Intent.LOAD_A, *[None] * 60):
+        shown, *_ = env.step(INTENTS.index(intent))
+    return env, shown
+
+
+def test_the_whole_stack_takes_it_too(contract: Path) -> None:
+    heard = []
+
+    def told(state: MITState) -> Any:
+        heard.append(state.time)
+        return tilt(state)
+
+    env, _ = standing(contract, {"tilt": told})
+    shown, *_, info = env.step(INTENTS.index(Intent.START_LOCOMOTION))
+    assert (Mode(shown["mode"]), info["faults"]) == (Mode.LOCOMOTION, ())
+    heard.clear()
+    for _ in range(10):
+        shown, *_ = env.step(0)
+    assert Mode(shown["mode"]) is Mode.LOCOMOTION
+    assert len(heard) == 10  # once in every tick
+    np.testing.assert_allclose(np.diff(heard), 0.005, atol=1e-9)
+
+
+@pytest.mark.parametrize(("value", "told"), [([0.0, np.nan], "tilt[1]"), ([0.0] * 3, "'tilt'")])
+def test_the_whole_stack_falls_back_on_a_bad_value(contract: Path, value: list[float], told: str) -> None:
+    env, _ = standing(contract, {"tilt": lambda _: value})
+    shown, *_, info = env.step(INTENTS.index(Intent.START_LOCOMOTION))
+    assert Mode(shown["mode"]) is Mode.DAMPING
+    assert len(info["faults"]) == 1
+    assert told in info["faults"][0]
+
+
+def test_the_whole_stack_refuses_what_nobody_feeds_and_what_nobody_observes(contract: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"^policy on robot 'lite': observation term 'tilt' needs the live input 'tilt'"
+    ):
+        ModesEnv(LITE, str(contract))
+    with pytest.raises(InputError, match=r"^policy on robot 'lite': live: unknown live input 'tlit'; .*known: tilt"):
+        ModesEnv(LITE, str(contract), live={"tlit": tilt})
+    with pytest.raises(InputError, match=r"^live\['tilt'\]: is given, but there is no policy that observes it$"):
+        ModesEnv(LITE, live={"tilt": tilt})
