@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
@@ -29,4 +29,6 @@ def adapter_of(description: RobotDescription) -> type[HardwareRobot]:
     families = sorted({MOTORS[model].family for model in models if model in MOTORS})
     if len(families) > 1:
         raise InputError(f"{description.name}: has motors of {' and '.join(families)}, expected one family")
+    if families and families[0] not in ADAPTERS:
+        raise InputError(f"{description.name}: {known_names('family with an adapter', families[0], ADAPTERS)}")
     return ADAPTERS[families[0]] if families else HardwareRobot

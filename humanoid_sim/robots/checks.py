@@ -7,13 +7,12 @@ from typing import get_args, get_type_hints
 
 import msgspec
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.schema import Accepted, RobotDescription, StandbySettings
+from humanoid_sim.robots.schema import Accepted, MotorDescription, RobotDescription, StandbySettings
 
 __all__ = ["description_problems"]
-
-_MOTOR_IDS = range(1, 128)
 
 
 def description_problems(robot: RobotDescription) -> Iterator[str]:
@@ -66,6 +65,7 @@ def _of_joints(robot: RobotDescription) -> Iterator[str]:
     if not robot.joints:
         yield "joints: is empty, expected at least one joint"
     yield from _duplicates("joints", [joint.name for joint in robot.joints], "name")
+    families = {joint.motor.family for joint in robot.joints if joint.motor is not None} & set(FAMILIES)
     owner: dict[int, int] = {}  # one id is one motor, over all buses: several buses may be wired to one channel
     for i, joint in enumerate(robot.joints):
         where = f"joints[{i}]"
@@ -77,12 +77,30 @@ def _of_joints(robot: RobotDescription) -> Iterator[str]:
             continue
         if motor.bus < 0:
             yield f"{where}.motor.bus: is {motor.bus}, expected a 0-based index"
-        if motor.can_id not in _MOTOR_IDS:
-            yield f"{where}.motor.can_id: is {motor.can_id}, expected {_MOTOR_IDS[0]} to {_MOTOR_IDS[-1]}"
+        yield from _of_family(motor, f"{where}.motor", families)
         first = owner.setdefault(motor.can_id, i)
         if first != i:
             taken_by = f"joints[{first}] ({robot.joints[first].name})"
             yield f"{where}.motor.can_id: is {motor.can_id}, which is taken by {taken_by}"
+
+
+def _of_family(motor: MotorDescription, where: str, families: set[str]) -> Iterator[str]:
+    """What does not fit the motor's family, or the others of the robot."""
+    family = FAMILIES.get(motor.family)
+    if family is None:
+        yield f"{where}.family: {known_names('family', motor.family, FAMILIES)}"
+        return
+    model = MOTORS.get(motor.model)  # one that nobody knows is the adapter's to refuse
+    if model is not None and model.family != family.name:
+        yield f"{where}.family: is {family.name}, but a {motor.model} is of {model.family}"
+        return
+    if problem := id_problem(family, motor.can_id, families):
+        yield f"{where}.can_id: {problem}"
+    for name in ("torque_limit", "current_limit"):
+        if family.has_torque_limit and getattr(motor, name) is None:
+            yield f"{where}: misses '{name}'"
+        elif not family.has_torque_limit and (value := getattr(motor, name)):
+            yield f"{where}.{name}: is {value:g}, but no such limit of {family.name} motors is known; leave it out"
 
 
 def _length(where: str, values: tuple[float, ...], n: int) -> Iterator[str]:

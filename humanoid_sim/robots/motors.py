@@ -1,24 +1,89 @@
 """Every motor model, in one table: its ratings, and the ranges that its MIT frames can encode. A new model is one row.
 
-Sources: ratings from the data sheets; ranges from Actuator-Control, `src/protocol/robstride.rs` (T-K-233 and
-Berkeley-Humanoids, commit d74dd3f), which sends K_p and K_d as `u16 = trunc(clamp(v, 0, limit) / limit · 65535)`.
+Sources: ratings from the data sheets; ranges from Actuator-Control, `src/protocol/robstride.rs` and `sito.rs` (T-K-233
+and Berkeley-Humanoids, commit d74dd3f). Robstride's K_p and K_d go out as `u16 = trunc(clamp(v, 0, limit) / limit ·
+65535)`, Sito's as float32. And what a family's protocol has, and has not, for whoever describes or drives a robot.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from humanoid_sim.errors import InputError, known_names
 
-__all__ = ["MOTORS", "POSITION_RANGE", "MotorModel", "motor_model"]
+__all__ = [
+    "FAMILIES",
+    "MOTORS",
+    "POSITION_RANGE",
+    "SITO_COUNTS_PER_RAD",
+    "MotorFamily",
+    "MotorModel",
+    "id_problem",
+    "motor_model",
+]
 
 _FULL_SCALE = 65535
 POSITION_RANGE = 4.0 * math.pi
 """rad, full scale of a Robstride motor's positions: the manuals' tables and the reference. The manuals' sample code
 writes 12.57, firmware before `humanoid_sim.hardware.robstride.firmware`'s table used 12.5."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotorFamily:
+    """What all motors of one protocol have in common."""
+
+    name: str
+    """As robot descriptions have it."""
+    ids: range
+    """Ids that its frames can address."""
+    last_bytes: frozenset[int] = frozenset()
+    """What the identifiers of a host's frames end with, where that is not a motor's id: a motor of a family that is
+    addressed by this byte must not have one of these ids, in case it looks at no other."""
+    has_timeout: bool = True
+    """Whether its motors stop by themselves when their host falls silent."""
+    has_torque_limit: bool = True
+    """Whether a motor can be told a limit for its torque and its current."""
+    stiffness_doubt: float = 1.0
+    """How many times the K_p that it was told a motor may have, where sources disagree: torque is bounded for that."""
+    damping_doubt: float = 1.0
+    """Likewise K_d."""
+
+
+_HOST_IDS = range(128, 256)
+"""Robstride's frames name their host in the byte where Sito's name the motor."""
+FAMILIES: Mapping[str, MotorFamily] = MappingProxyType(
+    {
+        "robstride": MotorFamily("robstride", range(1, 128)),
+        # Last bytes: reset, select mode, command, gains. Doubts: where the library of the protocol divides gains by 500
+        # and 0.5 (`humanoid_sim.hardware.sito.codec`), its authors' page on the Prime robot has 688.58 and 1.125.
+        "sito": MotorFamily(
+            "sito",
+            range(1, 256),
+            frozenset({0x00, 0x01, 0x09, 0x45}),
+            has_timeout=False,
+            has_torque_limit=False,
+            stiffness_doubt=688.58 / 500.0,
+            damping_doubt=1.125 / 0.5,
+        ),
+    }
+)
+"""By name."""
+
+
+def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) -> str:
+    """Why a motor must not have this id on a robot with motors of these families; empty when it may."""
+    if motor_id not in family.ids:
+        return f"is {motor_id}, expected {family.ids[0]} to {family.ids[-1]}"
+    others = [FAMILIES[name] for name in families if name != family.name]
+    for other in others:
+        if motor_id in other.last_bytes:
+            return f"is {motor_id}, which frames to {other.name} motors of this robot could address; expected another"
+    if others and motor_id in _HOST_IDS:
+        return f"is {motor_id}, expected 1 to 127 beside motors of another family, whose frames have hosts' ids there"
+    return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +118,7 @@ class MotorModel:
     position: float = POSITION_RANGE
     """rad; old firmware has another one."""
     family: str = "robstride"
-    """Whose protocol it speaks: a key of `humanoid_sim.hardware.families`."""
+    """Whose protocol it speaks: a key of `FAMILIES`."""
 
     @property
     def stiffness_step(self) -> float:
@@ -76,7 +141,26 @@ _ROWS = (
     MotorModel("rs-05", 500.0, 5.0, 50.0, 5.5, 1.6, 5.5, 11.0, 50.3, 135.0, 135.0),
     MotorModel("rs-06", 5000.0, 100.0, 50.0, 36.0, 11.0, 36.0, 57.0, 50.3, 135.0, 135.0),
 )
-MOTORS: Mapping[str, MotorModel] = MappingProxyType({model.name: model for model in _ROWS})
+SITO_COUNTS_PER_RAD = 65536.0 / (2.0 * math.pi)
+"""Of positions and velocities, at the output."""
+
+
+def _sito(name: str, gear: int) -> MotorModel:
+    """A model whose ranges are its frames' integers: int16 velocity and current, int32 position.
+
+    Gains have no range in a float32: those here are a host's, about the largest that were ever tried. No data sheet is
+    public: torque is bounded by nothing but the current's range, and temperature is not reported.
+    """
+    largest, unknown = 2**15 - 1, math.inf
+    velocity, effort = largest / SITO_COUNTS_PER_RAD, largest * 0.00009 * gear
+    ratings = unknown, effort, largest / 1000.0, unknown, unknown, unknown
+    return MotorModel(
+        name, 500.0, 5.0, velocity, effort, *ratings, position=(2**31 - 1) / SITO_COUNTS_PER_RAD, family="sito"
+    )
+
+
+_SITO = (_sito("TA40-50", 51), _sito("TA40-100", 101))
+MOTORS: Mapping[str, MotorModel] = MappingProxyType({model.name: model for model in (*_ROWS, *_SITO)})
 """By the model's name in robot descriptions."""
 
 

@@ -56,21 +56,23 @@ NotNegative = Annotated[float, Accepted(0.0)]
 Positive = Annotated[float, Accepted(0.0, above=True)]
 
 
-class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """The motor that drives a joint, and where it is on the bus."""
 
+    family: Text = "robstride"
+    """A key of `humanoid_sim.robots.motors.FAMILIES`: whose protocol it speaks."""
     bus: int
     """0-based index into the robot's buses."""
     can_id: int
-    """1 to 127."""
+    """1 to 127; a Sito's up to 255 where it is among its own."""
     model: Text
     """Such as `rs-02`."""
     direction: Literal[-1, 1]
     """Sign between motor and joint frame: a fact of the design, not of one physical robot."""
-    torque_limit: NotNegative
-    """N·m, written to the firmware; 0: leave the firmware's own."""
-    current_limit: NotNegative
-    """A, written to the firmware; 0: leave the firmware's own."""
+    torque_limit: NotNegative | None = None
+    """N·m, written to the firmware; 0: leave the firmware's own. Needed where the family has such a limit."""
+    current_limit: NotNegative | None = None
+    """A, written to the firmware; 0: leave the firmware's own. Likewise."""
 
 
 class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -129,13 +129,51 @@ def test_a_joint_given_twice_is_named(tmp_path: Path, document: Document) -> Non
     assert str(caught.value) == f"{path}: joints[5]: has the same name 'left_shoulder_pitch' as joints[0]"
 
 
+SITO = {"family": "sito", "bus": 0, "can_id": 17, "model": "TA40-50", "direction": -1}
+FAMILY_PROBLEMS = [
+    ({"family": "sito"}, "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
+    ({"family": "etob"}, "joints[6].motor.family: unknown family 'etob'; known: robstride, sito"),
+    ({"torque_limit": None}, "joints[6].motor: misses 'torque_limit'"),
+    (SITO | {"family": "robstride"}, "joints[6].motor.family: is robstride, but a TA40-50 is of sito"),
+    (
+        SITO | {"torque_limit": 4.0},
+        "joints[6].motor.torque_limit: is 4, but no such limit of sito motors is known; leave it out",
+    ),
+    (SITO | {"can_id": 200}, "joints[6].motor.can_id: is 200, expected 1 to 127 beside motors of another family"),
+    (SITO | {"can_id": 11}, "joints[6].motor.can_id: is 11, which is taken by joints[0] (left_shoulder_pitch)"),
+]
+
+
+@pytest.mark.parametrize(("change", "line"), FAMILY_PROBLEMS)
+def test_a_motor_that_does_not_fit_its_family(
+    tmp_path: Path, document: Document, change: dict[str, Any], line: str
+) -> None:
+    motor = {} if "bus" in change else document["joints"][6]["motor"]
+    document["joints"][6]["motor"] = motor | change
+    path = write(tmp_path, document)
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    assert str(caught.value).startswith(f"{path}: {line}")
+
+
+def test_an_id_that_another_familys_frames_could_address(tmp_path: Path, document: Document) -> None:
+    document["joints"][3]["motor"]["can_id"] = 9  # the last byte of a Sito command's identifier
+    load_robot(write(tmp_path, document))
+    document["joints"][6]["motor"] = SITO
+    path = write(tmp_path, document)
+    with pytest.raises(
+        InputError, match=r"joints\[3\]\.motor\.can_id: is 9, which frames to sito motors of this robot"
+    ):
+        load_robot(path)
+
+
 UNKNOWN_FIELDS = [
     (
         "stifness",
         "unknown field 'stifness'; known: name, mjcf, joints, initial_position, imu, base, hands, simulation, ",
     ),
     ("joints[2].limit", "joints[2]: unknown field 'limit'; known: name, lower, upper, effort_limit, stiffness, "),
-    ("joints[2].motor.id", "joints[2].motor: unknown field 'id'; known: bus, can_id, model, direction, torque_limit, "),
+    ("joints[2].motor.id", "joints[2].motor: unknown field 'id'; known: family, bus, can_id, model, direction, "),
     (f"{STANDBY}.poses", f"{STANDBY}: unknown field 'poses'; known: target_stiffness, target_damping, "),
 ]
 

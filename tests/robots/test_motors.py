@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.motors import MOTORS
+from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 
 TABLE = Path(__file__).parents[3] / "shared" / "data" / "actuators.json"
 
@@ -24,7 +24,7 @@ def test_limits_of_small_and_large_motors() -> None:
 @pytest.mark.skipif(not TABLE.is_file(), reason="the table of actuators is not beside the checkout")
 def test_limits_are_the_tables() -> None:
     models = json.loads(TABLE.read_text(encoding="utf-8"))["models"]
-    assert {model["model"] for model in models} == set(MOTORS)
+    assert {model["model"] for model in models} == {m.name for m in MOTORS.values() if m.family == "robstride"}
     for model in models:
         limits, motor = model["mit_limits"], MOTORS[model["model"]]
         assert (motor.stiffness, motor.damping) == (limits["kp"], limits["kd"])
@@ -36,3 +36,23 @@ def test_the_shipped_robots_motors_are_known() -> None:
         motors = [joint.motor for joint in load_robot(name).joints if joint.motor is not None]
         assert motors
         assert {motor.model for motor in motors} <= set(MOTORS)
+
+
+def test_sito_ranges_are_those_of_its_integers() -> None:
+    small, large = MOTORS["TA40-50"], MOTORS["TA40-100"]
+    assert small.velocity == large.velocity == pytest.approx(3.1415, abs=1e-4)
+    assert (small.effort, large.effort) == pytest.approx((150.40, 297.85), abs=0.01)
+    assert small.position == pytest.approx(205887.4, abs=0.1)
+    assert (small.family, FAMILIES["sito"].has_timeout, FAMILIES["sito"].has_torque_limit) == ("sito", False, False)
+
+
+def test_ids_of_one_family_that_the_others_frames_could_address() -> None:
+    robstride, sito = FAMILIES["robstride"], FAMILIES["sito"]
+    both = {"robstride", "sito"}
+    assert [i for i in range(256) if id_problem(robstride, i, {"robstride"})] == [0, *range(128, 256)]
+    assert [i for i in range(128) if id_problem(robstride, i, both)] == [0, 1, 9, 69]
+    assert [i for i in range(257) if id_problem(sito, i, {"sito"})] == [0, 256]
+    assert [i for i in range(256) if id_problem(sito, i, both)] == [0, *range(128, 256)]
+    assert id_problem(robstride, 9, both) == (
+        "is 9, which frames to sito motors of this robot could address; expected another"
+    )
