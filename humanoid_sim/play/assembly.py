@@ -12,8 +12,9 @@ from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
+from humanoid_sim.play.conflicts import shows_window
 from humanoid_sim.play.console import ConsoleSink
-from humanoid_sim.play.plan import Plan, expected_duration, shows_window
+from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.recording.recorder import McapRecorder
@@ -22,6 +23,7 @@ from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.control_socket import ControlSocket
 from humanoid_sim.session.gravity_source import GravitySource
+from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import LoopSettings
@@ -36,6 +38,9 @@ __all__ = ["Operator", "Run", "assemble"]
 
 
 Operator = Keyboard | ControlSocket
+
+_STANDSTILL = 0.1
+"""s without a tick after which a loop that drives motors stood still: their CAN timeout."""
 
 
 @dataclass(slots=True)
@@ -52,6 +57,8 @@ class Run:
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
     gravity: GravitySource | None = None
+    interruption: Interruption | None = None
+    """Of a loop that drives motors."""
 
 
 def assemble(plan: Plan, console: Console) -> Run:
@@ -78,7 +85,10 @@ def assemble(plan: Plan, console: Console) -> Run:
         lambda text: shown.event(Event(plan.clock(), text)),
     )
     script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
-    intents, safety = _drive(operators, script, plan.injector.safety)
+    is_hardware = config.hardware is not None
+    interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
+    sources = operators if interruption is None else (interruption, *operators)
+    intents, safety = _drive(sources, script, plan.injector.safety)
     session = Session(
         setup.robot,
         plan.supervisor,
@@ -87,7 +97,7 @@ def assemble(plan: Plan, console: Console) -> Run:
             realtime=plan.realtime,
             simulated=setup.simulated,
             duration=config.duration,
-            punctual=config.hardware is not None,
+            punctual=is_hardware,
         ),
         header=_header(plan),
         intents=intents,
@@ -98,9 +108,10 @@ def assemble(plan: Plan, console: Console) -> Run:
         qpos=lambda: setup.qpos(session.state),
         mode_listener=setup.mode_listener,
         reactivation=reactivation,
+        interruption=interruption,
     )
     plan.clock.session = session
-    return Run(plan, session, monitor, shown, operators, tracking, anchor, recorder, video, gravity)
+    return Run(plan, session, monitor, shown, operators, tracking, anchor, recorder, video, gravity, interruption)
 
 
 def _warnings(bring_up: BringUp | None) -> tuple[str, ...]:

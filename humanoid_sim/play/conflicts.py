@@ -24,6 +24,7 @@ __all__ = [
     "choose_outputs",
     "refuse_conflicts",
     "refuse_without_effect",
+    "shows_window",
 ]
 
 _RUNS = Path("runs")
@@ -130,8 +131,21 @@ def _refuse_hardware_conflicts(config: PlayConfig) -> None:
         return
     if config.pace == "fast":
         raise InputError("--pace: is fast, but the time of a real robot is real")
+    if config.viewer == "native" and not config.hardware.startswith("virtual:"):
+        raise InputError(
+            "--viewer native: its window would end the process that holds the motors when the display goes away; "
+            "expected auto or none with --hardware, but for emulated motors (virtual:NAME)"
+        )
     if config.script is not None and not config.allow_script:
         raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
+
+
+def shows_window(config: PlayConfig) -> bool:
+    """Whether a run with these options opens a window: by itself never in a process that holds motors.
+
+    Xlib ends the process when its display goes away, and the arms fall.
+    """
+    return config.viewer == "native" or (config.viewer == "auto" and config.hardware is None and has_display())
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,11 +165,10 @@ def choose_outputs(config: PlayConfig) -> Outputs:
         InputError: naming the option and the file.
     """
     stem = time.strftime("play-%Y%m%d-%H%M%S")
-    is_drawn = config.hardware is None and config.viewer != "none"
-    watched = config.viewer == "native" or (config.viewer == "auto" and has_display())
+    is_drawn = config.hardware is None and config.viewer != "none" and not shows_window(config)
     outputs = Outputs(
         record=_output("--record", config.record, _free(_RUNS / f"{stem}.mcap")),
-        video=_output("--video", config.video, _free(_RUNS / f"{stem}.mp4") if is_drawn and not watched else None),
+        video=_output("--video", config.video, _free(_RUNS / f"{stem}.mp4") if is_drawn else None),
         snapshot=_output("--snapshot", config.snapshot, None),
         summary=_output("--summary", config.summary, None),
     )

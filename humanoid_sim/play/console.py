@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -49,6 +52,12 @@ class ConsoleSink(WorkerSink):
         # Written by the control thread, read by the worker's.
         self._queued_status = ("", "")
         self._clock = 0.0
+
+    def pause(self) -> None:
+        """Show the cursor that the bar hides: the terminal is about to be another program's."""
+        if self._console.is_terminal:
+            with contextlib.suppress(OSError):
+                os.write(self._console.file.fileno(), b"\x1b[?25h")
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the time is needed, for the bar."""

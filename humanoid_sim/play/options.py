@@ -54,7 +54,8 @@ class PlayConfig:
     imu_mounting: str = "0,1,0,0"
     """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
     viewer: Literal["auto", "none", "native", "web"] = "auto"
-    """A window to watch; auto opens one where there is a display. The browser console (web) is not in this version."""
+    """A window to watch; auto opens one where there is a display, but none on hardware. The browser console (web) is
+    not in this version."""
     record: str = "auto"
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False

@@ -12,14 +12,19 @@ from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
-from humanoid_sim.play.conflicts import Outputs, choose_outputs, refuse_conflicts, refuse_without_effect
+from humanoid_sim.play.conflicts import (
+    Outputs,
+    choose_outputs,
+    refuse_conflicts,
+    refuse_without_effect,
+    shows_window,
+)
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.sources import assumptions
-from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics, with_imu
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.inject import Injector, parse_injections
@@ -35,7 +40,6 @@ __all__ = [
     "control_rate",
     "expected_duration",
     "make_plan",
-    "shows_window",
 ]
 
 
@@ -182,11 +186,6 @@ def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks
     if steps is not None or config.dry_run:
         return ()
     return ("waits for an operator in another terminal: python -m humanoid_sim.mode damp, load_a, start_locomotion",)
-
-
-def shows_window(config: PlayConfig) -> bool:
-    """Whether a run with these options opens a window."""
-    return config.viewer == "native" or (config.viewer == "auto" and has_display())
 
 
 def _realtime(config: PlayConfig) -> bool:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from types import FrameType
 
 from rich.console import Console
 from rich.markup import escape
@@ -21,6 +19,7 @@ from humanoid_sim.play.plan import Plan, make_plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import print_report, summarise, write_summary
+from humanoid_sim.play.signals import handled_signals
 from humanoid_sim.rendering.video import save_snapshot
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
@@ -52,7 +51,7 @@ def play(config: PlayConfig) -> int:
                 return 0
         run = assemble(plan, console)
         try:
-            with _signals(run) as received:
+            with handled_signals(run) as received:
                 result = run.session.run()
         except RobotError as error:  # it could not be activated, although it could be prepared
             raise RobotError(flattened(str(error))) from None
@@ -94,32 +93,6 @@ def _introduce(console: Console, plan: Plan) -> None:
     console.print(f"robot {plan.description.name}, policy {plan.policy.checkpoint.source}{motion}", markup=False)
     for notice in plan.notices:
         console.print(f"note: {notice}", markup=False, style="dim")
-
-
-@contextmanager
-def _signals(run: Run) -> Iterator[list[int]]:
-    """SIGINT, SIGTERM and a closed terminal end the run through DAMPING; gives the list of signals received.
-
-    Once the robot is closed nothing is left to protect, and a signal does what it does to any program.
-    """
-    received: list[int] = []
-
-    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
-        received.append(number)
-        if run.plan.setup.robot.is_closed:
-            signal.signal(number, before[signal.Signals(number)])
-            signal.raise_signal(number)
-        run.session.request_stop(signal.Signals(number).name)
-
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as it is under nohup
-        numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, stop) for number in numbers}
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _problems(run: Run, result: SessionResult) -> list[str]:

@@ -9,9 +9,10 @@ import select
 import sys
 import termios
 import threading
-import tty
 from collections.abc import Callable, Sequence
+from time import monotonic
 from types import MappingProxyType
+from typing import Any
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
@@ -36,7 +37,8 @@ REACTIVATE_KEY = "e"
 
 _POLL = 0.1
 """s between two looks at whether to stop."""
-
+_LATE = 0.2
+"""s beyond that by which a process that runs is never late."""
 
 _ESCAPE = "\x1b"
 _UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")
@@ -66,6 +68,15 @@ class KeyReader:
 def key_help() -> str:
     """One line that names the keys."""
     return "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT"
+
+
+def _by_key(attributes: list[Any]) -> list[Any]:
+    """Settings of a terminal that sends each key at once, Ctrl-S too; those that send signals go on sending them."""
+    iflag, oflag, cflag, lflag, ispeed, ospeed, characters = attributes
+    characters = list(characters)
+    characters[termios.VMIN], characters[termios.VTIME] = 1, 0
+    lflag &= ~(termios.ICANON | termios.ECHO)
+    return [iflag & ~termios.IXON, oflag, cflag, lflag, ispeed, ospeed, characters]
 
 
 class Keyboard(IntentSource):
@@ -99,9 +110,19 @@ class Keyboard(IntentSource):
             self._before = termios.tcgetattr(self._fd)
         except (termios.error, OSError, ValueError):
             raise InputError("--manual: standard input is no terminal, expected one to read keys from") from None
-        tty.setcbreak(self._fd)
+        self.take_terminal()
         self._thread = threading.Thread(target=self._read, name="keyboard", daemon=True)
         self._thread.start()
+
+    def take_terminal(self) -> None:
+        """Have the terminal send key by key and show none of them, unless another program has it at present."""
+        if self._is_in_foreground():
+            self._set(_by_key(self._before))
+
+    def restore_terminal(self) -> None:
+        """Give the terminal back as it was, unless another program has it. May be called from a signal handler."""
+        if self._is_in_foreground():
+            self._set(self._before)
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Intents of the keys pressed since the last call."""
@@ -111,26 +132,56 @@ class Keyboard(IntentSource):
         """Stop reading and give the terminal back as it was."""
         self._stop.set()
         self._thread.join()
-        with contextlib.suppress(termios.error):  # there is no terminal left to give back
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+        self.restore_terminal()
+
+    def _set(self, attributes: list[Any]) -> None:
+        """At once: a terminal whose output stands still would keep whoever waits for it waiting."""
+        with contextlib.suppress(termios.error):  # there is no terminal any more
+            termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
+
+    def _is_in_foreground(self) -> bool:
+        """Whether the terminal's input is meant for this process; so is that of one that controls no process."""
+        try:
+            return os.tcgetpgrp(self._fd) == os.getpgrp()
+        except OSError:
+            return True
 
     def _read(self) -> None:
+        was_in_foreground = self._is_in_foreground()
         while not self._stop.is_set():
+            begin = monotonic()
             ready, _, _ = select.select([self._fd], [], [], _POLL)
+            is_in_foreground = self._is_in_foreground()
+            if was_in_foreground and not is_in_foreground:
+                self._queue.put(Intent.DAMP)  # nobody at these keys can be heard
+            if is_in_foreground and not was_in_foreground:
+                self.take_terminal()
+            was_in_foreground = is_in_foreground
+            if not is_in_foreground:
+                self._stop.wait(_POLL)
+                continue
             if not ready:
                 continue
             try:
                 keys = os.read(self._fd, 64)
-            except OSError:  # a terminal that has hung up
+            except OSError:  # a terminal that has hung up, or is another program's by now
                 keys = b""
+            if not keys and not self._is_in_foreground():
+                continue
             if not keys:  # the terminal went away: an operator who cannot be heard must not be moved on
                 self._queue.put(Intent.DAMP)
                 return
-            text = keys.decode(errors="replace")
-            for intent in self._reader.intents(text):
-                self._queue.put(intent)
-            if _ESCAPE not in text:
-                self._press(text.lower())
+            self._heard(keys.decode(errors="replace"), is_late=monotonic() - begin > _POLL + _LATE)
+
+    def _heard(self, text: str, *, is_late: bool) -> None:
+        intents = self._reader.intents(text)
+        if is_late:  # the process stood still: what was typed meanwhile was meant for something else
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+            intents = [intent for intent in intents if intent is Intent.DAMP]
+        for intent in intents:
+            self._queue.put(intent)
+        if _ESCAPE not in text and not is_late:
+            self._press(text.lower())
 
     def _press(self, keys: str) -> None:
         """Do what keys mean that are no intents; at the first that means nothing, tell the operator which do."""

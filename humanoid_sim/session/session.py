@@ -29,6 +29,7 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.robot import Robot
+from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.pace import DurationHistogram, LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
@@ -94,6 +95,7 @@ class Session:
         qpos: Callable[[], FloatArray] | None = None,
         mode_listener: Callable[[Mode], str] | None = None,
         reactivation: Reactivation | None = None,
+        interruption: Interruption | None = None,
     ) -> None:
         """Put the parts together; nothing moves before `run`.
 
@@ -112,6 +114,7 @@ class Session:
             mode_listener: told of each new mode before its first command is written; what it answers, if anything, is
                 recorded as an event.
             reactivation: an operator's wish to begin afresh.
+            interruption: notices that the loop stood still; one of the sources of `intents` too.
         """
         self._robot = robot
         self._supervisor = supervisor
@@ -126,6 +129,7 @@ class Session:
         self._qpos = qpos
         self._mode_listener = mode_listener
         self._reactivation = reactivation
+        self._interruption = interruption
         self._failures: list[str] = []
         self._stop_reason = ""
         self._hurry = threading.Event()
@@ -221,6 +225,8 @@ class Session:
     def _begin_afresh(self, reactivation: Reactivation) -> None:
         """Activate the robot again, if the mode allows it, and put the control stack back to its start."""
         told, kind = reactivation.serve(self._robot, self.mode)
+        if self._interruption is not None:
+            self._interruption.restart()
         if kind is EventKind.FRESH_START:
             self._memory, self._output = self._supervisor.initial(), None
             self._pace.restart()
@@ -258,6 +264,31 @@ class Session:
             intents: of this tick; None: those of the sources.
         """
         start = self._pace.begin()
+        before, memory = self.mode, self._memory
+        tick_input, output = self._decide(intents)
+        if self._interruption is not None:
+            if intents is None and self._interruption.beat():
+                self._memory = memory  # decided before the process stood still, and not yet sent: never to be sent
+                tick_input, output = self._decide(intents)
+            while told := self._interruption.news():
+                self._sinks.event(told)
+        if self._mode_listener is not None and (self.mode is not before or self._index == 0):
+            told = self._mode_listener(self.mode)
+            if told:
+                self._sinks.event(told, EventKind.SUPPORT)
+        qpos = self._qpos() if self._qpos else None
+        decided = perf_counter()
+        self._robot.write(output.command)
+        written = perf_counter()
+        overrun = self._pace.written(start, written)
+        duration = (decided if self._settings.simulated else written) - start
+        record = TickRecord(self._index, tick_input, output, duration, overrun, qpos)
+        self._index += 1
+        self._sinks.tick(record)
+        self._wait()
+
+    def _decide(self, intents: tuple[Intent, ...] | None) -> tuple[TickInput, TickOutput]:
+        """Read, collect and step: what the tick takes in, and what the control stack makes of it."""
         state, safety = self._robot.read()
         if self._externs:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
@@ -268,22 +299,8 @@ class Session:
         chosen = self._collect() if intents is None else intents
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None
         tick_input = TickInput(state, self._safety_filter(safety), chosen, remote)
-        before = self.mode
         self._memory, self._output = self._supervisor.step(self._memory, tick_input)
-        if self._mode_listener is not None and (self.mode is not before or self._index == 0):
-            told = self._mode_listener(self.mode)
-            if told:
-                self._sinks.event(told, EventKind.SUPPORT)
-        qpos = self._qpos() if self._qpos else None
-        decided = perf_counter()
-        self._robot.write(self._output.command)
-        written = perf_counter()
-        overrun = self._pace.written(start, written)
-        duration = (decided if self._settings.simulated else written) - start
-        record = TickRecord(self._index, tick_input, self._output, duration, overrun, qpos)
-        self._index += 1
-        self._sinks.tick(record)
-        self._wait()
+        return tick_input, self._output
 
     def _wait(self) -> None:
         """Wait for the deadline; without real time only for sinks that lag far behind."""
