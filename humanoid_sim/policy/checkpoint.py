@@ -15,6 +15,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
+from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.graph_motion import has_graph_motion, sweep_motion
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -137,7 +138,7 @@ def read_contract(
 def file_digest(path: Path) -> str:
     """SHA-256 of a checkpoint: its bytes, followed by those of `<name>.data` if that lies beside it."""
     digest = hashlib.sha256(path.read_bytes())
-    external = path.with_name(path.name + ".data")
+    external = external_file(path)
     if is_file(external):
         digest.update(external.read_bytes())
     return digest.hexdigest()

@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file, regular_file
+from humanoid_sim.files import regular_file
+from humanoid_sim.policy.external_tensors import check_tensors, why_not_loaded
 
 __all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "read_header"]
 
@@ -55,7 +56,7 @@ class OnnxModel:
             graph: a model that was made from the file's and is to run in its place; None: the file's own.
 
         Raises:
-            InputError: if the file is no ONNX model, or its external tensors are missing.
+            InputError: if the file is no ONNX model, or its external tensors are missing or another model's.
         """
         check_file(path)
         onnxruntime = _onnxruntime()
@@ -68,13 +69,15 @@ class OnnxModel:
             source = str(path) if graph is None else graph
             session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises its own types, which differ between builds
-            _check_external(path)
-            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}") from None
+            problem = f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}"
+            raise InputError(why_not_loaded(path) or problem) from None
         self.path = path
         self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
         self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
         self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
         self._session = session
+        if graph is None:
+            check_tensors(path, self.metadata)
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[npt.NDArray[np.float32]]:
         """The values of some outputs; raises whatever ONNX Runtime raises."""
@@ -128,35 +131,6 @@ def check_file(path: Path) -> None:
     """
     if regular_file(path, "an ONNX file").stat().st_size == 0:
         raise InputError(f"{path}: is empty, expected an ONNX file")
-
-
-def _check_external(path: Path) -> None:
-    """Refuse a model that cannot be loaded because of the file that holds its tensors.
-
-    Raises:
-        InputError: naming the file that is missing, or too short to be this model's.
-    """
-    try:
-        import onnx  # noqa: PLC0415 - heavy, and only needed to say what is wrong
-
-        graph = onnx.load(str(path), load_external_data=False).graph
-    except Exception:
-        return
-    needed: dict[str, int] = {}
-    for tensor in graph.initializer:
-        entry = {item.key: item.value for item in tensor.external_data}
-        if "location" in entry:
-            end = int(entry.get("offset", 0)) + int(entry.get("length", 0))
-            needed[entry["location"]] = max(end, needed.get(entry["location"], 0))
-    for name, size in needed.items():
-        file = path.parent / name
-        if not is_file(file):
-            raise InputError(f"{path}: keeps its tensors in '{name}', which is not beside it; copy that file as well")
-        if file.stat().st_size < size:
-            raise InputError(
-                f"{file}: has {file.stat().st_size} bytes, expected at least {size}, the tensors of {path.name}: is it "
-                "another model's, or cut off?"
-            )
 
 
 def first_line(error: Exception) -> str:

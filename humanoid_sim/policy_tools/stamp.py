@@ -18,6 +18,7 @@ from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.external_tensors import TENSORS_KEY, tensor_digest
 from humanoid_sim.policy.golden.make import blind_spots, own_samples, trainer_samples
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples, encode_samples
 from humanoid_sim.policy.golden.trace import BodyReader, read_trace
@@ -107,6 +108,8 @@ def stamp(
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     """The model with its external tensors inside, and with metadata added to, or in the place of, its own.
 
+    A digest of the tensors goes with it, for whoever takes them out again.
+
     Raises:
         InputError: the file is no ONNX model, its external tensors are missing, or it is larger than one file can be.
     """
@@ -116,7 +119,8 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
         model = onnx.load(str(path), load_external_data=True)
     except Exception as error:  # protobuf's exception types are not part of onnx's interface
         raise InputError(f"{path}: cannot be read as an ONNX model: {first_line(error)}") from None
-    onnx.helper.set_model_props(model, {entry.key: entry.value for entry in model.metadata_props} | dict(metadata))
+    present = {entry.key: entry.value for entry in model.metadata_props}
+    onnx.helper.set_model_props(model, {**present, **metadata, TENSORS_KEY: tensor_digest(model)})
     try:
         data: bytes = model.SerializeToString()
     except Exception as error:  # likewise: more than the 2 GiB that protobuf can hold

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, read_contract
+from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.prepare.acceptance import Findings
 from humanoid_sim.prepare.conventions import Conventions
@@ -93,7 +94,7 @@ def checkpoint_files(checkpoint: Checkpoint, path: Path) -> dict[str, Content]:
     A checkpoint whose contract needs other files next to it is not copied.
     """
     files: dict[str, Content] = {path.name: path}
-    external = path.with_name(f"{path.name}.data")
+    external = external_file(path)
     if external.is_file():
         files[external.name] = external
     if checkpoint.contract_file is not None:

@@ -22,6 +22,7 @@ import msgspec
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.contract_json import decode, encode
+from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.motion import motion_bytes, parse_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.regress.batched_policy import BatchedPolicy
@@ -93,7 +94,7 @@ def pack_case(case: PreparedCase) -> Parcel:
     """Everything that another machine needs to prepare the same case."""
     checkpoint = case.checkpoint
     path = Path(checkpoint.source)
-    external = _external(path)
+    external = external_file(path)
     return Parcel(
         suite=msgspec.json.encode(case.suite),
         case=case.case.name,
@@ -117,7 +118,7 @@ def unpack_case(parcel: Parcel) -> PreparedCase:
         path = Path(folder) / Path(parcel.source).name
         path.write_bytes(parcel.model)
         if parcel.external is not None:
-            _external(path).write_bytes(parcel.external)
+            external_file(path).write_bytes(parcel.external)
         policy = OnnxPolicy(path, contract.tensors)
         batched = BatchedPolicy(policy)
     checkpoint = Checkpoint(contract, policy, parcel.source, parcel.sha256, policy.observation_width)
@@ -125,10 +126,6 @@ def unpack_case(parcel: Parcel) -> PreparedCase:
     motion = None if parcel.motion is None else parse_motion(parcel.motion, "motion")
     case = next(case for case in suite.cases if case.name == parcel.case)
     return prepare_case(suite, case, checkpoint, batched, description, motion)
-
-
-def _external(path: Path) -> Path:
-    return path.with_name(path.name + ".data")
 
 
 def _run_task(parcel: Parcel, seeds: tuple[int, ...], disturbance: Disturbance) -> list[Episode]:

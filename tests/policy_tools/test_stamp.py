@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY
+from humanoid_sim.policy.external_tensors import TENSORS_KEY
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples
 from humanoid_sim.policy.golden.verify import golden_problem
 from humanoid_sim.policy.metadata import METADATA_KEYS, parse_metadata, write_metadata
@@ -74,7 +76,7 @@ def test_published_policy(cli, tmp_path: Path, name: str) -> None:
 
 def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped: Path) -> None:
     metadata = read_header(stamped)[0]
-    assert set(metadata) == {*METADATA_KEYS, STAMP_KEY, GOLDEN_KEY}
+    assert set(metadata) == {*METADATA_KEYS, STAMP_KEY, GOLDEN_KEY, TENSORS_KEY}
     thirteen = parse_metadata(metadata, "stamped")
     assert thirteen.joint_names == contract().joint_names
     np.testing.assert_array_equal(thirteen.joint_damping, contract().joint_damping)
@@ -119,6 +121,55 @@ def test_external_tensors_move_into_the_copy(cli, walker: Path, tmp_path: Path) 
     shutil.rmtree(folder)
     observation = np.linspace(-1.0, 1.0, expected.observation_width, dtype=np.float32)
     np.testing.assert_array_equal(load_checkpoint(output).policy(observation, 0), expected.policy(observation, 0))
+
+
+def outside(stamped: Path, folder: Path) -> tuple[Path, Path]:
+    """A stamped model whose tensors somebody has taken out again, and their file."""
+    folder.mkdir()
+    arguments = {"save_as_external_data": True, "location": "policy.onnx.data", "size_threshold": 0}
+    onnx.save(onnx.load(str(stamped)), str(folder / "policy.onnx"), **arguments)
+    return folder / "policy.onnx", folder / "policy.onnx.data"
+
+
+def test_external_tensors_of_another_model_are_told_though_they_are_as_long(cli, stamped: Path, tmp_path: Path) -> None:
+    model, data = outside(stamped, tmp_path / "outside")
+    assert load_checkpoint(model).golden == "8 samples of the trainer's run (trace.npz)"
+    values = np.frombuffer(data.read_bytes(), dtype=np.float32).copy()
+    values[3] += 0.25
+    data.write_bytes(values.tobytes())
+    for verb in (["show"], ["stamp", "-o", tmp_path / "out.onnx"]):
+        assert cli(verb[0], model, *verb[1:]) == (
+            2,
+            "",
+            f"error: {data}: holds other tensors than policy.onnx was stamped with: is it another model's?\n",
+        )
+
+
+def test_golden_vectors_name_external_tensors_where_no_digest_tells(stamped: Path, tmp_path: Path) -> None:
+    model, data = outside(stamped, tmp_path / "outside")
+    older = onnx.load(str(model), load_external_data=False)
+    kept = [entry for entry in older.metadata_props if entry.key != TENSORS_KEY]
+    assert len(kept) == len(older.metadata_props) - 1
+    del older.metadata_props[:]
+    older.metadata_props.extend(kept)
+    model.write_bytes(older.SerializeToString())
+    data.write_bytes(data.read_bytes()[::-1])
+    with pytest.raises(
+        InputError, match=r"golden vectors: .*action of .*, or its tensors in policy\.onnx\.data are an"
+    ):
+        load_checkpoint(model)
+
+
+def test_an_exporters_checksum_of_external_tensors_counts(walker: Path, tmp_path: Path) -> None:
+    model, data = outside(walker, tmp_path / "outside")
+    proto = onnx.load(str(model), load_external_data=False)
+    for tensor in proto.graph.initializer:
+        tensor.external_data.add(key="checksum", value=hashlib.sha1(data.read_bytes()).hexdigest())
+    model.write_bytes(proto.SerializeToString())
+    load_checkpoint(model)
+    data.write_bytes(data.read_bytes()[::-1])
+    with pytest.raises(InputError, match=r"policy\.onnx\.data: is not the file whose checksum policy\.onnx has"):
+        load_checkpoint(model)
 
 
 def test_missing_external_tensors_are_one_line(cli, walker: Path, tmp_path: Path) -> None:

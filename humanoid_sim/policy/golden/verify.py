@@ -14,11 +14,14 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWiring, action_command
 from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.files import is_file
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
 
 __all__ = [
     "ACTION_TOLERANCE",
@@ -136,7 +139,11 @@ def _action_problem(policy: Policy, contract: PolicyContract, samples: GoldenSam
     wrong = _compare(np.asarray(answers), samples.action, ACTION_TOLERANCE, joints)
     if wrong is None:
         return ""
-    return _sentence("action", f"of {joints[wrong.index]}", wrong, samples, samples.origin, len(joints))
+    told = _sentence("action", f"of {joints[wrong.index]}", wrong, samples, samples.origin, len(joints))
+    beside = external_file(policy.model.path) if isinstance(policy, OnnxPolicy) else None
+    if beside is None or not is_file(beside):
+        return told
+    return f"{told}, or its tensors in {beside.name} are another model's"
 
 
 def _target_problem(wiring: PolicyWiring, samples: GoldenSamples) -> str:

@@ -1,0 +1,107 @@
+"""Tensors that a model keeps in files beside it, and whether those are this model's."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.files import is_file
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
+
+__all__ = ["TENSORS_KEY", "check_tensors", "external_file", "tensor_digest", "why_not_loaded"]
+
+TENSORS_KEY = "humanoid_sim_tensors"
+"""Metadata key of the digest of a stamped model's tensors, wherever they lie."""
+_LOCATION, _CHECKSUM = "location", "checksum"
+"""Keys of ONNX for the file that holds a tensor, and for that file's SHA-1."""
+
+
+def external_file(path: Path) -> Path:
+    """Where exporters put a model's external tensors; there need be no such file."""
+    return path.with_name(f"{path.name}.data")
+
+
+def tensor_digest(model: ModelProto) -> str:
+    """SHA-256 of a model's tensors: their names, types, shapes and values.
+
+    Args:
+        model: with its external tensors loaded.
+    """
+    from onnx import numpy_helper  # noqa: PLC0415 - heavy, and seldom needed
+
+    digest = hashlib.sha256()
+    for tensor in sorted(model.graph.initializer, key=lambda tensor: str(tensor.name)):
+        values = np.ascontiguousarray(numpy_helper.to_array(tensor))
+        digest.update(f"{tensor.name} {values.dtype} {values.shape}\n".encode())
+        digest.update(values.tobytes())
+    return digest.hexdigest()
+
+
+def check_tensors(path: Path, metadata: Mapping[str, str]) -> None:
+    """Refuse a model whose external tensors are another one's.
+
+    The model tells by the digest with which it was stamped, or by the checksums that an exporter gave it; one that has
+    neither can only be told by its golden vectors.
+
+    Args:
+        path: of a model that can be loaded.
+        metadata: the model's.
+
+    Raises:
+        InputError: naming the file.
+    """
+    raw = path.read_bytes()
+    if _LOCATION.encode() not in raw or not (TENSORS_KEY in metadata or _CHECKSUM.encode() in raw):
+        return
+    import onnx  # noqa: PLC0415 - heavy, and seldom needed
+
+    entries = _entries(onnx.load_model_from_string(raw))
+    for entry in entries:
+        file = path.parent / entry[_LOCATION]
+        wanted = entry.get(_CHECKSUM, "")
+        if wanted and hashlib.sha1(file.read_bytes(), usedforsecurity=False).hexdigest() != wanted.lower():
+            raise InputError(f"{file}: is not the file whose checksum {path.name} has: is it another model's?")
+    if entries and TENSORS_KEY in metadata and tensor_digest(onnx.load(str(path))) != metadata[TENSORS_KEY]:
+        files = ", ".join(str(path.parent / name) for name in dict.fromkeys(entry[_LOCATION] for entry in entries))
+        raise InputError(f"{files}: holds other tensors than {path.name} was stamped with: is it another model's?")
+
+
+def why_not_loaded(path: Path) -> str:
+    """Why the file that holds a model's tensors keeps it from being loaded; '' if it does not.
+
+    Args:
+        path: of a model that cannot be loaded.
+    """
+    import onnx  # noqa: PLC0415 - heavy, and only needed to say what is wrong
+    from google.protobuf.message import DecodeError  # noqa: PLC0415 - comes with onnx
+
+    needed: dict[str, int] = {}
+    try:
+        for entry in _entries(onnx.load_model_from_string(path.read_bytes())):
+            end = int(entry.get("offset", 0)) + int(entry.get("length", 0))
+            needed[entry[_LOCATION]] = max(end, needed.get(entry[_LOCATION], 0))
+    except (DecodeError, ValueError):  # no model at all, or a place that is no number
+        return ""
+    for name, size in needed.items():
+        file = path.parent / name
+        if not is_file(file):
+            return f"{path}: keeps its tensors in '{name}', which is not beside it; copy that file as well"
+        if file.stat().st_size < size:
+            return (
+                f"{file}: has {file.stat().st_size} bytes, expected at least {size}, the tensors of {path.name}: is it "
+                "another model's, or cut off?"
+            )
+    return ""
+
+
+def _entries(model: ModelProto) -> list[dict[str, str]]:
+    """What the model says of each tensor that lies in another file."""
+    entries = [{item.key: item.value for item in tensor.external_data} for tensor in model.graph.initializer]
+    return [entry for entry in entries if _LOCATION in entry]
