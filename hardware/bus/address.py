@@ -26,6 +26,7 @@ __all__ = [
     "BusAddress",
     "Echoes",
     "bus_hints",
+    "can_interfaces",
     "error_number",
     "frame_of",
     "message_of",
@@ -173,7 +174,7 @@ def _reason(address: BusAddress, error: Exception) -> str:
         if number == errno.EAFNOSUPPORT:
             return "this kernel has no SocketCAN (module can_raw)"
         if number == errno.ENODEV:
-            found = ", ".join(_can_interfaces()) or "none"
+            found = ", ".join(can_interfaces()) or "none"
             return f"there is no such network interface; CAN interfaces of this machine: {found}"
         if number == errno.ENETDOWN:
             return f"it is down: sudo ip link set {address.channel} up type can bitrate {BITRATE} restart-ms 0"
@@ -183,7 +184,8 @@ def _reason(address: BusAddress, error: Exception) -> str:
     return f"{type(error).__name__}: {text[0]}" if text else type(error).__name__
 
 
-def _can_interfaces() -> list[str]:
+def can_interfaces() -> list[str]:
+    """The CAN interfaces of this machine's kernel, virtual ones too."""
     try:
         names = sorted(path.name for path in _NETWORK.iterdir())
     except OSError:

@@ -1,8 +1,9 @@
-"""`python -m humanoid_sim.hardware discover|ping|param|calibrate|identify|budget|emulate`: tools for the bench."""
+"""`python -m humanoid_sim.hardware <tool>`: tools for the bench."""
 
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -26,7 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     from humanoid_sim.hardware.tools.bench import SilentMotorError  # noqa: PLC0415
 
-    name = type(options).__name__.lower()  # the options of `discover` are `Discover`, its module is `discover`
+    # The options of `bring-up` are `BringUp`, its module and function are `bring_up`.
+    name = re.sub(r"(?<!^)(?=[A-Z])", "_", type(options).__name__).lower()
     tool: Callable[[Any], int] = getattr(importlib.import_module(f"{__name__}.{name}"), name)
     try:
         return tool(options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Iterator, Sequence
 from typing import Self
 
@@ -14,7 +15,9 @@ from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.events import BusEvent
-from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.bus.frame import BITRATE
+from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
+from humanoid_sim.hardware.checks import CheckList, Verdict
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
@@ -28,8 +31,10 @@ from humanoid_sim.robots.motors import MOTORS, MotorModel
 __all__ = [
     "EnabledMotor",
     "SilentMotorError",
+    "advice_for_silence",
     "channel_trouble",
     "command_motor",
+    "confirm",
     "make_console",
     "make_table",
     "motor_bench",
@@ -47,6 +52,8 @@ _ANY_MODEL = MOTORS["rs-00"]
 """Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
 _TROUBLE = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
 """What explains that nothing comes back, the most telling first."""
+_EMULATED = frozenset({"virtual", "udp_multicast"})
+"""Interfaces on which no real motor can be."""
 _UNLIMITED = 200
 """Characters a line where no terminal says how many fit."""
 
@@ -109,11 +116,59 @@ def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[OpenChann
         yield channels
 
 
+def confirm(question: str, yes: bool, otherwise: str) -> None:
+    """Go on only if an operator types yes.
+
+    Args:
+        question: what is asked.
+        yes: whether that was answered beforehand.
+        otherwise: what to say when it was not, such as `not moved`.
+
+    Raises:
+        InputError: nobody can be asked, or the answer is another one.
+    """
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise InputError("--yes: is needed where standard input is no terminal")
+    try:
+        answer = input(f"{question} Type yes: ")
+    except EOFError:
+        answer = ""
+    if answer.strip().lower() != "yes":
+        raise InputError(f"{otherwise}: not confirmed")
+
+
 def channel_trouble(channels: OpenChannels, index: int) -> str:
     """What a channel itself says about why nothing comes back; empty where it says nothing."""
     channel = channels.channels[index]
     events = (channel.recent(event, channels.opened) for event in _TROUBLE)
     return channel.down or next((text for text in events if text), "")
+
+
+def advice_for_silence(source: str) -> tuple[str, ...]:
+    """What to check where nobody answers on a channel, one line each: the kernel's word first, then the likeliest."""
+    address = parse_address(source)
+    if address.interface in _EMULATED:
+        return (
+            f"check: does anybody emulate motors there? python -m humanoid_sim.hardware emulate --channel {source}",
+        )
+    lines = []
+    if address.interface == "socketcan":
+        checks = CheckList()
+        try:
+            check_link(read_links(), address.channel, LinkSettings(), checks)
+        except RobotError as error:
+            checks.warn(address.channel, str(error))
+        lines = [str(check) for check in checks.all if check.verdict is not Verdict.PASSED]
+    return (
+        *lines,
+        "check: is the motors' supply on?",
+        "check: supply off, the resistance between CAN high and CAN low: 60 Ω; at 120 Ω a terminator is missing",
+        "check: are CAN high and CAN low exchanged, or the plugs of two buses?",
+        f"check: is the adapter set to {BITRATE} bit/s, as motors are when they come?",
+        "check: were the motors switched to another protocol or bit rate? The vendor's tool finds them then",
+    )
 
 
 def require_up(channels: OpenChannels) -> None:

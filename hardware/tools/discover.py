@@ -15,6 +15,7 @@ from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.tools.bench import (
+    advice_for_silence,
     channel_trouble,
     make_console,
     make_table,
@@ -65,6 +66,8 @@ def discover(config: Discover) -> int:
         if not any(channel == i for channel, _ in found):
             trouble = f" ({troubles[i]})" if troubles[i] else ""
             complain(f"no motor answers on {address}{trouble}: ids {config.first} to {config.last} were asked")
+            for line in advice_for_silence(str(address)):
+                complain(f"  {line}")
     if not found:
         return ExitStatus.NO_ANSWER
     missing = [
@@ -112,5 +115,5 @@ def _print(
         if len(uids) > 1:
             complain(
                 f"{len(uids)} motors on {addresses[channel]} have the id {motor_id}: connect one alone and give it "
-                "another id with the vendor's tool"
+                "another id: python -m humanoid_sim.hardware set-id"
             )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Mapping
 
@@ -14,7 +13,7 @@ from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import Unreadable
-from humanoid_sim.hardware.tools.bench import EnabledMotor, open_bench, read_device_id
+from humanoid_sim.hardware.tools.bench import EnabledMotor, confirm, open_bench, read_device_id
 from humanoid_sim.hardware.tools.options import Identify
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import POSITION_RANGE
@@ -38,10 +37,10 @@ _ANSWER_TIME = 0.05
 
 
 def identify(config: Identify) -> int:
-    """Ask for leave, move, print, and return the exit status.
+    """Ask for confirmation, move, print, and return the exit status.
 
     Raises:
-        InputError: an option is not accepted, or leave was not given.
+        InputError: an option is not accepted, or confirmation was not given.
         SilentMotorError: the motor does not answer.
         RobotError: a channel cannot be used, the motor cannot be enabled, or it moves too far.
     """
@@ -59,28 +58,19 @@ def identify(config: Identify) -> int:
         )
     with open_bench(addresses, config.host_id, wiring) as channels:
         read_device_id(channels, joint)
-        _ask_for_leave(config, wiring, joint, channels)
+        _confirm(config, wiring, joint, channels)
         before = _positions(channels)
         after = _move(config, wiring, joint, channels)
     return _report(config, wiring, joint, before, after)
 
 
-def _ask_for_leave(config: Identify, wiring: Wiring, joint: int, channels: OpenChannels) -> None:
+def _confirm(config: Identify, wiring: Wiring, joint: int, channels: OpenChannels) -> None:
     source = channels.sources[wiring.channel[joint]]
     print(
         f"{config.joint}: motor {wiring.motor_id[joint]} on {source} will move the joint by "
         f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most about {config.torque:g} N·m"
     )
-    if config.yes:
-        return
-    if not sys.stdin.isatty():
-        raise InputError("--yes: is needed where standard input is no terminal")
-    try:
-        answer = input("Is the arm supported and clear? Type yes: ")
-    except EOFError:
-        answer = ""
-    if answer.strip().lower() != "yes":
-        raise InputError("not moved: leave was not given")
+    confirm("Is the arm supported and clear?", config.yes, "not moved")
 
 
 def _positions(channels: OpenChannels) -> dict[int, float]:

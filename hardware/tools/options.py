@@ -8,7 +8,22 @@ from typing import Annotated, Literal, TypeAlias
 
 import tyro
 
-__all__ = ["Budget", "Calibrate", "Discover", "Emulate", "Get", "Identify", "Param", "Ping", "Save", "Set", "Tool"]
+__all__ = [
+    "BringUp",
+    "Budget",
+    "Calibrate",
+    "Discover",
+    "Emulate",
+    "Get",
+    "Identify",
+    "Param",
+    "Ping",
+    "Save",
+    "Set",
+    "SetId",
+    "SetZero",
+    "Tool",
+]
 
 _Channel = Annotated[str, tyro.conf.Positional]
 """`can0`, or `interface:channel` for any interface of python-can."""
@@ -221,4 +236,65 @@ class Emulate:
     """Do not print what happens to the motors."""
 
 
-Tool: TypeAlias = Discover | Ping | Param | Calibrate | Identify | Budget | Emulate
+@dataclass(frozen=True)
+class BringUp:
+    """Make the files that set this computer's CAN interfaces up at every start, or check how they are set up.
+
+    Prints the files for systemd-networkd (bit rate, restart-ms) and udev (names by the adapters' serial numbers,
+    length of the queue), or writes them. --check compares what is in force; exit status 1 if it is not as wanted.
+    """
+
+    channels: _Channel
+    """Names that the interfaces have or get, in the order of the robot's buses: can0 or can_left,can_right."""
+    adapter: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """NAME=SERIAL, or NAME=SERIAL/PORT for an adapter with several: name an interface by its USB adapter's serial
+    number. May be repeated."""
+    bitrate: int = 1_000_000
+    """bit/s; motors come with 1000000."""
+    restart_ms: int = 0
+    """ms after which a controller that is bus-off returns by itself; 0: never, so that somebody looks at it first."""
+    queue: int = 100
+    """Frames that the kernel may hold back (txqueuelen)."""
+    output: Path | None = None
+    """Write the files below this folder, as they would lie below /etc."""
+    install: bool = False
+    """Write the files to /etc, after a confirmation."""
+    yes: bool = False
+    """Do not ask first."""
+    check: bool = False
+    """Write nothing; look at what is in force."""
+
+
+@dataclass(frozen=True)
+class SetId:
+    """Give the only motor on a bus another id, such as one that comes from the factory with 127.
+
+    Connect one motor alone. Exit status 3 if none answers.
+    """
+
+    channel: _Channel
+    """Such as can0."""
+    new_id: Annotated[int, tyro.conf.Positional]
+    """1 to 127."""
+    yes: bool = False
+    """Do not ask first."""
+    host_id: int = 0xFD
+    """Our own id on the bus."""
+
+
+@dataclass(frozen=True)
+class SetZero:
+    """Make the present position of the only motor on a bus its zero, and keep it beyond power-off.
+
+    Connect one motor alone. Exit status 3 if none answers.
+    """
+
+    channel: _Channel
+    """Such as can0."""
+    yes: bool = False
+    """Do not ask first."""
+    host_id: int = 0xFD
+    """Our own id on the bus."""
+
+
+Tool: TypeAlias = Discover | Ping | Param | Calibrate | Identify | Budget | Emulate | BringUp | SetId | SetZero

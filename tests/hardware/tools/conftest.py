@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -11,7 +13,11 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.tools import only_motor, set_id
 from humanoid_sim.robots.description import load_robot
+
+# importlib mode leaves sys.path alone.
+sys.path.append(str(Path(__file__).parent))
 
 CHANNEL = "virtual:bench-tools"
 
@@ -59,3 +65,11 @@ def inject() -> Callable[[VirtualMotors, Fault], None]:
             time.sleep(0.001)
 
     return begin
+
+
+@pytest.fixture
+def quick_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search for a motor that is alone need not wait for a real bus."""
+    monkeypatch.setattr(only_motor, "_PACE", 0.0003)
+    for module, name in ((only_motor, "_QUIET"), (only_motor, "_LISTENING"), (set_id, "_QUIET")):
+        monkeypatch.setattr(module, name, 0.04)

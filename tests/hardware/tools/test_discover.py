@@ -8,6 +8,7 @@ from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.tools import bench
 from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.usefixtures("lite_motors")
@@ -38,7 +39,21 @@ def test_only_the_asked_ids_are_asked(run: Run, table_rows: Rows) -> None:
 def test_status_3_where_nothing_answers(run: Run) -> None:
     status, printed, complained = run("discover", _CHANNEL, "--first", "40", "--last", "41", "--wait", "0.01")
     assert (status, printed) == (3, "")
-    assert complained == f"no motor answers on {_CHANNEL}: ids 40 to 41 were asked\n"
+    assert complained.splitlines() == [
+        f"no motor answers on {_CHANNEL}: ids 40 to 41 were asked",
+        f"  check: does anybody emulate motors there? python -m humanoid_sim.hardware emulate --channel {_CHANNEL}",
+    ]
+
+
+def test_on_a_real_channel_it_says_what_to_measure(monkeypatch: pytest.MonkeyPatch) -> None:
+    down = '[{"ifname": "can0", "flags": ["NOARP"], "txqlen": 100, "link_type": "can", "linkinfo": {}}]'
+    monkeypatch.setattr(bench, "read_links", lambda: down)
+    kernel, *advice = bench.advice_for_silence("can0")
+    assert kernel == "problem: can0: is down: sudo ip link set can0 up type can bitrate 1000000 restart-ms 0"
+    assert [line for line in advice if "60 Ω; at 120 Ω a terminator is missing" in line]
+    assert [line for line in advice if "is the motors' supply on?" in line]
+    assert [line for line in advice if "1000000 bit/s" in line]
+    assert bench.advice_for_silence("slcan:/dev/ttyACM0") == tuple(advice[1:])  # the kernel knows nothing of this one
 
 
 def test_status_1_where_a_joint_is_missing(run: Run) -> None:

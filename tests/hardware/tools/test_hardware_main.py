@@ -8,7 +8,10 @@ import pytest
 from humanoid_sim.cli import main as humanoid_sim_main
 from humanoid_sim.hardware import main
 
-_TOOLS = ("discover", "ping", "param", "calibrate", "identify", "budget", "emulate")
+_TOOLS = (
+    *("discover", "ping", "param", "calibrate", "identify"),
+    *("budget", "emulate", "bring-up", "set-id", "set-zero"),
+)
 
 
 def test_help_lists_every_tool(capsys: pytest.CaptureFixture[str]) -> None:

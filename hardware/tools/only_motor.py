@@ -1,0 +1,155 @@
+"""One motor alone on a bus, as it comes from the factory: found, stopped and known before something lasting is changed.
+
+On a robot with all its motors a wrong id would change the wrong one, and two motors that share the factory's id would
+both obey.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from humanoid_sim.cli import complain
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import parse_address
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.enabling import stop_motors
+from humanoid_sim.hardware.robstride.firmware import model_name, version_text
+from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.messages import SaveParameters
+from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, default_value
+from humanoid_sim.hardware.tools.bench import (
+    SilentMotorError,
+    advice_for_silence,
+    channel_trouble,
+    command_motor,
+    open_bench,
+    read_device_id,
+    read_value,
+    require_up,
+    shown,
+    some_motors,
+)
+
+__all__ = ["OnlyMotor", "only_motor", "save", "warn_of_saving"]
+
+_QUIET = 0.2
+"""s without an answer after which nobody else is expected."""
+_PACE = 0.002
+"""s between two ids: answers of motors that share an id come apart."""
+_LISTENING = 0.1
+"""s of silence in which others would be heard."""
+_LOOKS = 2
+"""Times that every id is asked: an answer may be lost, and two that collide may both be."""
+
+
+@dataclass(frozen=True, slots=True)
+class OnlyMotor:
+    """The motor, with channels that know it."""
+
+    channels: OpenChannels
+    motor_id: int
+    uid: bytes
+    model: str | None
+    """Such as rs-02; none if its firmware does not tell."""
+    firmware: str
+    """Such as `0.2.3.6`, or `unknown`."""
+
+    def __str__(self) -> str:
+        """As an operator is told of it."""
+        kind = f"{self.model or 'model unknown'}, firmware {self.firmware}"
+        return f"motor {self.motor_id} on {self.channels.sources[0]} ({kind}, unique id {self.uid.hex()})"
+
+
+@contextlib.contextmanager
+def only_motor(channel: str, host_id: int) -> Iterator[OnlyMotor]:
+    """Find the one motor on a channel and stop it.
+
+    Raises:
+        InputError: the channel or the host id is none.
+        SilentMotorError: nobody answers, or the motor does not confirm that it is stopped.
+        RobotError: several motors answer, somebody else speaks on the bus, or the channel cannot be used.
+    """
+    address = parse_address(channel)
+    with open_bench([address], host_id, some_motors([], [])) as channels:
+        uids: dict[int, set[bytes]] = {}
+        for _ in range(_LOOKS):
+            for _, reply in channels.requests.scan(range(1, LARGEST_MOTOR_ID + 1), _QUIET, _PACE):
+                uids.setdefault(reply.motor_id, set()).add(reply.uid)
+        require_up(channels)
+        motor_id, uid = _only(channels, uids)
+        channels.expect(some_motors([(0, motor_id)], channels.sources))
+        _stop(channels)
+        version = read_versions(channels.requests, [0]).get(0)
+        model = None if version is None else model_name(version)
+        yield OnlyMotor(channels, motor_id, uid, model, "unknown" if version is None else version_text(version))
+
+
+def _only(channels: OpenChannels, uids: dict[int, set[bytes]]) -> tuple[int, bytes]:
+    """Id and unique id of the one that answered."""
+    source, trouble = channels.sources[0], channel_trouble(channels, 0)
+    because = f" ({trouble})" if trouble else ""
+    if not uids:
+        for line in advice_for_silence(source):
+            complain(line)
+        raise SilentMotorError(f"no motor answers on {source}{because}")
+    found = sorted((motor_id, uid) for motor_id, same in uids.items() for uid in same)
+    if len(found) > 1:
+        told = ", ".join(f"{motor_id} (unique id {uid.hex()})" for motor_id, uid in found)
+        raise RobotError(f"{source}: {len(found)} motors answer, expected one alone on the bus: {told}")
+    if trouble or channels.channels[0].counters.error_frames:
+        raise RobotError(f"{source}: the bus has errors{because}: two motors with one id, or bad wiring")
+    return found[0]
+
+
+def _stop(channels: OpenChannels) -> None:
+    """Stop it, once it is clear that nobody else speaks on the bus.
+
+    Raises:
+        SilentMotorError: it does not confirm that it is stopped.
+        RobotError: somebody else speaks, or the channel is down.
+    """
+    time.sleep(_LISTENING)
+    strangers = channels.table.channels[0].strangers
+    if strangers:
+        told = ", ".join(f"{count} × {what}" for what, count in strangers.items())
+        raise RobotError(f"{channels.sources[0]}: somebody else speaks there ({told}), expected one motor alone")
+    checks = CheckList()
+    channels.check(checks)
+    checks.refuse()
+    if stop_motors(channels.requests, [0]):
+        raise SilentMotorError(f"{channels.motors.names[0]}: does not confirm that it is stopped")
+
+
+def warn_of_saving(motor: OnlyMotor) -> None:
+    """Tell which parameters are not as they come from the factory: saving keeps all values, these as well."""
+    if motor.model is None:
+        complain("warning: its model is not known: saving keeps all values that it has now, whatever they are")
+        return
+    for parameter in PARAMETERS.values():
+        usual = default_value(parameter, motor.model)
+        if not parameter.is_writable or usual is None:
+            continue
+        value = read_value(motor.channels, parameter)
+        if value is not None and not parameter.is_same(value, usual):
+            complain(
+                f"warning: saving keeps {parameter.name} {shown(parameter, value)} too (factory: "
+                f"{shown(parameter, usual)}); to avoid it, switch the motor off and on first"
+            )
+
+
+def save(motor: OnlyMotor) -> None:
+    """Have the motor keep what it has beyond power-off, and see that it is still the same one.
+
+    Raises:
+        SilentMotorError: it does not answer.
+        RobotError: another one answers.
+    """
+    command_motor(motor.channels, SaveParameters(motor.motor_id, host_id=motor.channels.host_id))
+    uid = read_device_id(motor.channels).uid
+    if uid != motor.uid:
+        raise RobotError(f"motor {motor.motor_id}: unique id {uid.hex()} answers, expected {motor.uid.hex()}")

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+
+import pytest
+from lone_motor import cycle_power, lone_motors
+
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.messages import Command, SetDeviceId
+from humanoid_sim.hardware.robstride.requests import Requests
+from humanoid_sim.robots.description import load_robot
+
+pytestmark = pytest.mark.usefixtures("quick_search")
+
+Run = Callable[..., tuple[int, str, str]]
+
+_CHANNEL = "virtual:bench-set-id"
+
+
+def _ids(motors: VirtualMotors, *indices: int) -> list[int]:
+    return [motors._emulator.motors.states[i].can_id for i in indices]
+
+
+def test_a_motor_from_the_factory_gets_its_id_and_keeps_it(run: Run) -> None:
+    with lone_motors(_CHANNEL) as motors:
+        status, printed, complained = run("set-id", _CHANNEL, "14", "--yes")
+        assert (status, complained) == (0, "")
+        lines = printed.splitlines()
+        assert lines[0].startswith(f"found motor 127 on {_CHANNEL} (rs-00, firmware 0.0.3.9, unique id ")
+        assert lines[0].endswith("), and nobody else")
+        assert lines[1] == "motor 127 is now 14, read back and saved"
+        assert lines[-1] == f"  python -m humanoid_sim.hardware ping {_CHANNEL} 14"
+        assert _ids(motors, 3) == [14]
+        cycle_power(motors)
+        assert _ids(motors, 3) == [14]
+        status, printed, _ = run("discover", _CHANNEL, "--wait", "0.001", "--firmware")
+        assert status == 0
+        assert " 14 " in printed
+        assert " 127 " not in printed
+
+
+def test_a_motor_that_has_the_id_is_left_alone(run: Run) -> None:
+    with lone_motors(_CHANNEL):
+        status, printed, _ = run("set-id", _CHANNEL, "127")
+    assert status == 0
+    assert printed.endswith("it has the id 127 already: nothing was changed\n")
+
+
+def test_several_motors_are_refused_with_one_id_too(run: Run) -> None:
+    with lone_motors(_CHANNEL, (3, 4)) as motors:
+        status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
+        assert _ids(motors, 3, 4) == [127, 127]
+    assert status == 2
+    assert complained.startswith(f"error: {_CHANNEL}: 2 motors answer, expected one alone on the bus: 127 (unique id ")
+
+
+def test_a_whole_robot_is_refused(run: Run) -> None:
+    with VirtualMotors(load_robot("lite"), [_CHANNEL]) as motors:
+        status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
+        assert _ids(motors, 0, 13) == [11, 27]
+    assert status == 2
+    assert "14 motors answer, expected one alone on the bus: 11 (unique id " in complained
+
+
+@pytest.mark.parametrize(("answer", "expected"), [("yes\n", (0, 14)), ("y\n", (2, 127)), ("", (2, 127))])
+def test_an_operator_confirms(
+    run: Run, monkeypatch: pytest.MonkeyPatch, answer: str, expected: tuple[int, int]
+) -> None:
+    terminal = io.StringIO(answer)
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr("sys.stdin", terminal)
+    with lone_motors(_CHANNEL) as motors:
+        status, _, complained = run("set-id", _CHANNEL, "14")
+        assert (status, *_ids(motors, 3)) == expected
+    assert complained == ("" if status == 0 else "error: the id was not changed: not confirmed\n")
+
+
+def test_without_a_terminal_and_yes_nothing_is_changed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    with lone_motors(_CHANNEL) as motors:
+        status, _, complained = run("set-id", _CHANNEL, "14")
+        assert _ids(motors, 3) == [127]
+    assert (status, complained) == (2, "error: --yes: is needed where standard input is no terminal\n")
+
+
+@pytest.mark.parametrize(("lost", "expected"), [(2, 0), (3, 2)])
+def test_a_lost_frame_is_sent_again(run: Run, monkeypatch: pytest.MonkeyPatch, lost: int, expected: int) -> None:
+    send, renames = Requests.send, []
+
+    def send_not_always(self: Requests, commands: Mapping[int, Sequence[Command]]) -> None:
+        if isinstance(next(iter(commands.values()))[0], SetDeviceId):
+            renames.append(1)
+            if len(renames) <= lost:
+                return
+        send(self, commands)
+
+    monkeypatch.setattr(Requests, "send", send_not_always)
+    with lone_motors(_CHANNEL) as motors:
+        status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
+        assert _ids(motors, 3) == [14 if expected == 0 else 127]
+    assert status == expected
+    if expected:
+        assert complained.startswith("error: motor 127 did not become 14: now answers 127 (unique id ")
+
+
+def test_what_saving_keeps_besides_is_told(run: Run) -> None:
+    with lone_motors(_CHANNEL):
+        assert run("param", "set", _CHANNEL, "127", "canTimeout", "2000")[0] == 0
+        status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
+    assert status == 0
+    assert complained == (
+        "warning: saving keeps canTimeout 2000 (100 ms) too (factory: 0 (off)); to avoid it, switch the motor off and "
+        "on first\n"
+    )
+
+
+def test_status_3_and_advice_where_nobody_answers(run: Run) -> None:
+    status, _, complained = run("set-id", "virtual:nobody", "14", "--yes")
+    assert status == 3
+    assert complained.splitlines() == [
+        "check: does anybody emulate motors there? python -m humanoid_sim.hardware emulate --channel virtual:nobody",
+        "error: no motor answers on virtual:nobody",
+    ]
+
+
+@pytest.mark.parametrize("new_id", ["0", "128", "-1"])
+def test_ids_that_are_none(run: Run, new_id: str) -> None:
+    status, _, complained = run("set-id", _CHANNEL, new_id)
+    assert (status, complained) == (2, f"error: new id: is {new_id}, expected 1 to 127\n")

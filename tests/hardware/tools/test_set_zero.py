@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+
+import pytest
+from lone_motor import cycle_power, lone_motors
+
+from humanoid_sim.hardware.emulation.emulator import Emulator
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.tools import set_zero as tool
+
+pytestmark = pytest.mark.usefixtures("quick_search")
+
+Run = Callable[..., tuple[int, str, str]]
+
+_CHANNEL = "virtual:bench-set-zero"
+_MOUNTED = EmulationSettings(homing_offset={"left_elbow_pitch": 1.25})
+_AGAIN = ("set-zero", _CHANNEL, "--yes")
+
+
+def _shown(motors: VirtualMotors) -> float:
+    """rad, what the motor calls its position now."""
+    found = []
+
+    def look(emulator: Emulator) -> None:
+        found.append(emulator.motors.sensed(3).shaft - emulator.motors.states[3].origin)
+
+    motors.call(look)
+    return found[0]
+
+
+def test_the_present_position_becomes_zero_and_stays_so(run: Run) -> None:
+    with lone_motors(_CHANNEL, settings=_MOUNTED) as motors:
+        before = _shown(motors)
+        assert abs(before) > 0.5
+        status, printed, complained = run(*_AGAIN)
+        assert (status, complained) == (0, "")
+        lines = printed.splitlines()
+        assert lines[1] == f"its position is {before:.3f} rad; a calibration of its joint is void afterwards"
+        assert lines[2] == f"its position was {before:.3f} rad and is now 0.000, read back and saved"
+        assert abs(_shown(motors)) < 0.005
+        cycle_power(motors)
+        assert abs(math.remainder(_shown(motors), 2.0 * math.pi)) < 0.005  # 0 to 2π: a turn is not known
+
+
+def test_without_confirmation_nothing_is_changed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.StringIO("no\n")
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr("sys.stdin", terminal)
+    with lone_motors(_CHANNEL, settings=_MOUNTED) as motors:
+        before = _shown(motors)
+        assert run("set-zero", _CHANNEL)[::2] == (2, "error: the zero was not changed: not confirmed\n")
+        assert _shown(motors) == pytest.approx(before, abs=0.005)
+
+
+def test_several_motors_are_refused(run: Run) -> None:
+    with lone_motors(_CHANNEL, (3, 4, 5), settings=_MOUNTED) as motors:
+        before = _shown(motors)
+        status, _, complained = run(*_AGAIN)
+        assert _shown(motors) == pytest.approx(before, abs=0.005)
+    assert status == 2
+    assert "3 motors answer, expected one alone on the bus" in complained
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("run_mode", "1", "run_mode is 1, expected 0: in mode 1 the zero is ignored"),
+        ("add_offset", "0.5", "add_offset is 0.5 rad, which moves its zero at the next power-on"),
+    ],
+)
+def test_a_motor_whose_zero_would_not_stay_is_refused(run: Run, name: str, value: str, message: str) -> None:
+    with lone_motors(_CHANNEL):
+        assert run("param", "set", _CHANNEL, "127", name, value)[0] == 0
+        status, _, complained = run(*_AGAIN)
+    assert status == 2
+    assert message in complained
+
+
+def test_a_shaft_that_turns_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    positions = iter([0.3, 0.3, 0.35])
+    monkeypatch.setattr(tool, "_position", lambda _: next(positions))
+    with lone_motors(_CHANNEL, settings=_MOUNTED):
+        status, _, complained = run(*_AGAIN)
+    assert (status, complained) == (2, "error: motor 127: its shaft turns: hold it still\n")
+
+
+def test_a_zero_that_the_motor_did_not_take_is_an_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tool, "_position", lambda _: 0.3)
+    with lone_motors(_CHANNEL, settings=_MOUNTED):
+        status, _, complained = run(*_AGAIN)
+    assert (status, complained) == (2, "error: motor 127: reads 0.300 rad after its zero was set, expected 0\n")
