@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 # importlib mode leaves sys.path alone.
-sys.path += [str(Path(__file__).parents[2] / name) for name in ("play", "policy", "hardware/imu")]
+sys.path += [str(Path(__file__).parents[2] / name) for name in ("play", "policy", "hardware/imu", "hardware/play")]
 
 from play_fixtures import folder, make_robot, quick, run
 

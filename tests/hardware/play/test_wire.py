@@ -1,0 +1,288 @@
+"""What leaves on the wire when something happens to the process that holds the motors, or to its terminal."""
+
+from __future__ import annotations
+
+import fcntl
+import itertools
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from result import Document
+from wire import Listener
+
+from humanoid_sim import replay
+from humanoid_sim.cli import run_program
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.messages import Event, Mode, TickRecord
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.realtime import punctual_threads
+
+pytestmark = pytest.mark.slow
+
+TICK = 0.02
+"""s"""
+SLACK = 0.03
+"""s that a busy machine may add to a tick."""
+CAN_TIMEOUT = 0.1
+"""s"""
+MOTORS = 14
+CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+"""What steers a terminal."""
+
+
+def own_terminal() -> None:
+    """The child's standard input becomes the terminal that controls it, as a shell in a window has it."""
+    os.setsid()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
+        signal.signal(number, signal.SIG_DFL)
+
+
+@dataclass
+class Operator:
+    """Somebody at a terminal in which `play` drives motors; `listener` is beside the wire."""
+
+    process: subprocess.Popen[bytes]
+    master: int
+    slave: int
+    listener: Listener
+    folder: Path
+    seen: str = ""
+    """Without what only steers a terminal."""
+    _raw: str = ""
+    before: list = field(default_factory=list)
+
+    def wait_for(self, text: str, seconds: float = 30.0) -> None:
+        deadline = time.monotonic() + seconds
+        while text not in self.seen:
+            assert time.monotonic() < deadline, f"{text!r} never came; the end: {self.seen[-1000:]}"
+            self._read(0.05)
+        self.seen = self.seen.partition(text)[2]
+
+    def _read(self, timeout: float) -> None:
+        if select.select([self.master], [], [], timeout)[0]:
+            self._raw += os.read(self.master, 4096).decode(errors="replace")
+            whole, escape, rest = self._raw.rpartition("\x1b")  # what a read cut in two waits for its other half
+            done = self._raw if CONTROL.match(escape + rest) or not escape else whole
+            self._raw = self._raw[len(done) :]
+            self.seen += CONTROL.sub("", done)
+
+    def type(self, key: str) -> float:
+        """Press a key; when."""
+        os.write(self.master, key.encode())
+        return time.monotonic()
+
+    def stands(self) -> None:
+        """Walk to the standby pose, whose arms the motors hold up."""
+        self.wait_for("started")
+        self.type("d")
+        self.wait_for("DAMP requested")
+        self.type("a")
+        self.wait_for("LOAD_A requested")
+        time.sleep(0.8)
+
+    def end(self, seconds: float = 20.0) -> int:
+        """Read what is still printed until the process has ended; its status."""
+        deadline = time.monotonic() + seconds
+        while self.process.poll() is None:
+            assert time.monotonic() < deadline, self.seen[-1000:]
+            self._read(0.05)
+        return self.process.returncode
+
+    @property
+    def attributes(self) -> list:
+        return termios.tcgetattr(self.slave)
+
+    def told(self, what: str, moment: float) -> None:
+        print(f"\n{what}\n{self.listener.table(moment)}")
+
+    def recorded(self) -> tuple[list[Mode], list[str], bool]:
+        """The modes and events of the recording, and whether it is complete; it must replay."""
+        recording = open_recording(self.folder / "r.mcap")
+        entries = list(recording.entries())
+        modes = [entry.output.control_mode.mode for entry in entries if isinstance(entry, TickRecord)]
+        events = [entry.text for entry in entries if isinstance(entry, Event)]
+        assert run_program(replay.main, [str(self.folder / "r.mcap")]) == 0
+        return modes, events, recording.is_complete
+
+
+@pytest.fixture
+def stretched(make_robot: Callable[..., str]) -> str:
+    """Stands with its arms stretched out to the sides."""
+
+    def stretch(document: Document) -> None:
+        for pose in ("a", "b"):
+            document[f"standby_controller_{pose}"]["pose_segments"] = [[0.0] * 14, [0.0] * 14]
+            document[f"standby_controller_{pose}"]["segment_durations"] = [0.4, 0.2]
+
+    return make_robot(change=stretch)
+
+
+@pytest.fixture
+def operator(stretched: str, folder: Path) -> Iterator[Operator]:
+    with standing(stretched, folder) as found:
+        yield found
+
+
+@contextmanager
+def standing(robot: str, folder: Path, environment: dict[str, str] | None = None) -> Iterator[Operator]:
+    channel = f"udp_multicast:239.76.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
+    with punctual_threads(behind=10):
+        motors = VirtualMotors(load_robot(robot), [channel])
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, b"\x18\x00\x50\x00\x00\x00\x00\x00")  # 24 lines of 80
+    options = ("--hardware", channel, "--robot", robot, "--policy", "placeholder", "--manual", "--yes")
+    before = termios.tcgetattr(slave)
+    with motors, Listener(channel, robot) as listener:
+        with subprocess.Popen(
+            [sys.executable, "-m", "humanoid_sim.play", *options, "--calibration", "none", "--record", "r.mcap"],
+            cwd=folder,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env={**os.environ, "TERM": "xterm", **(environment or {})},
+            preexec_fn=own_terminal,  # noqa: PLW1509 - nothing of the parent's threads is touched
+        ) as process:
+            operator = Operator(process, master, slave, listener, folder, before=before)
+            try:
+                operator.stands()
+                yield operator
+            finally:
+                process.kill()
+        os.close(operator.slave)
+        os.close(operator.master)
+
+
+def ends_through_damping(operator: Operator, moment: float, *, within: float = TICK + SLACK) -> None:
+    """No motor is driven any more after a tick; all are damped every tick until they rest, and then stopped."""
+    listener = operator.listener
+    driven, damped = listener.after(moment, "drive"), listener.after(moment, "damp")
+    assert all(frame.time - moment <= within for frame in driven)
+    assert damped[0].time - moment <= within + 0.005
+    assert len({frame.motor_id for frame in damped[:MOTORS]}) == MOTORS
+    assert len(damped) >= 20 * MOTORS  # 0.5 s of rest at the least
+    for motor_id in {frame.motor_id for frame in damped}:
+        own = [frame.time for frame in damped if frame.motor_id == motor_id]
+        assert max(b - a for a, b in itertools.pairwise(own)) < CAN_TIMEOUT
+    stops = listener.after(damped[-1].time, "stop")
+    assert {frame.motor_id for frame in stops} == {frame.motor_id for frame in damped}
+
+
+def test_ctrl_backslash_ends_the_run_through_damping(operator: Operator) -> None:
+    moment = operator.type("\x1c")
+    assert operator.end() == 128 + signal.SIGQUIT
+    operator.told("Ctrl-\\", moment)
+    ends_through_damping(operator, moment)
+    assert operator.attributes == operator.before
+    modes, events, is_complete = operator.recorded()
+    assert modes[-1] is Mode.DAMPING
+    assert "ending: SIGQUIT" in events
+    assert is_complete
+
+
+def test_ctrl_z_damps_and_the_session_goes_on(operator: Operator) -> None:
+    moment = operator.type("\x1a")
+    operator.wait_for("a process that holds motors is not")
+    time.sleep(1.0)
+    listener = operator.listener
+    operator.told("Ctrl-Z", moment)
+    assert all(frame.time - moment <= TICK + SLACK for frame in listener.after(moment, "drive"))
+    assert listener.after(moment, "stop") == []
+    assert len(listener.after(moment + 0.1, "damp")) >= 40 * MOTORS  # of 45 ticks
+    operator.type("a")  # and it can be driven again
+    operator.wait_for("DAMPING → STANDBY")
+    operator.type("d")
+    operator.wait_for("STANDBY → DAMPING")
+    operator.type("q")
+    assert operator.end() == 0
+    assert operator.attributes == operator.before
+    assert operator.recorded()[2]
+
+
+def test_a_forced_stop_that_ends_begins_in_damping(operator: Operator) -> None:
+    operator.process.send_signal(signal.SIGSTOP)
+    stopped = time.monotonic()
+    time.sleep(1.0)
+    operator.type("la")  # as to a shell that has taken the terminal
+    operator.process.send_signal(signal.SIGCONT)
+    moment = time.monotonic()
+    operator.wait_for("the process stood still for 1.")
+    time.sleep(0.5)
+    listener = operator.listener
+    operator.told("SIGSTOP", stopped)
+    operator.told("SIGCONT", moment)
+    assert [frame for frame in listener.after(stopped + 0.01) if frame.time < moment] == []
+    assert listener.after(moment, "drive") == []
+    assert listener.after(moment, "damp")[0].time - moment <= TICK + SLACK
+    operator.type("e")
+    operator.wait_for("reactivated: the robot is verified and enabled afresh")
+    operator.type("q")
+    assert operator.end() == 1  # the motors stopped by their CAN timeout
+    assert operator.attributes == operator.before
+    modes, events, is_complete = operator.recorded()
+    assert is_complete
+    assert Mode.DAMPING in modes[modes.index(Mode.STANDBY) :]
+    assert any("stood still" in event for event in events)
+
+
+def test_a_killed_process_sends_nothing_more_and_its_terminal_is_the_shells_to_restore(operator: Operator) -> None:
+    operator.process.kill()
+    moment = time.monotonic()
+    assert operator.end() == -signal.SIGKILL
+    time.sleep(0.5)
+    operator.told("SIGKILL", moment)
+    assert operator.listener.after(moment + 0.01) == []
+    modes, _, is_complete = operator.recorded()
+    assert modes[-1] is Mode.STANDBY
+    assert not is_complete
+
+
+def test_a_closed_terminal_ends_the_run_through_damping(operator: Operator) -> None:
+    os.close(operator.slave)
+    os.close(operator.master)
+    moment = time.monotonic()
+    assert operator.process.wait(20.0) == 128 + signal.SIGHUP
+    operator.master, operator.slave = pty.openpty()  # for the fixture to close
+    operator.told("closed terminal", moment)
+    ends_through_damping(operator, moment)
+    modes, events, is_complete = operator.recorded()
+    assert modes[-1] is Mode.DAMPING
+    assert "ending: SIGHUP" in events
+    assert is_complete
+
+
+def test_a_lost_display_changes_nothing(stretched: str, folder: Path) -> None:
+    display, number = os.pipe()
+    with subprocess.Popen(
+        ["Xvfb", "-displayfd", str(number), "-screen", "0", "320x240x24"], pass_fds=[number], stderr=subprocess.DEVNULL
+    ) as server:
+        os.close(number)
+        with os.fdopen(display) as told:
+            name = f":{told.readline().strip()}"
+        with standing(stretched, folder, {"DISPLAY": name}) as operator:
+            server.kill()
+            server.wait()
+            moment = time.monotonic()
+            time.sleep(1.0)
+            operator.told("lost display", moment)
+            driven = operator.listener.after(moment, "drive")
+            assert len(driven) >= 45 * MOTORS
+            assert operator.listener.after(moment, "damp", "zero", "stop") == []
+            operator.type("d")
+            operator.wait_for("STANDBY → DAMPING")
+            operator.type("q")
+            assert operator.end() == 0
+            assert operator.recorded()[2]
