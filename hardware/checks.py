@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import Enum
 
@@ -15,6 +16,8 @@ class Verdict(Enum):
 
     PASSED = "ok"
     WARNING = "warning"
+    QUESTION = "question"
+    """What no document says, so that an operator has to: the robot is not enabled until it was answered."""
     PROBLEM = "problem"
     """The robot is not enabled."""
 
@@ -27,10 +30,12 @@ class Check:
     subject: str
     """The joint or the channel."""
     text: str
+    about: str = ""
+    """Of a question: what its answer accepts."""
 
     @property
     def passed(self) -> bool:
-        """Whether this check does not keep the robot from being enabled."""
+        """Whether this check does not keep the robot from being enabled, once its question is answered."""
         return self.verdict is not Verdict.PROBLEM
 
     def __str__(self) -> str:
@@ -41,9 +46,15 @@ class Check:
 class CheckList:
     """Checks in the order in which they were made."""
 
-    def __init__(self, robot: str = "") -> None:
-        """Begin; `robot` is named in a refusal, which without one is the problems alone."""
+    def __init__(self, robot: str = "", answered: Collection[str] = ()) -> None:
+        """Begin.
+
+        Args:
+            robot: is named in a refusal, which without one is the problems alone.
+            answered: what an operator has been asked about and accepted, such as a firmware's version.
+        """
         self._robot = robot
+        self._answered = answered
         self._checks: list[Check] = []
 
     def passed(self, subject: str, text: str) -> None:
@@ -57,6 +68,17 @@ class CheckList:
     def warn(self, subject: str, text: str) -> None:
         """Note what an operator should know."""
         self._checks.append(Check(Verdict.WARNING, subject, text))
+
+    def question(self, subject: str, text: str, about: str) -> None:
+        """Ask the operator to accept what nobody knows; a warning where he has accepted the same already.
+
+        Args:
+            subject: the joint or the channel.
+            text: what is not known.
+            about: what is accepted by the answer, for this robot's other motors too.
+        """
+        is_answered = about in self._answered
+        self._checks.append(Check(Verdict.WARNING if is_answered else Verdict.QUESTION, subject, text, about))
 
     def problem(self, subject: str, text: str) -> None:
         """Note what keeps the robot from being enabled."""
@@ -73,6 +95,11 @@ class CheckList:
         return tuple(f"{check.subject}: {check.text}" for check in self._checks if not check.passed)
 
     @property
+    def questions(self) -> tuple[Check, ...]:
+        """What nobody has accepted yet."""
+        return tuple(check for check in self._checks if check.verdict is Verdict.QUESTION)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What an operator should know, one line each."""
         return tuple(f"{check.subject}: {check.text}" for check in self._checks if check.verdict is Verdict.WARNING)
@@ -84,6 +111,19 @@ class CheckList:
             return "; ".join(problems)
         count = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}"
         return f"{self._robot}: not enabled, {count}:" + "".join(f"\n  - {problem}" for problem in problems)
+
+    def refuse_questions(self) -> None:
+        """Go no further while an operator has not accepted what nobody knows.
+
+        Raises:
+            RobotError: with every question.
+        """
+        if not self.questions:
+            return
+        accepted = " ".join(f"--accept-firmware {about}" for about in sorted({q.about for q in self.questions}))
+        asked = "; ".join(f"{check.subject}: {check.text}" for check in self.questions)
+        head = f"{self._robot}: not enabled: " if self._robot else ""
+        raise RobotError(f"{head}{asked}. If you know it better, add {accepted}")
 
     def refuse(self) -> None:
         """Go no further if there is a problem.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time as system_time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -60,6 +60,7 @@ class HardwareRobot:
         can_timeout: float = CAN_TIMEOUT,
         imu: Imu | None = None,
         dry_run: bool = False,
+        accepted_firmware: Collection[str] = (),
         open_bus: OpenBus = open_python_can,
     ) -> None:
         """Describe the robot; nothing is opened yet.
@@ -74,6 +75,7 @@ class HardwareRobot:
             can_timeout: s without a command after which the motors stop by themselves.
             imu: where orientation comes from; without one the state is that of a base upright and at rest.
             dry_run: never enable: `activate` verifies everything and then refuses.
+            accepted_firmware: versions that no document mentions and an operator accepts all the same.
             open_bus: opens a channel.
 
         Raises:
@@ -90,6 +92,7 @@ class HardwareRobot:
         )
         self._imu = imu
         self._dry_run = dry_run
+        self._answered = set(accepted_firmware)
         self._open_bus = open_bus
         self._clock, self._origin = clock, clock()
         self._locks = Locks()
@@ -144,6 +147,10 @@ class HardwareRobot:
 
     # --- activation
 
+    def accept(self, about: Iterable[str]) -> None:
+        """An operator accepts what was a question, see `Check.about`; it is none from the next activation on."""
+        self._answered.update(about)
+
     def prepare(self) -> None:
         """Verify and configure everything, and leave the motors stopped.
 
@@ -162,6 +169,7 @@ class HardwareRobot:
         channels, control = self._prepare()
         if self._dry_run:
             raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
+        self._checks.refuse_questions()
         self._may_run = frozenset(range(self._settings.wiring.count))
         try:
             joints = range(self._settings.wiring.count)
@@ -180,7 +188,7 @@ class HardwareRobot:
             if self._control.is_enabled:
                 self._damp(self._control)  # or arms that still sink would fall while their motors are verified
         self._control, self._why_not = None, "not enabled"
-        self._checks = CheckList(self._settings.name)
+        self._checks = CheckList(self._settings.name, self._answered)
         for joint, text in gain_warnings(self._description, self._settings.wiring):
             self._checks.warn(joint, text)
         for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here

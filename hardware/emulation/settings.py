@@ -11,14 +11,14 @@ from types import MappingProxyType
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity
 from humanoid_sim.hardware.robstride.fields import Scale
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of, parse_version
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, emulated_version, firmware_of, parse_version
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS, motor_model
 
 __all__ = ["NEW_FIRMWARE", "EmulationSettings", "motor_identities"]
 
 NEW_FIRMWARE: Mapping[str, FirmwareVersion] = MappingProxyType(
-    {name: (0, int(name.removeprefix("rs-")), 3, 9) for name, model in MOTORS.items() if model.family == "robstride"}
+    {name: emulated_version(model) for name, model in MOTORS.items() if model.family == "robstride"}
 )
 """By model: versions in which everything is as the manuals of 2026-04-28 have it."""
 

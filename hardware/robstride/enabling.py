@@ -2,7 +2,8 @@
 
 The adapter goes it with a robot's motors, a bench tool with one. A session takes its motors over: it clears their
 faults and writes run mode and limits. A tool takes a motor as it is: one that has a fault, or another run mode, is
-refused, and only its CAN timeout is written. All else that is checked is the same.
+refused, and only its CAN timeout is written, and the torque limit by a tool that moves it. All else that is checked is
+the same.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from humanoid_sim.hardware.robstride.identification import identify
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     Enable,
-    OperationControl,
     ParameterReply,
     ReadParameter,
     SetActiveReport,
@@ -28,6 +28,7 @@ from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, fault_word, unpack_value
 from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
+from humanoid_sim.hardware.robstride.stored_host import check_stored_hosts, limp_command, note_stored_hosts
 
 __all__ = ["CAN_TIMEOUT", "enable_motors", "examine", "make_ready", "mode_text", "set_reports", "stop_motors"]
 
@@ -91,19 +92,27 @@ def examine(
 
 
 def make_ready(
-    channels: OpenChannels, joints: Sequence[int], can_timeout: float, checks: CheckList, *, takes_over: bool
+    channels: OpenChannels,
+    joints: Sequence[int],
+    can_timeout: float,
+    checks: CheckList,
+    *,
+    takes_over: bool,
+    torque: float | None = None,
 ) -> None:
     """Stop these motors, see to their faults, and configure them; leaves them stopped.
 
     Without a CAN timeout a motor executes its last command for ever when the host dies, so one that does not confirm it
-    is not enabled; nor is one that would take another kind of command, or more torque than it was given.
+    is not enabled; nor is one that would take another kind of command, or more torque than it was given, or answer its
+    commands to somebody else.
 
     Args:
         channels: open.
         joints: of which motors.
         can_timeout: s without a command after which a motor stops by itself.
         checks: takes what is found.
-        takes_over: whether faults are cleared, and run mode and limits written.
+        takes_over: whether faults are cleared, and run mode and the robot description's limits written.
+        torque: N·m that a tool lets these motors have; None: no limit is written.
     """
     requests = channels.requests
     _stop_and_check(requests, joints, checks, clears_faults=takes_over)
@@ -118,6 +127,9 @@ def make_ready(
         _write_limit(requests, "limit_torque", {i: motors.torque_limit[i] for i in joints}, checks, is_needed=True)
         # Documented for the velocity and position modes only: operation mode is held by the torque limit.
         _write_limit(requests, "limit_cur", {i: motors.current_limit[i] for i in joints}, checks, is_needed=False)
+    elif torque is not None:
+        _write_limit(requests, "limit_torque", dict.fromkeys(joints, torque), checks, is_needed=True)
+    check_stored_hosts(channels, joints, checks)
 
 
 # --- stopping
@@ -239,8 +251,7 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
         if len(confirmed) == len(joints) or time.monotonic() > deadline:
             break
         for i in joints:  # one motor after the other: no other's frames between enable and limp
-            motor_id, sample = motors.motor_id[i], before[i]
-            limp = OperationControl(motor_id, 0.0 if sample is None else sample.status.position, 0.0, 0.0, 0.0, 0.0)
+            motor_id, limp = motors.motor_id[i], limp_command(requests, i)
             commands: list[Command] = [limp]
             if i not in running:
                 commands += [Enable(motor_id, host_id=requests.host_id), limp]
@@ -256,6 +267,7 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
             checks.problem(name, "does not tell its CAN timeout after it was enabled")
         elif confirmed[i] != ticks:
             checks.problem(name, f"has booted since it was configured: its canTimeout reads {confirmed[i]:g}")
+    note_stored_hosts(requests, joints, checks)
 
 
 def _listen(requests: Requests, asked: Sequence[int], confirmed: dict[int, float]) -> None:

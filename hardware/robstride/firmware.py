@@ -1,23 +1,28 @@
-"""What old firmware does differently, by model and version.
+"""What firmware does differently, by model and version, and from where that is known.
 
-A version has four numbers, `0.2.3.6`, of which the second belongs to the model. Source: the vendor's firmware notes and
-the manuals of 2026-04-28.
+A version has four numbers, `0.2.3.6`, of which the second belongs to the model. What no document mentions is not
+guessed: an operator is asked.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TypeAlias
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 __all__ = [
+    "KNOWN",
     "Firmware",
     "FirmwareVersion",
+    "KnownFirmware",
+    "emulated_version",
     "firmware_of",
     "firmware_problem",
+    "firmware_question",
     "firmware_warning",
     "model_name",
     "parse_version",
@@ -27,29 +32,48 @@ __all__ = [
 
 FirmwareVersion: TypeAlias = tuple[int, int, int, int]
 
+_NEVER: FirmwareVersion = (0, 0, 0, -1)
+"""Before every version: something never was so, or always has been."""
+
 _OLD_POSITION_RANGE = 12.5
 _OLD_GAIN_FACTOR = 1.4167
-_LAST_OLD_RANGE: Mapping[str, FirmwareVersion] = {
-    "rs-00": (0, 0, 2, 6),
-    "rs-01": (0, 1, 2, 1),
-    "rs-02": (0, 2, 2, 11),
-    "rs-03": (0, 3, 0, 5),
-    "rs-04": (0, 4, 0, 5),
-}
-_FIRST_TRUE_GAINS: Mapping[str, FirmwareVersion] = {"rs-01": (0, 1, 3, 4), "rs-02": (0, 2, 3, 6)}
-_FIRST_REPORTS: Mapping[str, FirmwareVersion] = {
-    "rs-00": (0, 0, 3, 0),
-    "rs-01": (0, 1, 3, 0),
-    "rs-02": (0, 2, 3, 0),
-    "rs-03": (0, 3, 1, 0),
-    "rs-04": (0, 4, 1, 0),
-}
-_LAST_REPORTS_AS_STATUS: Mapping[str, FirmwareVersion] = {
-    "rs-00": (0, 0, 3, 2),
-    "rs-01": (0, 1, 3, 2),
-    "rs-03": (0, 3, 1, 2),
-    "rs-04": (0, 4, 1, 2),
-}
+_EMULATED = 255
+"""Fourth number of the emulated motors' versions, which do all as the manuals have it; the vendor's are far below."""
+_NOTES = "the vendor's firmware notes (RobStride/Product_Information, commit ba7236b) and the manual of 2026-04-28"
+_MANUAL = "the manual of 2026-04-28, which gives no version"
+
+
+@dataclass(frozen=True, slots=True)
+class KnownFirmware:
+    """What is written down about the versions of one model."""
+
+    newest: FirmwareVersion | None
+    """The newest that a document mentions; none: no document mentions any. What is newer, nobody knows."""
+    source: str
+    """Which documents."""
+    last_old_range: FirmwareVersion = _NEVER
+    """The last that counts ±12.5 rad instead of ±4π."""
+    first_true_gains: FirmwareVersion = _NEVER
+    """The first that does not multiply K_p and K_d by 1.4167."""
+    first_reports: FirmwareVersion = _NEVER
+    """The first that knows active reports."""
+    last_reports_as_status: FirmwareVersion = _NEVER
+    """The last that sends them as type 2."""
+
+
+KNOWN: Mapping[str, KnownFirmware] = MappingProxyType(
+    {
+        "rs-00": KnownFirmware((0, 0, 3, 6), _NOTES, (0, 0, 2, 6), _NEVER, (0, 0, 3, 0), (0, 0, 3, 2)),
+        "rs-01": KnownFirmware((0, 1, 3, 6), _NOTES, (0, 1, 2, 1), (0, 1, 3, 4), (0, 1, 3, 0), (0, 1, 3, 2)),
+        "rs-02": KnownFirmware((0, 2, 3, 9), _NOTES, (0, 2, 2, 11), (0, 2, 3, 6), (0, 2, 3, 0), _NEVER),
+        "rs-03": KnownFirmware((0, 3, 1, 10), _NOTES, (0, 3, 0, 5), _NEVER, (0, 3, 1, 0), (0, 3, 1, 2)),
+        "rs-04": KnownFirmware((0, 4, 1, 12), _NOTES, (0, 4, 0, 5), _NEVER, (0, 4, 1, 0), (0, 4, 1, 2)),
+        "rs-05": KnownFirmware(None, _MANUAL),
+        "rs-06": KnownFirmware(None, _MANUAL),
+    }
+)
+"""By model. A version between two that are mentioned does what lies between them."""
+_UNMENTIONED = KnownFirmware(None, _MANUAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +96,12 @@ class Firmware:
 
 def firmware_of(model: MotorModel, version: FirmwareVersion) -> Firmware:
     """What this version of a model does. A model that the notes do not mention behaves as the manual has it."""
-    name = model.name
-    old_range = version <= _LAST_OLD_RANGE.get(name, (0, 0, 0, -1))
-    old_gains = version < _FIRST_TRUE_GAINS.get(name, (0, 0, 0, 0))
+    known = KNOWN.get(model.name, _UNMENTIONED)
     return Firmware(
-        position_range=_OLD_POSITION_RANGE if old_range else model.position,
-        gain_factor=_OLD_GAIN_FACTOR if old_gains else 1.0,
-        has_active_reports=version >= _FIRST_REPORTS.get(name, (0, 0, 0, 0)),
-        reports_as_status=version <= _LAST_REPORTS_AS_STATUS.get(name, (0, 0, 0, -1)),
+        position_range=_OLD_POSITION_RANGE if version <= known.last_old_range else model.position,
+        gain_factor=_OLD_GAIN_FACTOR if version < known.first_true_gains else 1.0,
+        has_active_reports=version >= known.first_reports,
+        reports_as_status=version <= known.last_reports_as_status,
     )
 
 
@@ -124,6 +146,28 @@ def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
     if factor != 1.0:
         return f"its firmware {version_text(version)} multiplies K_p and K_d by {factor:g}: update it"
     return ""
+
+
+def firmware_question(model: MotorModel, version: FirmwareVersion) -> str:
+    """What no document says about this firmware, so that an operator has to; empty for nothing."""
+    known = KNOWN.get(model.name, _UNMENTIONED)
+    if version[3] == _EMULATED or (known.newest is not None and version <= known.newest):
+        return ""
+    where = (
+        f"is in no document (there is {known.source})"
+        if known.newest is None
+        else f"is newer than the newest that is documented, {version_text(known.newest)}"
+    )
+    return (
+        f"its firmware {version_text(version)} {where}: that it counts ±{model.position:.3f} rad and takes K_p and K_d "
+        "as they are sent is an assumption"
+    )
+
+
+def emulated_version(model: MotorModel) -> FirmwareVersion:
+    """The version of an emulated motor, in which everything is as the manual has it."""
+    number = int(model.name.removeprefix("rs-"))
+    return (0, number, 3, _EMULATED)
 
 
 def firmware_warning(model: MotorModel, version: FirmwareVersion) -> str:

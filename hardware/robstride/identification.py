@@ -12,6 +12,7 @@ from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import (
     FirmwareVersion,
     firmware_problem,
+    firmware_question,
     firmware_warning,
     version_text,
 )
@@ -145,4 +146,9 @@ def _check_versions(
         warning = firmware_warning(model, versions[joint])
         if warning:
             checks.warn(name, warning)
+        question = firmware_question(model, versions[joint])
+        if question and is_limp:
+            checks.warn(name, question)
+        elif question:
+            checks.question(name, question, version_text(versions[joint]))
     return versions

@@ -111,6 +111,8 @@ class MotorSlot:
     """Operation control frames handed to the channel; written by the control thread."""
     acknowledged: int = 0
     """Answers that had a command to answer."""
+    answers_to: int | None = None
+    """The other host to which it sent its latest stray status; none: it has sent none."""
 
 
 @dataclass(slots=True)
@@ -157,6 +159,8 @@ class MotorTable:
         """Takes answers to requests, on a receiver's thread; none: they are dropped."""
         self.counts_answers = True
         """Whether a status acknowledges a command; not when something else is asked as well."""
+        self.expects_strays = False
+        """Whether statuses to another host may be answers to this one, and so no sign of another master."""
         self._host_id = host_id
         self._by_address = {(motors.channel[i], motors.motor_id[i]): slot for i, slot in enumerate(self.slots)}
         self._models = tuple(
@@ -227,6 +231,9 @@ class MotorTable:
     ) -> None:
         """A frame of one of our motors that says nothing to this host."""
         if parts.type == FrameType.STATUS:
+            slot.answers_to = parts.destination
+            if self.expects_strays:
+                return
             notes.intrusions += 1
             text = f"motor {parts.low} answers host 0x{parts.destination:02X}, not 0x{self._host_id:02X}"
             notes.intruder = Note(time, text)

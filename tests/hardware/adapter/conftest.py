@@ -100,7 +100,7 @@ def left() -> ScriptedMotor:
 @pytest.fixture
 def right() -> ScriptedMotor:
     """Motor 21, at 0.5 rad."""
-    return ScriptedMotor(21, "rs-00", uid=b"right uid"[:8], version=(0, 0, 3, 9), position=0.5)
+    return ScriptedMotor(21, "rs-00", uid=b"right uid"[:8], version=(0, 0, 3, 6), position=0.5)
 
 
 @pytest.fixture

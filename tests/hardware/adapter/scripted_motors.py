@@ -65,6 +65,10 @@ class ScriptedMotor:
     unwritable: set[str] = field(default_factory=set)
     limits: dict[str, float] = field(default_factory=dict)
     answers_host: int | None = None
+    stored_host: int | None = None
+    """To whom operation control is answered; none: to whoever asks."""
+    answers_stopped: bool = True
+    """Whether it answers operation control while it is stopped."""
     hears: Callable[[Command], bool] = lambda _: True
     heard: list[Command] = field(default_factory=list)
     reports: bool = False
@@ -86,6 +90,8 @@ class ScriptedMotor:
         if self.is_silent or not self.hears(command):
             return None
         self.heard.append(command)
+        if isinstance(command, OperationControl) and self.mode is MotorMode.RESET and not self.answers_stopped:
+            return None
         host = getattr(command, "host_id", HOST)
         match command:
             case GetDeviceId():
@@ -105,6 +111,8 @@ class ScriptedMotor:
                 return self._read(index, host)
             case SetActiveReport(is_on=is_on):
                 self.reports = is_on
+            case OperationControl():
+                host = host if self.stored_host is None else self.stored_host
         return self.status(host)
 
     def _write(self, index: int, payload: bytes) -> None:

@@ -115,7 +115,8 @@ def test_preparing_does_everything_but_enabling(robot: HardwareRobot, left: Scri
     assert not robot.is_enabled
     assert left.mode is MotorMode.RESET
     assert _parameter(left, "canTimeout") == 2000
-    assert not any(isinstance(command, Enable | OperationControl) for command in left.heard)
+    assert not any(isinstance(command, Enable) for command in left.heard)
+    assert all((c.stiffness, c.damping, c.effort, c.velocity) == (0.0, 0.0, 0.0, 0.0) for c in left.commands)
     state, statuses = robot.read()
     assert state.joint_position[0] == pytest.approx(-0.25, abs=4e-4)
     assert [(status.level, status.flags) for status in statuses] == [(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT)] * 2
@@ -274,6 +275,56 @@ def test_firmware_that_would_scale_wrongly_is_refused(
 ) -> None:
     left.version = version
     assert _refusal(robot) == [f"left: {says}"]
+
+
+def test_firmware_that_no_document_mentions_is_a_question_to_the_operator(
+    robot: HardwareRobot, left: ScriptedMotor
+) -> None:
+    left.version = (0, 2, 3, 10)
+    robot.prepare()
+    (question,) = (check for check in robot.checks if check.verdict is Verdict.QUESTION)
+    assert (question.subject, question.about) == ("left", "0.2.3.10")
+    assert question.text.startswith("its firmware 0.2.3.10 is newer than the newest that is documented, 0.2.3.9: ")
+    with pytest.raises(
+        RobotError, match=r"^pair: not enabled: left: its firmware .* add --accept-firmware 0\.2\.3\.10$"
+    ):
+        robot.activate()
+    assert left.mode is MotorMode.RESET
+    assert not any(isinstance(command, Enable) for command in left.heard)
+    robot.accept(["0.2.3.10"])
+    robot.activate()
+    assert robot.is_enabled
+    assert any("left: its firmware 0.2.3.10 is newer" in line for line in _warnings(robot))
+
+
+def test_a_motor_that_answers_operation_control_to_a_stored_host_is_not_enabled(
+    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    left.stored_host, right.stored_host = 0xAA, 0x00
+    what = "which is stored in the motor, and not to 253, this host"
+    stored = "store 253 in it (CAN_MASTER, with the vendor's program)"
+    assert _refusal(robot) == [
+        f"left: answers operation control to host 170, {what}: start with --host-id 170, or {stored}",
+        f"right: answers operation control to host 0, {what}: {stored}",
+    ]
+    assert not any(isinstance(command, Enable) for motor in (left, right) for command in motor.heard)
+
+
+def test_a_stored_host_is_found_out_at_the_latest_when_the_motor_is_enabled(
+    robot: HardwareRobot, left: ScriptedMotor
+) -> None:
+    left.stored_host, left.answers_stopped = 0xAA, False
+    (problem,) = _refusal(robot)
+    assert problem.startswith("left: answers operation control to host 170, which is stored in the motor")
+    assert left.mode is MotorMode.RESET
+    assert all((c.stiffness, c.damping, c.effort) == (0.0, 0.0, 0.0) for c in left.commands)
+
+
+def test_the_stored_host_may_be_ours(make_robot: MakeRobot, left: ScriptedMotor, right: ScriptedMotor) -> None:
+    left.stored_host = right.stored_host = 0xAA
+    robot = make_robot(host_id=0xAA)
+    robot.activate()
+    assert all(status.is_ok for status in robot.read()[1])
 
 
 def test_firmware_with_the_old_position_range_is_mentioned(robot: HardwareRobot, right: ScriptedMotor) -> None:

@@ -25,7 +25,7 @@ def test_every_motor_is_found_with_its_joint_and_firmware(run: Run, table_rows: 
     assert status == 0
     found = {int(row[1]): row for row in table_rows(printed)}
     assert sorted(found) == [*range(11, 18), *range(21, 28)]
-    assert found[14][3:] == ["0.0.3.9", "(rs-00)", "left_elbow_pitch"]
+    assert found[14][3:] == ["0.0.3.255", "(rs-00)", "left_elbow_pitch"]
     assert len({row[2] for row in found.values()}) == 14
     assert all(len(bytes.fromhex(row[2])) == 8 for row in found.values())
 

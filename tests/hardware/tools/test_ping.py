@@ -36,7 +36,7 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run: Run, lite_mo
     status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status")
     values = _values(printed)
     assert status == 0
-    assert (values["model"], values["firmware"], values["faults"]) == ("rs-00", "0.0.3.9", "none")
+    assert (values["model"], values["firmware"], values["faults"]) == ("rs-00", "0.0.3.255", "none")
     assert float(values["position"].split()[0]) == pytest.approx(float(values["mechPos"].split()[0]), abs=2e-3)
     assert abs(float(values["effort"].split()[0])) < 1e-3
     assert values["temperature"] == "25.0 °C"
