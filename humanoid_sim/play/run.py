@@ -185,10 +185,13 @@ def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
         robot.prepare()
     except RobotError as error:
         _print_checks(robot, console)
+        if config.dry_run:
+            _print_verdict(robot, console)
         raise RobotError(str(error).partition("\n")[0].rstrip(": ")) from None
     _print_checks(robot, console)
     if config.dry_run:
         console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
+        _print_verdict(robot, console)
         return False
     if not asks:
         return True
@@ -203,3 +206,17 @@ def _print_checks(robot: BringUp, console: Console) -> None:
     console.print("[bold]Checks, before anything is enabled[/bold]")
     for verdict, subject, text in robot.checks():
         console.print(Text.assemble((f"{verdict:<8}", _STYLES.get(verdict, "")), (subject, "bold"), f"  {text}"))
+
+
+def _print_verdict(robot: BringUp, console: Console) -> None:
+    """Whether the robot could be enabled now, and what to look at first."""
+    found = [(verdict, subject) for verdict, subject, _ in robot.checks()]
+    problems = [subject for verdict, subject in found if verdict == "problem"]
+    warnings = list(dict.fromkeys(subject for verdict, subject in found if verdict == "warning"))
+    if problems:
+        text = f"not ready: {', '.join(dict.fromkeys(problems))}"
+    elif warnings:
+        text = f"ready to be enabled, once you have read the warnings about {', '.join(warnings)}"
+    else:
+        text = "ready to be enabled, if every joint is where the list says"
+    console.print(f"verdict: {text}", markup=False, style="bold red" if problems else "bold")

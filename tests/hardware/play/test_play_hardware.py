@@ -21,6 +21,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.emulation.faults import parse_fault
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import hardware_robot
@@ -77,6 +78,7 @@ def test_a_dry_run_enables_nothing_and_leaves_nothing(run: Play, quick: str, mon
     assert (result.status, result.err) == (0, "")
     assert result.out.count("\nok ") == 15  # a line for each motor, and one for the bus
     assert "dry run: everything but enabling was done; no motor was enabled" in result.out
+    assert result.out.endswith("verdict: ready to be enabled, if every joint is where the list says\n")
     assert list(result.folder.iterdir()) == []
     assert not [text for text in told if "enabled" in text]
     assert run("--robot", quick, *HARDWARE, "--script", "hold 0.1", *PLACEHOLDER).status == 0
@@ -214,6 +216,27 @@ def test_a_channel_that_another_session_drives_is_refused(run: Play, quick: str)
     assert result.status == 2
     assert "problem virtual:play  is in use by another session (of this process)" in result.out
     assert result.err == "error: lite: not enabled, 1 problem\n"
+
+
+def test_the_verdict_of_a_dry_run_that_finds_a_problem(run: Play, quick: str) -> None:
+    with ChannelLock(parse_address("virtual:play")):
+        result = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
+    assert result.status == 2
+    assert result.out.endswith("verdict: not ready: virtual:play\n")
+
+
+def test_the_verdict_of_a_dry_run_that_finds_something_to_read(
+    run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old = EmulationSettings(firmware={"left_elbow_pitch": "0.0.2.6"})
+
+    def aged(*arguments: Any, **options: Any) -> VirtualMotors:
+        return VirtualMotors(*arguments, **{**options, "settings": old})
+
+    monkeypatch.setattr(hardware_robot, "VirtualMotors", aged)
+    result = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
+    assert result.status == 0
+    assert "verdict: ready to be enabled, once you have read the warnings about left_elbow_pitch\n" in result.out
 
 
 @pytest.mark.slow

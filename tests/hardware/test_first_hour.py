@@ -1,0 +1,117 @@
+"""The list of docs/first-hour.md: its commands exist, and on emulated motors they print what it says."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+import re
+import shlex
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tyro
+
+from humanoid_sim.cli import load_program, run_program
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.tools import bring_up
+from humanoid_sim.robots.description import load_robot
+
+_PAGE = (Path(__file__).parents[2] / "docs" / "first-hour.md").read_text(encoding="utf-8")
+_STEPS = [step.split("\n## ")[0] for step in _PAGE.split("\n- [ ] ")[1:]]
+_COMMAND = re.compile(r"^ {6}python -m humanoid_sim\.(\w+) (.+)$", re.MULTILINE)
+_COMMANDS = [match for step in _STEPS for match in _COMMAND.findall(step)]
+_CHANNEL = "virtual:first-hour"
+
+
+class _ParsedError(Exception):
+    """Enough: the words were understood."""
+
+
+def test_every_command_of_the_page_is_looked_at() -> None:
+    assert len(_STEPS) == 20
+    assert len(_COMMANDS) == _PAGE.count("python -m") == 12
+
+
+@pytest.mark.parametrize(("verb", "words"), _COMMANDS, ids=[f"{verb} {words}" for verb, words in _COMMANDS])
+def test_a_command_is_understood(monkeypatch: pytest.MonkeyPatch, verb: str, words: str) -> None:
+    cli = tyro.cli
+
+    def parse(*arguments: Any, **options: Any) -> None:
+        cli(*arguments, **options)
+        raise _ParsedError
+
+    monkeypatch.setattr(tyro, "cli", parse)
+    with pytest.raises(_ParsedError):
+        load_program(verb)(shlex.split(words))
+
+
+def test_every_tool_that_a_step_names_exists() -> None:
+    for name in ("set_id", "set_zero", "bring_up"):
+        assert f"`{name.replace('_', '-')}`" in _PAGE
+        importlib.import_module(f"humanoid_sim.hardware.tools.{name}")
+
+
+def _step(title: str) -> tuple[str, list[str], list[str]]:
+    """Verb, words and the expected readings of the step with this title, on emulated motors."""
+    (step,) = [step for step in _STEPS if step.startswith(f"**{title}")]
+    verb, words = _COMMAND.findall(step)[0]
+    (expected,) = re.findall(r"\*Expect (.*?)\*", step, re.DOTALL)
+    readings = [reading for reading in re.findall(r"`([^`]+)`", expected) if reading != "missing"]
+    replaced = words.replace("can_left,can_right", _CHANNEL).replace("can_left", _CHANNEL)
+    return verb, shlex.split(replaced), readings
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[[str], tuple[int, str, list[str]]]:
+    def run_step(title: str) -> tuple[int, str, list[str]]:
+        verb, words, readings = _step(title)
+        status = run_program(load_program(verb), words)
+        return status, "".join(capsys.readouterr()), readings
+
+    return run_step
+
+
+Run = Callable[[str], tuple[int, str, list[str]]]
+
+
+@pytest.fixture(scope="module")
+def motors() -> Iterator[VirtualMotors]:
+    with VirtualMotors(load_robot("lite"), [_CHANNEL]) as motors:
+        yield motors
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("motors")
+@pytest.mark.parametrize("title", ["Who is there", "One motor's answers", "Directions", "Room on the buses"])
+def test_a_tool_prints_what_the_list_expects(run: Run, monkeypatch: pytest.MonkeyPatch, title: str) -> None:
+    terminal = io.StringIO("yes\n")
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr("sys.stdin", terminal)
+    status, printed, readings = run(title)
+    assert status == 0
+    assert readings
+    assert [reading for reading in readings if reading not in printed] == []
+    assert "missing" not in printed or title != "Who is there"
+
+
+def test_the_check_of_the_interfaces(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = {"state": "ERROR-ACTIVE", "restart_ms": 0, "bittiming": {"bitrate": 1000000}}
+    info = {"info_kind": "can", "info_data": data}
+    link = {"flags": ["UP"], "txqlen": 100, "link_type": "can", "linkinfo": info}
+    links = json.dumps([{"ifname": name, **link} for name in ("can_left", "can_right")])
+    monkeypatch.setattr(bring_up, "read_links", lambda: links)
+    verb, _, readings = _step("Interfaces")
+    words = _COMMAND.findall(next(step for step in _STEPS if step.startswith("**Interfaces")))[0][1]
+    assert run_program(load_program(verb), shlex.split(words)) == 0
+    assert readings == ["verdict: set up as wanted"]
+
+
+@pytest.mark.slow
+def test_the_dry_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, printed, readings = run("Everything but enabling")
+    assert (status, readings) == (0, ["verdict: ready to be enabled"])
+    assert "\nverdict: ready to be enabled" in printed
