@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.hardware.adapter.activation import Prepared
 from humanoid_sim.hardware.adapter.joint_tracking import JointReadings, JointTracker
+from humanoid_sim.hardware.adapter.robot_motors import RobotMotors
 from humanoid_sim.hardware.adapter.watch import SafetyWatch
 from humanoid_sim.hardware.adapter.wiring import AdapterSettings, Wiring
 from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.imu.interface import ImuReading
-from humanoid_sim.hardware.robstride.commands import OperationControlEncoder
-from humanoid_sim.hardware.robstride.enabling import mode_text, set_reports, stop_motors
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, bounded_position
+from humanoid_sim.robots.motors import FAMILIES
 from humanoid_sim.session.rest import RestDetector
 
 __all__ = [
@@ -46,24 +45,22 @@ _BAD_COMMAND = SafetyStatus(
 class MotorControl:
     """What lasts from one activation to the next. Nothing here waits or raises for what happens on a bus."""
 
-    def __init__(self, settings: AdapterSettings, channels: OpenChannels, prepared: Prepared) -> None:
+    def __init__(self, settings: AdapterSettings, motors: RobotMotors, turns: FloatArray) -> None:
         """Begin with motors that were prepared; commands are sent once they are enabled.
 
         Args:
             settings: the robot's.
-            channels: open.
-            prepared: what was found about the motors.
+            motors: on open channels.
+            turns: shape (n,), see `find_turns`.
         """
         wiring = settings.wiring
         self._settings = settings
-        self._channels = channels
-        self._tracker = JointTracker(wiring, prepared.turns)
-        self._joints = self._tracker.update(channels.table.readings())
+        self._motors = motors
+        self._tracker = JointTracker(wiring, turns)
+        self._joints = self._tracker.update(motors.readings())
         self._watch: SafetyWatch | None = None
         self._bad_command = -math.inf
-        self.encoder = CommandEncoder(wiring, len(channels.channels), 2.0 * settings.control_period)
-        self.reporting = prepared.reporting
-        """Joints whose motors send active reports."""
+        self.encoder = CommandEncoder(wiring, len(motors.channels), 2.0 * settings.control_period)
         self.last_command: MITCommand | None = None
         """The last that was sent."""
         self.refused = 0
@@ -84,8 +81,8 @@ class MotorControl:
 
     def enable(self, now: float) -> None:
         """The motors are enabled as of `now`, s, robot's clock."""
-        self._channels.begin()
-        self._watch = SafetyWatch(self._settings, self._channels.table, self._channels.channels, since=now)
+        self._motors.begin()
+        self._watch = SafetyWatch(self._settings, self._motors, since=now)
 
     def disable(self) -> None:
         """The motors are disabled: nothing more is sent."""
@@ -93,7 +90,7 @@ class MotorControl:
 
     def read(self) -> JointReadings:
         """The joints' latest state."""
-        self._joints = self._tracker.update(self._channels.table.readings())
+        self._joints = self._tracker.update(self._motors.readings())
         return self._joints
 
     def statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
@@ -119,8 +116,8 @@ class MotorControl:
             command = self._damped
         self.last_command = command
         batches = self.encoder.encode(command, self._joints, self._tracker)
-        for channel, batch in zip(self._channels.channels, batches, strict=True):
-            self._channels.table.count_commands(batch)
+        self._motors.count_commands()
+        for channel, batch in zip(self._motors.channels, batches, strict=True):
             channel.send(batch, _LIFETIME * self._settings.control_period)
 
     def damp(self, now: float) -> None:
@@ -162,22 +159,27 @@ class CommandEncoder:
         """
         self._wiring = wiring
         self._lead = lead
-        self._joints = tuple(np.array(wiring.on_channel(channel), dtype=int) for channel in range(channel_count))
+        self._channel_count = channel_count
+        joints = {family: np.array(wiring.of_family(family), dtype=int) for family in DRIVERS}
         self._encoders = tuple(
-            OperationControlEncoder([wiring.motor_id[i] for i in joints], [wiring.model[i] for i in joints])
-            for joints in self._joints
+            (own, DRIVERS[family].encoder(wiring.select(own.tolist()))) for family, own in joints.items() if len(own)
         )
+        families = [FAMILIES[model.family] for model in wiring.model]
+        self._stiffness_doubt = np.array([family.stiffness_doubt for family in families])
+        self._damping_doubt = np.array([family.damping_doubt for family in families])
         self._saturated: npt.NDArray[np.int64] = np.zeros((len(COMMAND_FIELDS), wiring.count), dtype=np.int64)
         self._bounded: npt.NDArray[np.int64] = np.zeros(wiring.count, dtype=np.int64)
 
     def encode(
         self, command: MITCommand, state: JointReadings, tracker: JointTracker
-    ) -> tuple[tuple[tuple[int, Frame], ...], ...]:
-        """For each channel the joints and their frames. The command must be finite, its shape (n,)."""
+    ) -> tuple[tuple[tuple[tuple[int, int], Frame], ...], ...]:
+        """For each channel the frames with their keys, joint and kind. The command must be finite, its shape (n,)."""
         wiring = self._wiring
         limit = wiring.effort_limit
         effort = np.clip(command.effort, -limit, limit)
-        limited = MITCommand(command.position, command.velocity, effort, command.stiffness, command.damping)
+        # what the motors may make of the gains, where that is in doubt
+        stiffness, damping = self._stiffness_doubt * command.stiffness, self._damping_doubt * command.damping
+        limited = MITCommand(command.position, command.velocity, effort, stiffness, damping)
         position = bounded_position(limited, state.position, state.velocity, limit, self._lead)
         self._saturated[2] += effort != command.effort
         self._bounded += position != command.position
@@ -190,12 +192,14 @@ class CommandEncoder:
                 command.damping,
             ]
         )
-        batches = []
-        for joints, encoder in zip(self._joints, self._encoders, strict=True):
+        batches: list[list[tuple[tuple[int, int], Frame]]] = [[] for _ in range(self._channel_count)]
+        for joints, encoder in self._encoders:
             encoded = encoder.encode(values[:, joints])
             self._saturated[:, joints] += encoded.saturated
-            batches.append(tuple(zip(joints.tolist(), encoded.frames, strict=True)))
-        return tuple(batches)
+            for motor, kind, frame in encoded.frames:
+                joint = int(joints[motor])
+                batches[wiring.channel[joint]].append(((joint, kind), frame))
+        return tuple(map(tuple, batches))
 
     @property
     def saturations(self) -> Mapping[str, Mapping[str, int]]:
@@ -251,23 +255,22 @@ def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None], stal
         time.sleep(_PERIOD)
 
 
-def disable(settings: AdapterSettings, channels: OpenChannels, reporting: Iterable[int]) -> tuple[int, ...]:
-    """Stop all motors and their active reports; the joints whose motors did not confirm it, asked twice over."""
-    channels.wait(lambda: channels.unanswered <= 0, _LAST_ANSWERS)
-    channels.table.counts_answers = False
-    channels.forget_queues()
-    set_reports(channels.requests, reporting, is_on=False)
+def disable(settings: AdapterSettings, motors: RobotMotors) -> tuple[int, ...]:
+    """Stop all motors and what they report by themselves; joints whose motors did not confirm it, asked twice over."""
+    motors.finish()
     joints: Sequence[int] = range(settings.wiring.count)
     for _ in range(2):
-        joints = stop_motors(channels.requests, joints)
+        joints = motors.stop(joints)
     return tuple(joints)
 
 
-def unconfirmed(settings: AdapterSettings, channels: OpenChannels | None, joints: Sequence[int]) -> str:
+def unconfirmed(settings: AdapterSettings, motors: RobotMotors | None, joints: Sequence[int]) -> str:
     """What to tell whoever stands next to motors that may still be enabled."""
-    states = ["no status" if channels is None else mode_text(channels.table.slots[i]) for i in joints]
-    names = ", ".join(f"{settings.wiring.names[i]} ({state})" for i, state in zip(joints, states, strict=True))
-    return (
-        f"not confirmed to be disabled: {names}. Without commands their CAN timeout stops them after "
-        f"{1000.0 * settings.can_timeout:g} ms; switch the power off before touching the robot"
-    )
+    wiring = settings.wiring
+    states = ["no status" if motors is None else motors.state_text(i) for i in joints]
+    names = ", ".join(f"{wiring.names[i]} ({state})" for i, state in zip(joints, states, strict=True))
+    if all(FAMILIES[wiring.model[i].family].has_timeout for i in joints):
+        end = f"Without commands their CAN timeout stops them after {1000.0 * settings.can_timeout:g} ms"
+    else:
+        end = "Not all of them stop by themselves without commands"
+    return f"not confirmed to be disabled: {names}. {end}; switch the power off before touching the robot"

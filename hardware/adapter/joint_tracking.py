@@ -1,6 +1,7 @@
 """From what the motors report to the joints' state: turns, direction, offset, and positions that lost their meaning.
 
-A motor's count of turns starts anew at power-on, and what it reports wraps at ±4π.
+A motor's count of turns starts anew at power-on, and what it reports wraps at the ends of its range: a Robstride's at
+±4π, a Sito's nowhere that a joint gets to.
 """
 
 from __future__ import annotations
@@ -12,13 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.hardware.adapter.wiring import Wiring
-from humanoid_sim.hardware.robstride.motor_table import Readings
+from humanoid_sim.hardware.motors import Readings
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.motors import POSITION_RANGE
 
 __all__ = [
     "MARGIN",
-    "WRAP",
     "JointReadings",
     "JointTracker",
     "find_turns",
@@ -72,7 +71,7 @@ class JointTracker:
         wiring, last = self._wiring, self._last
         position = readings.position
         if last is not None:
-            position = unwrapped(position, last.position)
+            position = unwrapped(position, last.position, 2.0 * wiring.position_range)
             self.jumped = self.jumped | has_jumped(
                 position - last.position,
                 readings.time - last.time,
@@ -80,7 +79,7 @@ class JointTracker:
                 last.velocity,
                 wiring.fastest,
             )
-            self.wrapped = np.abs(position) > 0.5 * WRAP * (1.0 + 1e-4)  # raw 65535 reads a little beyond
+            self.wrapped = np.abs(position) > wiring.position_range * (1.0 + 1e-4)  # raw 65535 reads a little beyond
         self._last = Readings(readings.time, position, readings.velocity, readings.effort, readings.temperature)
         heard = np.isfinite(readings.time)
         joint = wiring.direction * (position + self._shift - wiring.offset)
@@ -96,8 +95,6 @@ class JointTracker:
         return self._wiring.direction * position + self._wiring.offset - self._shift
 
 
-WRAP = 2.0 * POSITION_RANGE
-"""rad, the period with which reported positions repeat."""
 MARGIN = 0.35
 """rad beyond a joint's limits that a joint may lean into its stop, or a calibration may be off."""
 
@@ -151,23 +148,24 @@ def turn_problems(wiring: Wiring, position: FloatArray, turns: FloatArray) -> It
                 )
         elif math.isfinite(lower) and math.isfinite(upper):
             ends = wiring.direction[i] * np.array([lower, upper]) + wiring.offset[i] - _TURN * turns[i]
-            if np.abs(ends).max() > POSITION_RANGE:
+            if np.abs(ends).max() > wiring.position_range[i]:
                 yield (
                     name,
                     f"its range is {ends.min():.2f} to {ends.max():.2f} rad at the motor, commands reach "
-                    f"±{POSITION_RANGE:.2f}: switch the motor off and on, or set its zero",
+                    f"±{wiring.position_range[i]:.2f}: switch the motor off and on, or set its zero",
                 )
 
 
-def unwrapped(position: FloatArray, previous: FloatArray) -> FloatArray:
-    """Reported positions, moved by whole periods of `WRAP` to where they are nearest to the previous ones.
+def unwrapped(position: FloatArray, previous: FloatArray, period: FloatArray) -> FloatArray:
+    """Reported positions, moved by whole periods to where they are nearest to the previous ones.
 
     Args:
-        position: shape (n,), rad, motor frame, within ±4π; NaN stays NaN.
+        position: shape (n,), rad, motor frame, within half a period of 0; NaN stays NaN.
         previous: shape (n,), rad, motor frame, unwrapped; NaN: take the position as it is.
+        period: shape (n,), rad, with which reported positions repeat.
     """
-    periods = np.round((previous - position) / WRAP)
-    return position + WRAP * np.where(np.isfinite(periods), periods, 0.0)
+    periods = np.round((previous - position) / period)
+    return position + period * np.where(np.isfinite(periods), periods, 0.0)
 
 
 _RESOLUTION = 0.05

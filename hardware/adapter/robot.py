@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 import numpy as np
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.adapter.activation import gain_warnings, prepare_motors
+from humanoid_sim.hardware.adapter.activation import enable_motors, gain_warnings, prepare_motors
 from humanoid_sim.hardware.adapter.control import (
     MotorControl,
     damp_until_rest,
@@ -20,18 +20,19 @@ from humanoid_sim.hardware.adapter.control import (
     unconfirmed,
 )
 from humanoid_sim.hardware.adapter.joint_tracking import unheard
+from humanoid_sim.hardware.adapter.robot_motors import RobotMotors
 from humanoid_sim.hardware.adapter.statistics import RobotStatistics, gather_statistics
 from humanoid_sim.hardware.adapter.wiring import make_settings
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.channel import OpenBus
+from humanoid_sim.hardware.bus.open_channels import Locks
 from humanoid_sim.hardware.checks import Check, CheckList
 from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
-from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, stop_motors
+from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
-from humanoid_sim.hardware.robstride.open_channels import Locks, OpenChannels
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["HardwareRobot"]
@@ -96,11 +97,11 @@ class HardwareRobot:
         self._open_bus = open_bus
         self._clock, self._origin = clock, clock()
         self._locks = Locks()
-        self._channels: OpenChannels | None = None
+        self._motors: RobotMotors | None = None
         self._control: MotorControl | None = None
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()
-        self._uids: Mapping[int, bytes] = {}
+        self._uids: Mapping[str, bytes] = {}
         self._slipped: frozenset[str] = frozenset()
         self._checks = CheckList(self._settings.name)
         self._is_closing = self._is_closed = False
@@ -143,7 +144,7 @@ class HardwareRobot:
     @property
     def statistics(self) -> RobotStatistics:
         """What happened on the buses since they were opened."""
-        return gather_statistics(self._settings, self._channels, self._control, self.time)
+        return gather_statistics(self._settings, self._motors, self._control, self.time)
 
     # --- activation
 
@@ -166,21 +167,20 @@ class HardwareRobot:
         Raises:
             RobotError: with the whole list of what is wrong; no motor is enabled then.
         """
-        channels, control = self._prepare()
+        motors, turns = self._prepare()
         if self._dry_run:
             raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
         self._checks.refuse_questions()
         self._may_run = frozenset(range(self._settings.wiring.count))
         try:
-            joints = range(self._settings.wiring.count)
-            enable_motors(channels.requests, joints, self._settings.can_timeout, self._checks)
-            self._checks.refuse()
+            turns = enable_motors(self._settings.wiring, motors, turns, self._checks)
         except BaseException as error:
             self._give_up(error)
             raise
-        control.enable(self.time)
+        self._control = MotorControl(self._settings, motors, turns)
+        self._control.enable(self.time)
 
-    def _prepare(self) -> tuple[OpenChannels, MotorControl]:
+    def _prepare(self) -> tuple[RobotMotors, FloatArray]:
         if self._is_closing:
             raise RobotError(f"{self._settings.name}: the robot is closed")
         if self._control is not None:
@@ -194,20 +194,20 @@ class HardwareRobot:
         for joint in sorted(self._slipped):  # whether lost turns or a slipped zero, nobody can tell from here
             self._checks.warn(joint, _JUMPED)
         try:
-            channels = self._open()
-            prepared = prepare_motors(self._settings, channels, self._uids, self._checks)
+            motors = self._open()
+            turns = prepare_motors(self._settings.wiring, motors, self._checks)
         except BaseException as error:
             self._give_up(error)
             raise
-        self._may_run, self._uids = frozenset(), prepared.uids
-        self._control = control = MotorControl(self._settings, channels, prepared)
-        return channels, control
+        self._may_run, self._uids = frozenset(), motors.uids
+        self._control = MotorControl(self._settings, motors, turns)
+        return motors, turns
 
-    def _open(self) -> OpenChannels:
+    def _open(self) -> RobotMotors:
         """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
-        if self._channels is not None:
-            self._channels.close()
-            self._channels = None
+        if self._motors is not None:
+            self._motors.close()
+            self._motors = None
         settings, checks = self._settings, self._checks
         self._locks.take(settings.addresses, checks)
         if self._imu is not None:
@@ -216,16 +216,8 @@ class HardwareRobot:
                 self._imu.open()
             except RobotError as error:
                 checks.problem("imu", str(error))
-        self._channels = OpenChannels(
-            settings.addresses,
-            settings.wiring,
-            settings.host_id,
-            checks,
-            clock=lambda: self.time,
-            open_bus=self._open_bus,
-            period=settings.control_period,
-        )
-        return self._channels
+        self._motors = RobotMotors(settings, self._uids, checks, clock=lambda: self.time, open_bus=self._open_bus)
+        return self._motors
 
     def _give_up(self, error: BaseException) -> None:
         """After a refusal: stop the motors, unless another master drives them, whose arms would fall.
@@ -233,10 +225,10 @@ class HardwareRobot:
         Raises:
             RobotError: in place of one of these, where motors of an earlier activation do not confirm it.
         """
-        channels, checks = self._channels, self._checks
-        if channels is not None and (self._may_run or not channels.intruders):
-            channels.forget_queues()
-            self._may_run &= frozenset(stop_motors(channels.requests, range(self._settings.wiring.count)))
+        motors, checks = self._motors, self._checks
+        if motors is not None and (self._may_run or not motors.has_intruders):
+            motors.forget_queues()
+            self._may_run &= frozenset(motors.stop(range(self._settings.wiring.count)))
         for joint in sorted(self._may_run):
             checks.problem(self._settings.wiring.names[joint], "does not confirm that it is disabled")
         refusal = RobotError(checks.refusal()) if self._may_run else error
@@ -262,7 +254,7 @@ class HardwareRobot:
         return robot_state(now, joints, age, imu), statuses
 
     def _not_enabled(self) -> tuple[SafetyStatus, ...]:
-        flags = SafetyFlag.BUS_OFF if self._channels is None else SafetyFlag.MOTOR_FAULT
+        flags = SafetyFlag.BUS_OFF if self._motors is None else SafetyFlag.MOTOR_FAULT
         return tuple(
             SafetyStatus(SafetyLevel.FAULT, flags, str(address), self._why_not) for address in self._settings.addresses
         )
@@ -293,25 +285,25 @@ class HardwareRobot:
         if self._is_closing:
             return
         self._is_closing = True
-        channels, control = self._channels, self._control
+        motors, control = self._motors, self._control
         with contextlib.ExitStack() as stack:  # left in reverse, whatever fails on the way
             stack.callback(self._ended)
             stack.callback(self._locks.release)
             if self._imu is not None:
                 stack.callback(self._imu.close)
-            if channels is not None:
-                stack.callback(channels.close)
-            if channels is not None and (control is not None or self._may_run):
+            if motors is not None:
+                stack.callback(motors.close)
+            if motors is not None and (control is not None or self._may_run):
                 try:
                     if control is not None:
                         self._damp(control)
                 finally:
-                    left = disable(self._settings, channels, () if control is None else control.reporting)
+                    left = disable(self._settings, motors)
                     self._may_run &= frozenset(left)
                     if control is not None:
                         control.disable()
         if self._may_run:
-            text = unconfirmed(self._settings, channels, sorted(self._may_run))
+            text = unconfirmed(self._settings, motors, sorted(self._may_run))
             raise RobotError(f"{self._settings.name}: {text}")
 
     def _ended(self) -> None:

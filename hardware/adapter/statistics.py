@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from humanoid_sim.hardware.adapter.control import MotorControl
+from humanoid_sim.hardware.adapter.robot_motors import RobotMotors
 from humanoid_sim.hardware.adapter.wiring import AdapterSettings
 from humanoid_sim.hardware.bus.events import ChannelCounters
 from humanoid_sim.hardware.bus.frame import bus_load
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.motors import MotorFigures
 
 __all__ = ["ChannelStatistics", "RobotStatistics", "gather_statistics"]
 
@@ -43,8 +45,10 @@ class RobotStatistics:
     """Commands to motors, each one frame."""
     acknowledged: int
     """Commands that a status answered. Old firmware sends its reports as answers, which then count as such."""
+    unconfirmed: int
+    """Commands to motors of a family that answers none; not part of those above."""
     reports: int
-    """Active reports."""
+    """Statuses that motors sent by themselves."""
     invalid_frames: int
     """Frames of our motors that could not be read."""
     saturations: Mapping[str, Mapping[str, int]]
@@ -60,6 +64,7 @@ class RobotStatistics:
         """In words, one line each."""
         lines = [
             f"{self.commanded} motor commands, {self.acknowledged} acknowledged, {self.reports} active reports"
+            + (f", {self.unconfirmed} commands to motors that answer none" if self.unconfirmed else "")
             + (f", {self.refused} command sets refused" if self.refused else "")
         ]
         for channel in self.channels:
@@ -100,32 +105,35 @@ class RobotStatistics:
 
 
 def gather_statistics(
-    settings: AdapterSettings, channels: OpenChannels | None, control: MotorControl | None, now: float
+    settings: AdapterSettings, motors: RobotMotors | None, control: MotorControl | None, now: float
 ) -> RobotStatistics:
     """The statistics since the channels were opened, or of none.
 
     Args:
         settings: the robot's.
-        channels: the robot's, open.
+        motors: the robot's, on open channels.
         control: of the motors; none before they are prepared.
         now: s, robot's clock.
     """
-    slots = () if channels is None else channels.table.slots
+    figures: list[MotorFigures] = []
     found: list[ChannelStatistics] = []
-    if channels is not None:
-        for source, channel, notes in zip(channels.sources, channels.channels, channels.table.channels, strict=True):
-            strangers = dict(notes.strangers)
-            elapsed = now - channels.opened
-            found.append(ChannelStatistics(source, channel.counters, strangers, notes.intrusions, elapsed))
-    names = settings.wiring.names
+    temperature: dict[str, float] = {}
+    if motors is not None:
+        for i, (source, channel) in enumerate(zip(motors.sources, motors.channels, strict=True)):
+            strangers, elapsed = motors.strangers(i), now - motors.opened
+            found.append(ChannelStatistics(source, channel.counters, strangers, motors.intrusions(i), elapsed))
+        figures = motors.figures()
+        warmth = zip(settings.wiring.names, motors.readings().temperature.tolist(), strict=True)
+        temperature = {name: value for name, value in warmth if not math.isnan(value)}
     return RobotStatistics(
         channels=tuple(found),
-        commanded=sum(slot.commanded for slot in slots),
-        acknowledged=sum(slot.acknowledged for slot in slots),
-        reports=sum(slot.reports for slot in slots),
-        invalid_frames=sum(slot.invalid_frames for slot in slots),
+        commanded=sum(motor.commanded for motor in figures if motor.acknowledged is not None),
+        acknowledged=sum(motor.acknowledged or 0 for motor in figures),
+        unconfirmed=sum(motor.commanded for motor in figures if motor.acknowledged is None),
+        reports=sum(motor.reports for motor in figures),
+        invalid_frames=sum(motor.invalid_frames for motor in figures),
         saturations={} if control is None else control.encoder.saturations,
         bounded={} if control is None else control.encoder.bounded,
-        temperature={names[slot.joint]: slot.sample.status.temperature for slot in slots if slot.sample},
+        temperature=temperature,
         refused=0 if control is None else control.refused,
     )

@@ -10,8 +10,8 @@ import numpy as np
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.bus.address import BusAddress, parse_address
+from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.motor_table import MotorGroup
 from humanoid_sim.hardware.robstride.parameters import CanTimeout
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MOTORS
@@ -35,7 +35,9 @@ class Wiring(MotorGroup):
     effort_limit: FloatArray
     """Shape (n,), N·m, within what the motor's frames can say."""
     fastest: FloatArray
-    """Shape (n,), rad/s, the end of the motor's velocity range."""
+    """Shape (n,), rad/s, the end of the motor's velocity range; infinite where nobody knows how fast it can turn."""
+    position_range: FloatArray
+    """Shape (n,), rad, motor frame, the end of what its frames can say of a position, beyond which a report wraps."""
 
 
 def make_wiring(
@@ -60,7 +62,7 @@ def make_wiring(
             without = ", ".join(joint.name for joint in description.joints if joint.motor is None)
             raise InputError(f"{name}: these joints have no motor in the robot description: {without}")
         if joint.motor.model not in MOTORS:
-            problem = known_names("motor model", joint.motor.model, sorted(MOTORS))
+            problem = known_names("motor model", joint.motor.model, MOTORS)
             raise InputError(f"{name}: joint '{joint.name}': {problem}")
         motors.append(joint.motor)
     buses = max(motor.bus for motor in motors) + 1
@@ -82,7 +84,8 @@ def make_wiring(
         effort_limit=_array(
             [min(joint.effort_limit, model.effort) for joint, model in zip(description.joints, models, strict=True)]
         ),
-        fastest=_array([model.velocity for model in models]),
+        fastest=_array([max(model.velocity, model.no_load_velocity) for model in models]),
+        position_range=_array([model.position for model in models]),
     )
 
 

@@ -15,6 +15,7 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     Enable,
@@ -25,7 +26,6 @@ from humanoid_sim.hardware.robstride.messages import (
     Stop,
 )
 from humanoid_sim.hardware.robstride.motor_table import MotorSlot
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, fault_word, unpack_value
 from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
 from humanoid_sim.hardware.robstride.stored_host import check_stored_hosts, limp_command, note_stored_hosts
@@ -48,7 +48,7 @@ _RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
 
 
 def examine(
-    channels: OpenChannels,
+    channels: RobstrideLink,
     joints: Sequence[int],
     checks: CheckList,
     *,
@@ -92,7 +92,7 @@ def examine(
 
 
 def make_ready(
-    channels: OpenChannels,
+    channels: RobstrideLink,
     joints: Sequence[int],
     can_timeout: float,
     checks: CheckList,

@@ -16,8 +16,8 @@ from humanoid_sim.hardware.robstride.firmware import (
     firmware_warning,
     version_text,
 )
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, ReadVersion, Reply, Version
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.requests import Requests
 
 __all__ = ["identify", "read_versions"]
@@ -30,7 +30,7 @@ _QUIET = 0.1
 
 
 def identify(
-    channels: OpenChannels,
+    channels: RobstrideLink,
     joints: Sequence[int],
     checks: CheckList,
     known_uids: Mapping[int, bytes],
@@ -77,7 +77,7 @@ def identify(
     return uids, _check_versions(channels, uids, checks, is_limp=is_limp)
 
 
-def _dead_channel(channels: OpenChannels, channel: int) -> str:
+def _dead_channel(channels: RobstrideLink, channel: int) -> str:
     """What to look at when nobody answers on a channel."""
     interface = channels.channels[channel]
     kinds = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
@@ -127,7 +127,7 @@ def read_versions(requests: Requests, joints: Sequence[int]) -> dict[int, Firmwa
 
 
 def _check_versions(
-    channels: OpenChannels, uids: Mapping[int, bytes], checks: CheckList, *, is_limp: bool
+    channels: RobstrideLink, uids: Mapping[int, bytes], checks: CheckList, *, is_limp: bool
 ) -> dict[int, FirmwareVersion]:
     motors = channels.motors
     note = checks.warn if is_limp else checks.problem

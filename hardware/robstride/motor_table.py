@@ -7,21 +7,19 @@ fault bit in one frame, a mode that fell and came back) is kept beside the lates
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.motors import NEVER, ChannelNotes, MotorGroup, Note, Readings
 from humanoid_sim.hardware.robstride.fields import BROADCAST_ID, FrameType, Identifier, MotorMode, split_identifier
 from humanoid_sim.hardware.robstride.messages import DeviceId, FaultReport, Ignored, Malformed, Reply, Status
 from humanoid_sim.hardware.robstride.replies import decode_reply
-from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["MotorGroup", "MotorSlot", "MotorTable", "Note", "Readings", "Sample"]
+__all__ = ["MotorSlot", "MotorTable", "Sample"]
 
 Inbox = Callable[[int, Reply, float], None]
 """Takes an answer to a request: the channel it came from, the answer, its time (s, robot's clock)."""
@@ -45,48 +43,12 @@ _QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})
 """What another host may: a scan, a parameter read."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MotorGroup:
-    """Motors on some channels, each known by its index: a robot's, or those that a bench tool talks to."""
-
-    names: tuple[str, ...]
-    """The joint that each drives, or what a tool calls it."""
-    channel: tuple[int, ...]
-    """Index into the open channels."""
-    motor_id: tuple[int, ...]
-    model: tuple[MotorModel, ...]
-    torque_limit: tuple[float, ...]
-    """N·m, written to the firmware; 0: leave the firmware's own."""
-    current_limit: tuple[float, ...]
-    """A, written to the firmware; 0: leave the firmware's own."""
-
-    @property
-    def count(self) -> int:
-        """n, the number of motors."""
-        return len(self.names)
-
-    def on_channel(self, channel: int) -> tuple[int, ...]:
-        """Indices of the motors on a channel."""
-        return tuple(i for i, index in enumerate(self.channel) if index == channel)
-
-
 class Sample(NamedTuple):
     """A status and when it came."""
 
     time: float
     """s, robot's clock."""
     status: Status
-
-
-class Note(NamedTuple):
-    """Something that happened."""
-
-    time: float
-    """s, robot's clock."""
-    text: str
-
-
-_NEVER = Note(-float("inf"), "")
 
 
 @dataclass(slots=True)
@@ -100,7 +62,7 @@ class MotorSlot:
     """The latest status that reported a fault or a mode other than RUN."""
     report: FaultReport | None = None
     """The latest fault report."""
-    invalid: Note = _NEVER
+    invalid: Note = NEVER
     """The latest frame that could not be read."""
     invalid_frames: int = 0
     statuses: int = 0
@@ -113,33 +75,6 @@ class MotorSlot:
     """Answers that had a command to answer."""
     answers_to: int | None = None
     """The other host to which it sent its latest stray status; none: it has sent none."""
-
-
-@dataclass(slots=True)
-class ChannelNotes:
-    """What was heard on one channel that belongs to none of its motors."""
-
-    intruder: Note = _NEVER
-    """The latest sign of another host that commands our motors."""
-    intrusions: int = 0
-    strangers: Counter[str] = field(default_factory=Counter)
-    """Frames that concern none of our motors, by what they are."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Readings:
-    """The latest status of every motor; NaN for one that was never heard. Shape (n,) each, motor frame."""
-
-    time: FloatArray
-    """s, robot's clock."""
-    position: FloatArray
-    """rad, within ±4π."""
-    velocity: FloatArray
-    """rad/s"""
-    effort: FloatArray
-    """N·m"""
-    temperature: FloatArray
-    """°C"""
 
 
 class MotorTable:
@@ -251,10 +186,10 @@ class MotorTable:
 
     # --- control thread
 
-    def count_commands(self, batch: Iterable[tuple[int, Frame]]) -> None:
-        """Expect an acknowledgement from each of these joints' motors."""
-        for joint, _ in batch:
-            self.slots[joint].commanded += 1
+    def count_commands(self) -> None:
+        """Expect an acknowledgement from every motor."""
+        for slot in self.slots:
+            slot.commanded += 1
 
     def readings(self) -> Readings:
         """The latest status of every motor."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from humanoid_sim.hardware.bus.channel import Channel
+from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.messages import (
     Command,
@@ -26,7 +27,7 @@ from humanoid_sim.hardware.robstride.messages import (
     Status,
     WriteParameter,
 )
-from humanoid_sim.hardware.robstride.motor_table import MotorGroup, MotorTable
+from humanoid_sim.hardware.robstride.motor_table import MotorTable
 from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
 from humanoid_sim.robots.motors import MOTORS
 

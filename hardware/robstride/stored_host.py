@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import OperationControl
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.requests import Requests
 
 __all__ = ["check_stored_hosts", "limp_command", "note_stored_hosts"]
@@ -20,7 +20,7 @@ _ANSWER_TIME = 0.05
 """s in which a stopped motor answers operation control, if it does at all."""
 
 
-def check_stored_hosts(channels: OpenChannels, joints: Sequence[int], checks: CheckList) -> None:
+def check_stored_hosts(channels: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
     """Ask these motors, which are stopped, with a command that exerts nothing; those that answer another host.
 
     One that does not answer while it is stopped is found out when it is enabled: `note_stored_hosts`.
@@ -32,7 +32,7 @@ def check_stored_hosts(channels: OpenChannels, joints: Sequence[int], checks: Ch
     channels.table.expects_strays = True
     try:
         channels.requests.send({i: [limp_command(channels.requests, i)] for i in joints})
-        channels.wait(
+        channels.line.wait(
             lambda: all(slots[i].statuses > before[i] or slots[i].answers_to is not None for i in joints), _ANSWER_TIME
         )
     finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
 from rich import box
@@ -15,15 +15,16 @@ from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.events import BusEvent
-from humanoid_sim.hardware.bus.frame import BITRATE
+from humanoid_sim.hardware.bus.frame import BITRATE, Frame
 from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
+from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList, Verdict
+from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, OperationControl, Status
-from humanoid_sim.hardware.robstride.motor_table import MotorGroup
-from humanoid_sim.hardware.robstride.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, Parameter
 from humanoid_sim.hardware.robstride.requests import Unreadable
 from humanoid_sim.robots.motors import MOTORS, MotorModel
@@ -80,7 +81,7 @@ def some_motors(
 @contextlib.contextmanager
 def open_bench(
     addresses: Sequence[BusAddress], host_id: int, motors: MotorGroup, *, open_channel: OpenBus = open_bus
-) -> Iterator[OpenChannels]:
+) -> Iterator[RobstrideLink]:
     """Channels for this tool alone, as a session has them.
 
     Raises:
@@ -89,20 +90,37 @@ def open_bench(
     """
     if not 0 <= host_id <= 0xFF:
         raise InputError(f"--host-id: is {host_id}, expected 0 to 255")
+    with _opened(addresses, motors, open_channel) as (line, listeners):
+        link = RobstrideLink(line, motors, host_id)
+        listeners.append(link.receive)
+        yield link
+
+
+@contextlib.contextmanager
+def _opened(
+    addresses: Sequence[BusAddress], motors: MotorGroup, open_channel: OpenBus
+) -> Iterator[tuple[OpenChannels, list[Callable[[int, Frame, float], bool]]]]:
+    """Channels for this tool alone, and who is given their frames: the first that knows them."""
     checks, locks = CheckList(), Locks()
+    listeners: list[Callable[[int, Frame, float], bool]] = []
+
+    def listen(channel: int, frame: Frame, time: float) -> None:
+        any(listener(channel, frame, time) for listener in listeners)
+
     try:
         locks.take(addresses, checks)
-        channels = OpenChannels(addresses, motors, host_id, checks, open_bus=open_channel)
+        bursts = [len(motors.on_channel(channel)) for channel in range(len(addresses))]
+        line = OpenChannels(addresses, bursts, checks, listener=listen, open_bus=open_channel)
         try:
-            yield channels
+            yield line, listeners
         finally:
-            channels.close()
+            line.close()
     finally:
         locks.release()
 
 
 @contextlib.contextmanager
-def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[OpenChannels]:
+def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[RobstrideLink]:
     """The channel of one motor, of whatever model, for the tools that talk to one.
 
     Raises:
@@ -139,7 +157,7 @@ def confirm(question: str, yes: bool, otherwise: str) -> None:
         raise InputError(f"{otherwise}: not confirmed")
 
 
-def channel_trouble(channels: OpenChannels, index: int) -> str:
+def channel_trouble(channels: RobstrideLink, index: int) -> str:
     """What a channel itself says about why nothing comes back; empty where it says nothing."""
     channel = channels.channels[index]
     events = (channel.recent(event, channels.opened) for event in _TROUBLE)
@@ -171,7 +189,7 @@ def advice_for_silence(source: str) -> tuple[str, ...]:
     )
 
 
-def require_up(channels: OpenChannels) -> None:
+def require_up(channels: RobstrideLink) -> None:
     """Go no further on a channel that is down.
 
     Raises:
@@ -182,7 +200,7 @@ def require_up(channels: OpenChannels) -> None:
             raise RobotError(f"{source}: {channel.down}")
 
 
-def silence(channels: OpenChannels, motor: int = 0, who: str = "") -> HumanoidSimError:
+def silence(channels: RobstrideLink, motor: int = 0, who: str = "") -> HumanoidSimError:
     """The error for a motor that does not answer, with what its channel says about why nothing comes back."""
     index = channels.motors.channel[motor]
     source, trouble = channels.sources[index], channel_trouble(channels, index)
@@ -192,7 +210,7 @@ def silence(channels: OpenChannels, motor: int = 0, who: str = "") -> HumanoidSi
     return SilentMotorError(f"{who or f'motor {channels.motors.motor_id[motor]}'} does not answer on {source}{why}")
 
 
-def read_device_id(channels: OpenChannels, motor: int = 0) -> DeviceId:
+def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
     """Who a motor is.
 
     Raises:
@@ -206,7 +224,7 @@ def read_device_id(channels: OpenChannels, motor: int = 0) -> DeviceId:
     return found[motor]
 
 
-def command_motor(channels: OpenChannels, command: Command, motor: int = 0) -> Status:
+def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> Status:
     """Send a command that is answered by a status; the status.
 
     Raises:
@@ -219,7 +237,7 @@ def command_motor(channels: OpenChannels, command: Command, motor: int = 0) -> S
     return found[motor]
 
 
-def read_value(channels: OpenChannels, parameter: Parameter, motor: int = 0) -> float | None:
+def read_value(channels: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
     """A parameter's value; none if the motor has no such parameter.
 
     Raises:
@@ -229,7 +247,7 @@ def read_value(channels: OpenChannels, parameter: Parameter, motor: int = 0) -> 
     return _known(channels, channels.requests.read({motor: parameter})[motor], motor)
 
 
-def write_value(channels: OpenChannels, parameter: Parameter, value: float, motor: int = 0) -> None:
+def write_value(channels: RobstrideLink, parameter: Parameter, value: float, motor: int = 0) -> None:
     """Write a parameter and verify it.
 
     Raises:
@@ -244,7 +262,7 @@ def write_value(channels: OpenChannels, parameter: Parameter, value: float, moto
         raise RobotError(f"{who}: {parameter.name} reads {reads} after {value:g} was written")
 
 
-def _known(channels: OpenChannels, found: float | Unreadable, motor: int) -> float | None:
+def _known(channels: RobstrideLink, found: float | Unreadable, motor: int) -> float | None:
     if not isinstance(found, Unreadable):
         return found
     if found.is_silent:
@@ -255,7 +273,7 @@ def _known(channels: OpenChannels, found: float | Unreadable, motor: int) -> flo
 class EnabledMotor:
     """A context in which a motor executes commands; it is limp at first, and stopped at the end whatever happens."""
 
-    def __init__(self, channels: OpenChannels, motor: int = 0, *, is_limp: bool = False) -> None:
+    def __init__(self, channels: RobstrideLink, motor: int = 0, *, is_limp: bool = False) -> None:
         """Nothing is sent yet; the channels must know the motor's model.
 
         Args:

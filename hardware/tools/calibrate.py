@@ -30,7 +30,7 @@ from humanoid_sim.hardware.calibration import (
     load_calibration,
     save_calibration,
 )
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import make_console, make_table, open_bench, require_up, silence
 from humanoid_sim.hardware.tools.options import Calibrate
@@ -77,7 +77,7 @@ class JointTrack:
 class JointTracks:
     """The tracks of some joints of a robot, by index, fed by `poll`."""
 
-    def __init__(self, wiring: Wiring, channels: OpenChannels, joints: Sequence[int], begin: float) -> None:
+    def __init__(self, wiring: Wiring, channels: RobstrideLink, joints: Sequence[int], begin: float) -> None:
         """Nothing is heard yet; `begin`, s, is now."""
         self._wiring = wiring
         self._channels = channels
@@ -183,7 +183,7 @@ def _sweep(
     config: Calibrate,
     description: RobotDescription,
     wiring: Wiring,
-    channels: OpenChannels,
+    channels: RobstrideLink,
     chosen: Sequence[int],
 ) -> Mapping[int, JointTrack]:
     """Read positions until it is enough; show them meanwhile."""

@@ -13,7 +13,7 @@ from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (
     advice_for_silence,
     channel_trouble,
@@ -80,7 +80,7 @@ def discover(config: Discover) -> int:
     return ExitStatus.FAILED if missing else 0
 
 
-def _firmware(channels: OpenChannels, found: _Found) -> dict[tuple[int, int], str]:
+def _firmware(channels: RobstrideLink, found: _Found) -> dict[tuple[int, int], str]:
     channels.expect(some_motors(list(found), channels.sources))
     versions = read_versions(channels.requests, range(len(found)))
     texts = {}

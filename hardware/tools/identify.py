@@ -10,7 +10,7 @@ from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError, known_names
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import Unreadable
 from humanoid_sim.hardware.tools.bench import EnabledMotor, confirm, open_bench, read_device_id
@@ -64,7 +64,7 @@ def identify(config: Identify) -> int:
     return _report(config, wiring, joint, before, after)
 
 
-def _confirm(config: Identify, wiring: Wiring, joint: int, channels: OpenChannels) -> None:
+def _confirm(config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink) -> None:
     source = channels.sources[wiring.channel[joint]]
     print(
         f"{config.joint}: motor {wiring.motor_id[joint]} on {source} will move the joint by "
@@ -73,14 +73,14 @@ def _confirm(config: Identify, wiring: Wiring, joint: int, channels: OpenChannel
     confirm("Is the arm supported and clear?", config.yes, "not moved")
 
 
-def _positions(channels: OpenChannels) -> dict[int, float]:
+def _positions(channels: RobstrideLink) -> dict[int, float]:
     """`mechPos` of every motor that tells it, rad, motor frame, by joint."""
     motors = range(channels.motors.count)
     found = channels.requests.read(dict.fromkeys(motors, PARAMETERS["mechPos"]), (_ANSWER_TIME,))
     return {i: position for i, position in found.items() if not isinstance(position, Unreadable)}
 
 
-def _move(config: Identify, wiring: Wiring, joint: int, channels: OpenChannels) -> dict[int, float]:
+def _move(config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink) -> dict[int, float]:
     """Move there and back; every motor's position where the joint was there."""
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)

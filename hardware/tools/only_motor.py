@@ -19,8 +19,8 @@ from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import stop_motors
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import SaveParameters
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, default_value
 from humanoid_sim.hardware.tools.bench import (
     SilentMotorError,
@@ -51,7 +51,7 @@ _LOOKS = 2
 class OnlyMotor:
     """The motor, with channels that know it."""
 
-    channels: OpenChannels
+    channels: RobstrideLink
     motor_id: int
     uid: bytes
     model: str | None
@@ -89,7 +89,7 @@ def only_motor(channel: str, host_id: int) -> Iterator[OnlyMotor]:
         yield OnlyMotor(channels, motor_id, uid, model, "unknown" if version is None else version_text(version))
 
 
-def _only(channels: OpenChannels, uids: dict[int, set[bytes]]) -> tuple[int, bytes]:
+def _only(channels: RobstrideLink, uids: dict[int, set[bytes]]) -> tuple[int, bytes]:
     """Id and unique id of the one that answered."""
     source, trouble = channels.sources[0], channel_trouble(channels, 0)
     because = f" ({trouble})" if trouble else ""
@@ -106,7 +106,7 @@ def _only(channels: OpenChannels, uids: dict[int, set[bytes]]) -> tuple[int, byt
     return found[0]
 
 
-def _stop(channels: OpenChannels) -> None:
+def _stop(channels: RobstrideLink) -> None:
     """Stop it, once it is clear that nobody else speaks on the bus.
 
     Raises:

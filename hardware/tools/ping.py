@@ -10,8 +10,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.fields import FaultBit, flag_names
 from humanoid_sim.hardware.robstride.firmware import firmware_of, model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
 from humanoid_sim.hardware.tools.bench import EnabledMotor, motor_bench, read_device_id, read_value, shown, some_motors
 from humanoid_sim.hardware.tools.options import Ping
@@ -47,7 +47,7 @@ def ping(config: Ping) -> int:
     return 0
 
 
-def _time_answers(channels: OpenChannels, config: Ping) -> None:
+def _time_answers(channels: RobstrideLink, config: Ping) -> None:
     question = {0: [GetDeviceId(config.motor_id, host_id=config.host_id)]}
     times = []
     for _ in range(config.count):
@@ -58,7 +58,7 @@ def _time_answers(channels: OpenChannels, config: Ping) -> None:
     print(f"  answered      {len(times)} of {config.count}, {summary}")
 
 
-def _read_status(channels: OpenChannels, config: Ping) -> None:
+def _read_status(channels: RobstrideLink, config: Ping) -> None:
     version = read_versions(channels.requests, [0]).get(0)
     name = config.model or (None if version is None else model_name(version))
     if name is None:

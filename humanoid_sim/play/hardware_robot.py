@@ -17,7 +17,6 @@ from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addres
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.families import adapter_of
 from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
@@ -58,7 +57,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
         imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
         if imu is None and motors is not None:
             imu = SimulatedImu(lambda: motors.truth.imu)
-        robot = adapter_of(description)(
+        robot = HardwareRobot(
             description,
             addresses,
             calibration=offsets,

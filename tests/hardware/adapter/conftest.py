@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from humanoid_sim.hardware.adapter import activation, control
+from humanoid_sim.hardware.adapter import control
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus import channel
 from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.robstride import enabling, identification, requests
+from humanoid_sim.hardware.robstride import enabling, identification, requests, session
 from humanoid_sim.robots.schema import (
     DampingSettings,
     JointDescription,
@@ -47,7 +47,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests in which a motor will not do what it is asked."""
     monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03, 0.03, 0.03))
     monkeypatch.setattr(enabling, "_LONGEST", 0.15)
-    monkeypatch.setattr(activation, "_REPORT_WAIT", 0.05)
+    monkeypatch.setattr(session, "_REPORT_WAIT", 0.05)
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 from humanoid_sim.hardware.adapter.control import CommandEncoder
 from humanoid_sim.hardware.adapter.joint_tracking import JointTracker
 from humanoid_sim.hardware.adapter.wiring import make_wiring
+from humanoid_sim.hardware.motors import Readings
 from humanoid_sim.hardware.robstride.commands import decode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl
-from humanoid_sim.hardware.robstride.motor_table import Readings
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
@@ -41,7 +41,7 @@ def test_commands_leave_in_the_motors_frame_and_on_their_channels(description: R
     first, second = encoder.encode(
         _command([0.1, 0.2], [1.0, 2.0], [3.0, 4.0], [20.0, 10.0], [1.0, 1.0]), joints, tracker
     )
-    ((joint, frame),) = first
+    (((joint, _), frame),) = first
     assert joint == 0
     decoded = decode_command(frame, 11, MOTORS["rs-02"])
     assert isinstance(decoded, OperationControl)
@@ -50,7 +50,7 @@ def test_commands_leave_in_the_motors_frame_and_on_their_channels(description: R
     assert decoded.effort == pytest.approx(-3.0, abs=1e-3)
     assert decoded.stiffness == pytest.approx(20.0, abs=1e-2)
     assert decoded.damping == pytest.approx(1.0, abs=1e-4)
-    ((joint, frame),) = second
+    (((joint, _), frame),) = second
     assert joint == 1
     decoded = decode_command(frame, 21, MOTORS["rs-00"])
     assert isinstance(decoded, OperationControl)
@@ -94,9 +94,9 @@ def test_every_finite_command_can_be_sent(values: list[float]) -> None:
     tracker = JointTracker(LITE, np.zeros(14))
     joints = tracker.update(Readings(*(np.zeros(14) for _ in range(5))))
     batches = CommandEncoder(LITE, 2, 0.04).encode(command, joints, tracker)
-    assert [joint for batch in batches for joint, _ in batch] == list(range(14))
+    assert [joint for batch in batches for (joint, _), _ in batch] == list(range(14))
     for batch in batches:
-        for joint, frame in batch:
+        for (joint, _), frame in batch:
             decoded = decode_command(frame, LITE.motor_id[joint], LITE.model[joint])
             assert isinstance(decoded, OperationControl)
             assert abs(decoded.effort) <= LITE.effort_limit[joint] * 1.001

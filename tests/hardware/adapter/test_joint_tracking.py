@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.hardware.adapter.joint_tracking import (
-    WRAP,
     JointTracker,
     find_turns,
     has_jumped,
@@ -20,9 +19,12 @@ from humanoid_sim.hardware.adapter.joint_tracking import (
     unwrapped,
 )
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
-from humanoid_sim.hardware.robstride.motor_table import Readings
+from humanoid_sim.hardware.motors import Readings
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription
+
+WRAP = 8.0 * math.pi
+"""rad, with which a Robstride motor's reports repeat."""
 
 
 @pytest.fixture
@@ -179,11 +181,11 @@ def test_a_joint_that_was_not_heard_is_a_problem(shifted: Wiring) -> None:
 def test_a_wrapped_position_is_continued(previous: float, step: float) -> None:
     there = previous + step
     reported = (there + 0.5 * WRAP) % WRAP - 0.5 * WRAP
-    assert unwrapped(np.array([reported]), np.array([previous]))[0] == pytest.approx(there, abs=1e-9)
+    assert unwrapped(np.array([reported]), np.array([previous]), np.array([WRAP]))[0] == pytest.approx(there, abs=1e-9)
 
 
 def test_without_a_previous_position_the_reported_one_counts() -> None:
-    result = unwrapped(np.array([1.0, np.nan]), np.array([np.nan, 2.0]))
+    result = unwrapped(np.array([1.0, np.nan]), np.array([np.nan, 2.0]), np.array([WRAP, WRAP]))
     assert result[0] == 1.0
     assert np.isnan(result[1])
 

@@ -13,8 +13,8 @@ from humanoid_sim.hardware.emulation.motor_state import MotorState
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.fields import MotorMode
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import Command
-from humanoid_sim.hardware.robstride.open_channels import OpenChannels
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import Unreadable
 from humanoid_sim.hardware.tools.bench import (
@@ -40,13 +40,13 @@ def motors() -> Iterator[VirtualMotors]:
 
 
 @pytest.fixture
-def bench(motors: VirtualMotors) -> Iterator[OpenChannels]:
+def bench(motors: VirtualMotors) -> Iterator[RobstrideLink]:
     group = some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"])
     with open_bench([_ADDRESS], 0xFD, group, open_channel=motors.open_bus) as channels:
         yield channels
 
 
-def test_a_lost_question_is_asked_again(bench: OpenChannels, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_question_is_asked_again(bench: RobstrideLink, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[Mapping[int, Sequence[Command]]] = []
     send = bench.requests.send
 
@@ -60,13 +60,13 @@ def test_a_lost_question_is_asked_again(bench: OpenChannels, monkeypatch: pytest
     assert sent[1] == sent[0]
 
 
-def test_a_late_answer_is_not_the_next_questions(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+def test_a_late_answer_is_not_the_next_questions(bench: RobstrideLink, motors: VirtualMotors, inject: Inject) -> None:
     inject(motors, Fault("delayed", ("left_wrist_yaw",), value=0.06))
     assert isinstance(bench.requests.read({0: PARAMETERS["VBUS"]}, (0.02,))[0], Unreadable)
     assert read_value(bench, PARAMETERS["canTimeout"]) == 0
 
 
-def test_polling_takes_late_answers_the_next_time(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+def test_polling_takes_late_answers_the_next_time(bench: RobstrideLink, motors: VirtualMotors, inject: Inject) -> None:
     inject(motors, Fault("delayed", ("left_wrist_yaw",), value=0.06))
     begin = time.monotonic()
     polled: dict[int, float] = {}
@@ -75,7 +75,7 @@ def test_polling_takes_late_answers_the_next_time(bench: OpenChannels, motors: V
     assert polled == {0: 48.0}
 
 
-def test_motors_that_are_silent_are_left_out(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+def test_motors_that_are_silent_are_left_out(bench: RobstrideLink, motors: VirtualMotors, inject: Inject) -> None:
     inject(motors, Fault("silent", ("left_wrist_yaw",)))
     bench.expect(some_motors([(0, 14), (0, 15), (0, 16)], bench.sources))
     assert bench.requests.poll_values(PARAMETERS["VBUS"], range(3), 0.1) == {0: 48.0, 2: 48.0}
@@ -84,7 +84,7 @@ def test_motors_that_are_silent_are_left_out(bench: OpenChannels, motors: Virtua
 
 
 def test_a_bus_that_is_down_is_an_error_and_says_why(
-    bench: OpenChannels, motors: VirtualMotors, inject: Inject
+    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
 ) -> None:
     inject(motors, Fault("bus_off"))
     for _ in range(2):
@@ -92,7 +92,7 @@ def test_a_bus_that_is_down_is_an_error_and_says_why(
             read_device_id(bench)
 
 
-def test_silence_says_what_the_channel_knows_of_it(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+def test_silence_says_what_the_channel_knows_of_it(bench: RobstrideLink, motors: VirtualMotors, inject: Inject) -> None:
     inject(motors, Fault("enobufs"))
     with pytest.raises(
         SilentMotorError, match=r"motor 15 does not answer on virtual:bench-client \(outgoing queue is full"
@@ -100,7 +100,7 @@ def test_silence_says_what_the_channel_knows_of_it(bench: OpenChannels, motors: 
         read_device_id(bench)
 
 
-def test_a_motor_is_enabled_within_the_context_only(bench: OpenChannels) -> None:
+def test_a_motor_is_enabled_within_the_context_only(bench: RobstrideLink) -> None:
     with EnabledMotor(bench) as motor:
         assert motor.status is not None
         assert motor.status.mode is MotorMode.RUN
@@ -113,7 +113,7 @@ def test_a_motor_is_enabled_within_the_context_only(bench: OpenChannels) -> None
 
 
 def test_a_motor_that_does_not_confirm_its_stop_is_said(
-    bench: OpenChannels, motors: VirtualMotors, inject: Inject
+    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
 ) -> None:
     motor = EnabledMotor(bench)
     with pytest.raises(RobotError, match="does not confirm that it stopped; without commands it stops by itself"):  # noqa: SIM117
@@ -121,7 +121,7 @@ def test_a_motor_that_does_not_confirm_its_stop_is_said(
             inject(motors, Fault("silent", ("left_wrist_yaw",)))
 
 
-def test_a_motor_that_loses_its_mode_is_noticed(bench: OpenChannels, motors: VirtualMotors, inject: Inject) -> None:
+def test_a_motor_that_loses_its_mode_is_noticed(bench: RobstrideLink, motors: VirtualMotors, inject: Inject) -> None:
     with EnabledMotor(bench) as motor:
         inject(motors, Fault("reset", ("left_wrist_yaw",)))
         with pytest.raises(RobotError, match="is in mode reset, expected run"):
@@ -174,7 +174,7 @@ def test_a_motor_that_would_scale_commands_wrongly_is_not_enabled(
 
 
 def test_a_motor_that_another_master_drives_is_not_touched(
-    bench: OpenChannels, motors: VirtualMotors, inject: Inject
+    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
 ) -> None:
     inject(motors, Fault("other_master"))
     with pytest.raises(RobotError, match="another master drives these motors: another host sends"), EnabledMotor(bench):
@@ -183,7 +183,7 @@ def test_a_motor_that_another_master_drives_is_not_touched(
 
 
 def test_overvoltage_which_no_status_shows_keeps_a_motor_from_being_enabled(
-    bench: OpenChannels, motors: VirtualMotors, inject: Inject
+    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
 ) -> None:
     inject(motors, Fault("over_voltage", ("left_wrist_yaw",)))
     time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""The channels that motors are on: locked, open, and what is heard on them."""
+"""The channels that a robot's or a tool's motors are on: locked, and open."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from humanoid_sim.hardware.bus.channel import Channel, OpenBus
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.robstride.motor_table import MotorGroup, MotorTable
-from humanoid_sim.hardware.robstride.requests import Requests
 
-__all__ = ["Locks", "OpenChannels"]
+__all__ = ["Listener", "Locks", "OpenChannels"]
+
+Listener = Callable[[int, Frame, float], None]
+"""Takes a frame with its channel's index and its time (s, robot's clock), on the receiver's thread."""
 
 _POLL = 0.001
 """s"""
@@ -49,15 +50,15 @@ class Locks:
 
 
 class OpenChannels:
-    """Channels that are open, their frames going into one table."""
+    """Channels that are open; their frames go to one listener."""
 
     def __init__(
         self,
         addresses: Sequence[BusAddress],
-        motors: MotorGroup,
-        host_id: int,
+        bursts: Sequence[int],
         checks: CheckList,
         *,
+        listener: Listener,
         clock: Callable[[], float] = time.monotonic,
         open_bus: OpenBus = open_bus,
         period: float = 0.02,
@@ -66,9 +67,9 @@ class OpenChannels:
 
         Args:
             addresses: the channels.
-            motors: that are talked to.
-            host_id: our own id.
+            bursts: frames that a control period puts into each channel's queue at once.
             checks: takes what is wrong with a channel.
+            listener: is given every frame.
             clock: the robot's clock, s.
             open_bus: opens a channel.
             period: s between commands.
@@ -79,60 +80,23 @@ class OpenChannels:
         checks.refuse()
         self.opened = clock()
         self.sources = tuple(str(address) for address in addresses)
-        self.host_id = host_id
-        self.table = MotorTable(motors, host_id, len(addresses))
         opened: list[Channel] = []
-        for index, address in enumerate(addresses):
+        for index, (address, burst) in enumerate(zip(addresses, bursts, strict=True)):
             try:
-                receive = functools.partial(self._receive, index)
+                receive = functools.partial(listener, index)
                 opened.append(Channel(address, receive, open_bus=open_bus, clock=clock, patience=_PATIENCE * period))
             except RobotError as error:
                 checks.problem(str(address), str(error).removeprefix(f"{address}: "))
                 continue
-            for hint in bus_hints(address, len(motors.on_channel(index))):
+            for hint in bus_hints(address, burst):
                 checks.warn(str(address), hint)
         self.channels = tuple(opened)
-        self.requests = Requests(motors, self.table, self.channels, host_id)
         if checks.problems:
             self.close()
             checks.refuse()
 
-    def _receive(self, channel: int, frame: Frame, when: float) -> None:
-        self.table.receive(channel, frame, when)
-
-    def expect(self, motors: MotorGroup) -> None:
-        """Talk to these motors from here on; what was heard of others is forgotten."""
-        self.table = MotorTable(motors, self.host_id, len(self.channels))
-        self.requests = Requests(motors, self.table, self.channels, self.host_id)
-
-    @property
-    def motors(self) -> MotorGroup:
-        """That are talked to."""
-        return self.requests.motors
-
-    @property
-    def intruders(self) -> tuple[tuple[str, str], ...]:
-        """Channel and sign of every other host that commands these motors."""
-        return tuple(
-            (source, notes.intruder.text)
-            for source, notes in zip(self.sources, self.table.channels, strict=True)
-            if notes.intrusions
-        )
-
-    @property
-    def unanswered(self) -> int:
-        """Commands that no status has answered yet; those that never left are left out."""
-        unsent = sum(channel.counters.superseded + channel.counters.stale for channel in self.channels)
-        return sum(slot.commanded - slot.acknowledged for slot in self.table.slots) - unsent
-
-    def check_intruders(self, checks: CheckList) -> None:
-        """Another master is a problem."""
-        for source, text in self.intruders:
-            checks.problem(source, f"another master drives these motors: {text}")
-
     def check(self, checks: CheckList) -> None:
-        """Another master, and a channel that is down, are problems."""
-        self.check_intruders(checks)
+        """A channel that is down is a problem."""
         for source, channel in zip(self.sources, self.channels, strict=True):
             if channel.down:
                 checks.problem(source, f"down: {channel.down}")
@@ -151,14 +115,12 @@ class OpenChannels:
         for channel in self.channels:
             channel.forget_queue()
 
-    def begin(self) -> None:
-        """The motors are enabled: questions are over, and from here on only what happens next counts."""
-        self.table.inbox = None
+    def forget_events(self) -> None:
+        """Drop past events of every channel."""
         for channel in self.channels:
             channel.forget_events()
 
     def close(self) -> None:
         """Close all channels. May be called twice."""
-        self.table.inbox = None
         for channel in self.channels:
             channel.close()

@@ -1,0 +1,189 @@
+"""All motors of a robot on its open channels, whatever their families: what the adapter sees of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.hardware.adapter.wiring import AdapterSettings
+from humanoid_sim.hardware.bus.channel import OpenBus
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.bus.open_channels import OpenChannels
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.families import DRIVERS
+from humanoid_sim.hardware.motors import Finding, MotorFigures, MotorLink, Note, Readings, SessionTerms, check_intruders
+
+__all__ = ["RobotMotors"]
+
+
+class RobotMotors:
+    """One link per family, each with the robot's joints that are its own; joints here are the robot's.
+
+    There is a link for every family, also where the robot has no motor of it: it tells that family's frames from those
+    of the robot's motors.
+    """
+
+    def __init__(
+        self,
+        settings: AdapterSettings,
+        known_uids: Mapping[str, bytes],
+        checks: CheckList,
+        *,
+        clock: Callable[[], float],
+        open_bus: OpenBus,
+    ) -> None:
+        """Open every channel, if nothing was wrong before.
+
+        Args:
+            settings: the robot's.
+            known_uids: of motors at an earlier activation, by joint.
+            checks: takes what is wrong with a channel.
+            clock: the robot's clock, s.
+            open_bus: opens a channel.
+
+        Raises:
+            RobotError: with everything that is wrong; no channel is open then.
+        """
+        wiring = settings.wiring
+        self._count = wiring.count
+        self._links: tuple[MotorLink, ...] = ()
+        bursts = [len(wiring.on_channel(channel)) for channel in range(len(settings.addresses))]
+        period = settings.control_period
+        self.line = OpenChannels(
+            settings.addresses, bursts, checks, listener=self._receive, clock=clock, open_bus=open_bus, period=period
+        )
+        self.channels, self.sources, self.opened = self.line.channels, self.line.sources, self.line.opened
+        terms = SessionTerms(settings.host_id, settings.can_timeout, period, known_uids)
+        self._joints = {family: np.array(wiring.of_family(family), dtype=int) for family in DRIVERS}
+        self._links = tuple(
+            driver.link(self.line, wiring.select(self._joints[family].tolist()), terms)
+            for family, driver in DRIVERS.items()
+        )
+        self._place = {
+            joint: (link, motor)
+            for link, joints in self._with_joints(self._links)
+            for motor, joint in enumerate(joints.tolist())
+        }
+
+    def _receive(self, channel: int, frame: Frame, time: float) -> None:
+        for link in self._links:
+            if link.receive(channel, frame, time):
+                return
+
+    def _with_joints(self, links: Iterable[MotorLink]) -> Iterator[tuple[MotorLink, npt.NDArray[np.int64]]]:
+        return zip(links, self._joints.values(), strict=True)
+
+    @property
+    def links(self) -> tuple[MotorLink, ...]:
+        """Those that have motors of the robot."""
+        return tuple(link for link in self._links if link.motors.count)
+
+    @property
+    def uids(self) -> dict[str, bytes]:
+        """Unique ids that were found, by joint."""
+        return {name: uid for link in self._links for name, uid in link.uids.items()}
+
+    # --- what else is on the channels
+
+    @property
+    def has_intruders(self) -> bool:
+        """Whether another host commands these motors."""
+        return any(notes.intrusions for link in self._links for notes in link.notes)
+
+    def intruder(self, channel: int) -> Note:
+        """The latest sign of one on a channel."""
+        return max((link.notes[channel].intruder for link in self._links), key=lambda note: note.time)
+
+    def intrusions(self, channel: int) -> int:
+        """Frames by which another host commands these motors."""
+        return sum(link.notes[channel].intrusions for link in self._links)
+
+    def strangers(self, channel: int) -> dict[str, int]:
+        """Frames that concern none of these motors, by what they are."""
+        found: Counter[str] = Counter()
+        for link in self._links:
+            found.update(dict(link.notes[channel].strangers))
+        return dict(found)
+
+    def check(self, checks: CheckList) -> None:
+        """Another master, and a channel that is down, are problems."""
+        for link in self.links:
+            check_intruders(self.sources, link.notes, checks)
+        self.line.check(checks)
+
+    # --- what they do
+
+    def readings(self) -> Readings:
+        """The latest state of every motor, shape (n,)."""
+        arrays = np.full((5, self._count), np.nan)
+        for link, joints in self._with_joints(self._links):
+            if len(joints):
+                found = link.readings()
+                arrays[:, joints] = found.time, found.position, found.velocity, found.effort, found.temperature
+        return Readings(*arrays)
+
+    def counted(self) -> dict[int, float | None]:
+        """By joint what its motor counts by itself, rad; None: it does not say. Without those of which nobody asks."""
+        return {
+            int(joints[motor]): own
+            for link, joints in self._with_joints(self._links)
+            if link.motors.count
+            for motor, own in link.counted().items()
+        }
+
+    def unknown_positions(self) -> frozenset[int]:
+        """Joints whose motors tell nothing before they are enabled."""
+        return frozenset(i for i, (link, _) in self._place.items() if not link.knows_positions)
+
+    def begin(self) -> None:
+        """The motors are enabled: from here on only what happens next counts."""
+        for link in self._links:
+            link.begin()
+        self.line.forget_events()
+
+    def findings(self, joint: int, recent: float) -> Iterable[Finding]:
+        """What is wrong with a joint's motor, or was since `recent`, s."""
+        link, motor = self._place[joint]
+        return link.findings(motor, recent)
+
+    def count_commands(self) -> None:
+        """One command goes to every motor."""
+        for link in self._links:
+            link.count_commands()
+
+    def figures(self) -> list[MotorFigures]:
+        """What happened so far, by joint."""
+        return [link.figures(motor) for link, motor in (self._place[joint] for joint in range(self._count))]
+
+    def finish(self) -> None:
+        """Before the motors are disabled."""
+        for link in self.links:
+            link.finish()
+
+    def stop(self, joints: Iterable[int]) -> tuple[int, ...]:
+        """Disable motors; those that did not confirm it."""
+        wanted = set(joints)
+        left: list[int] = []
+        for link, own in self._with_joints(self._links):
+            motors = [motor for motor, joint in enumerate(own.tolist()) if joint in wanted]
+            if motors:
+                left += [int(own[motor]) for motor in link.stop(motors)]
+        return tuple(sorted(left))
+
+    def state_text(self, joint: int) -> str:
+        """What a joint's motor last said of its mode, in words."""
+        link, motor = self._place[joint]
+        return link.state_text(motor)
+
+    def forget_queues(self) -> None:
+        """Drop what waits to be sent."""
+        self.line.forget_queues()
+
+    def close(self) -> None:
+        """Close all channels. May be called twice."""
+        for link in self._links:
+            link.begin()
+        self.line.close()

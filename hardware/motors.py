@@ -1,0 +1,243 @@
+"""Motors of any family, as a host knows them: where they are, what is heard of them, and what a session does with them.
+
+A family's folder (`robstride`, `sito`) has a `MotorLink` and a `FrameEncoder`; `families` says which.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.messages import SafetyFlag
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import MotorModel
+
+__all__ = [
+    "NEVER",
+    "ChannelNotes",
+    "EncodedFrames",
+    "Finding",
+    "FrameEncoder",
+    "MotorFigures",
+    "MotorGroup",
+    "MotorLink",
+    "Note",
+    "Readings",
+    "SessionTerms",
+    "check_intruders",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotorGroup:
+    """Motors on some channels, each known by its index: a robot's, those of one family, or those of a bench tool."""
+
+    names: tuple[str, ...]
+    """The joint that each drives, or what a tool calls it."""
+    channel: tuple[int, ...]
+    """Index into the open channels."""
+    motor_id: tuple[int, ...]
+    model: tuple[MotorModel, ...]
+    torque_limit: tuple[float, ...]
+    """N·m, written to the firmware; 0: leave the firmware's own."""
+    current_limit: tuple[float, ...]
+    """A, written to the firmware; 0: leave the firmware's own."""
+
+    @property
+    def count(self) -> int:
+        """n, the number of motors."""
+        return len(self.names)
+
+    def on_channel(self, channel: int) -> tuple[int, ...]:
+        """Indices of the motors on a channel."""
+        return tuple(i for i, index in enumerate(self.channel) if index == channel)
+
+    def of_family(self, family: str) -> tuple[int, ...]:
+        """Indices of the motors of a family."""
+        return tuple(i for i, model in enumerate(self.model) if model.family == family)
+
+    def select(self, indices: Sequence[int]) -> MotorGroup:
+        """Some of these motors as a group of their own, in this order."""
+        return MotorGroup(
+            names=tuple(self.names[i] for i in indices),
+            channel=tuple(self.channel[i] for i in indices),
+            motor_id=tuple(self.motor_id[i] for i in indices),
+            model=tuple(self.model[i] for i in indices),
+            torque_limit=tuple(self.torque_limit[i] for i in indices),
+            current_limit=tuple(self.current_limit[i] for i in indices),
+        )
+
+
+class Note(NamedTuple):
+    """Something that happened."""
+
+    time: float
+    """s, robot's clock."""
+    text: str
+
+
+NEVER = Note(-float("inf"), "")
+
+
+@dataclass(slots=True)
+class ChannelNotes:
+    """What was heard on one channel that belongs to none of its motors."""
+
+    intruder: Note = NEVER
+    """The latest sign of another host that commands our motors."""
+    intrusions: int = 0
+    strangers: Counter[str] = field(default_factory=Counter)
+    """Frames that concern none of our motors, by what they are."""
+
+
+def check_intruders(sources: Sequence[str], notes: Iterable[ChannelNotes], checks: CheckList) -> None:
+    """Another master is a problem of its channel."""
+    for source, note in zip(sources, notes, strict=True):
+        if note.intrusions:
+            checks.problem(source, f"another master drives these motors: {note.intruder.text}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """The latest state of every motor; NaN for one that was never heard. Shape (n,) each, motor frame."""
+
+    time: FloatArray
+    """s, robot's clock; where position and velocity come in two frames, of the older one."""
+    position: FloatArray
+    """rad, as reported: within the model's range."""
+    velocity: FloatArray
+    """rad/s"""
+    effort: FloatArray
+    """N·m"""
+    temperature: FloatArray
+    """°C; NaN where the family does not report it."""
+
+
+Finding = tuple[SafetyFlag, str, str]
+"""A flag, what was found, and the joint; no joint where the finding is the channel's."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotorFigures:
+    """What happened between a host and one motor."""
+
+    commanded: int
+    """Commands that were handed to the channel."""
+    acknowledged: int | None
+    """Commands that the motor answered; None: its family answers none."""
+    reports: int
+    """Statuses that the motor sent by itself."""
+    invalid_frames: int
+
+
+@dataclass(frozen=True, slots=True)
+class SessionTerms:
+    """What a session asks of every family's motors."""
+
+    host_id: int
+    """Ours on the bus, where the family has such a thing."""
+    can_timeout: float
+    """s without a command after which a motor stops by itself, where it can."""
+    control_period: float
+    """s between two commands."""
+    known_uids: Mapping[str, bytes] = field(default_factory=dict)
+    """Unique ids at an earlier activation by joint, where motors have them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EncodedFrames:
+    """One command to each motor of a group as frames, and what did not fit into them."""
+
+    frames: tuple[tuple[int, int, Frame], ...]
+    """Motor, a number that tells its kinds of frames apart, and the frame; in the order in which they are to leave."""
+    saturated: npt.NDArray[np.bool_]
+    """Shape (5, motors): whether position, velocity, effort, stiffness or damping was cut off."""
+
+
+class FrameEncoder(Protocol):
+    """Turns commands into frames, for motors of one family in a fixed order."""
+
+    def encode(self, values: FloatArray) -> EncodedFrames:
+        """The frames of one command to every motor.
+
+        Args:
+            values: shape (5, motors), finite, motor frame: position rad, velocity rad/s, effort N·m, stiffness N·m/rad,
+                damping N·m·s/rad.
+        """
+
+
+class MotorLink(Protocol):
+    """One family's motors on open channels, as a session drives them; each is known by its index in `motors`.
+
+    `examine`, `make_ready`, `enable`, `start` and `stop` wait for what they need. What a motor does or fails to do is a
+    line of the checks.
+    """
+
+    @property
+    def motors(self) -> MotorGroup:
+        """The motors."""
+
+    @property
+    def notes(self) -> Sequence[ChannelNotes]:
+        """What else was heard of this family's frames, by channel."""
+
+    @property
+    def uids(self) -> Mapping[str, bytes]:
+        """Unique ids by joint, as far as they were found."""
+
+    @property
+    def knows_positions(self) -> bool:
+        """Whether a motor tells its position before it is enabled."""
+
+    def receive(self, channel: int, frame: Frame, time: float) -> bool:
+        """Take a frame, on its receiver's thread; whether it is one of this family's."""
+
+    # --- activation
+
+    def examine(self, checks: CheckList) -> None:
+        """Look whether these motors may be touched: listens, and asks where there are questions. Writes nothing."""
+
+    def make_ready(self, checks: CheckList) -> None:
+        """Stop the motors, see to their faults, and configure them; leaves them stopped."""
+
+    def counted(self) -> Mapping[int, float | None]:
+        """By motor what it counts by itself, turns included, rad; None: it does not say. Empty: no such question."""
+
+    def start(self, checks: CheckList) -> None:
+        """The last before enabling: have motors that can report by themselves do so."""
+
+    def enable(self, checks: CheckList) -> None:
+        """Enable every motor, without torque."""
+
+    def stop(self, motors: Iterable[int]) -> tuple[int, ...]:
+        """Disable motors; those that did not confirm it."""
+
+    def state_text(self, motor: int) -> str:
+        """What a motor last said of its mode, in words."""
+
+    # --- control
+
+    def begin(self) -> None:
+        """The motors are enabled: from here on only what happens next counts."""
+
+    def readings(self) -> Readings:
+        """The latest state of every motor."""
+
+    def findings(self, motor: int, recent: float) -> Iterable[Finding]:
+        """What is wrong with a motor, or was since `recent`, s, robot's clock."""
+
+    def count_commands(self) -> None:
+        """One command goes to every motor."""
+
+    def figures(self, motor: int) -> MotorFigures:
+        """What happened so far."""
+
+    def finish(self) -> None:
+        """Before the motors are disabled: await the last answers, and end reports."""

@@ -1,0 +1,201 @@
+"""What a session does with a robot's Robstride motors: prepare, enable, watch and command them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from humanoid_sim.hardware.bus.frame import bus_load
+from humanoid_sim.hardware.bus.open_channels import OpenChannels
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.motors import EncodedFrames, Finding, MotorFigures, MotorGroup, Readings, SessionTerms
+from humanoid_sim.hardware.robstride.commands import OperationControlEncoder
+from humanoid_sim.hardware.robstride.enabling import (
+    enable_motors,
+    examine,
+    make_ready,
+    mode_text,
+    set_reports,
+    stop_motors,
+)
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
+from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of
+from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.messages import Status
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, report_interval
+from humanoid_sim.messages import SafetyFlag
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["RobstrideEncoder", "RobstrideSession"]
+
+_REPORT_WAIT = 0.3
+"""s at most in which the first active reports must come."""
+_SCAN_TIME = 1
+"""`EPScan_time` of the shortest report interval."""
+_FULL_BUS = 0.6
+"""Share of a bus up to which active reports are worth their frames."""
+_LAST_ANSWERS = 0.1
+"""s at most in which the last commands are answered."""
+_HOT = "motor_overtemperature"
+"""The name of that bit in status and fault report alike."""
+
+
+class RobstrideEncoder:
+    """One operation control frame for each motor."""
+
+    def __init__(self, motors: MotorGroup) -> None:
+        """Precompute the ranges."""
+        self._encoder = OperationControlEncoder(motors.motor_id, motors.model)
+
+    def encode(self, values: FloatArray) -> EncodedFrames:
+        """See `FrameEncoder`."""
+        encoded = self._encoder.encode(values)
+        return EncodedFrames(tuple((i, 0, frame) for i, frame in enumerate(encoded.frames)), encoded.saturated)
+
+
+class RobstrideSession(RobstrideLink):
+    """See `MotorLink`."""
+
+    knows_positions = True
+
+    def __init__(self, line: OpenChannels, motors: MotorGroup, terms: SessionTerms) -> None:
+        """Nothing is sent yet.
+
+        Args:
+            line: open.
+            motors: the robot's of this family; maybe none, where it only tells what strangers are heard.
+            terms: the session's.
+        """
+        super().__init__(line, motors, terms.host_id)
+        self._terms = terms
+        self._joints = range(motors.count)
+        self._versions: Mapping[int, FirmwareVersion] = {}
+        self._reporting: tuple[int, ...] = ()
+        self.uids: dict[str, bytes] = {}
+        """Unique ids by joint."""
+
+    # --- activation
+
+    def examine(self, checks: CheckList) -> None:
+        """See `MotorLink`.
+
+        Raises:
+            RobotError: with everything that is wrong.
+        """
+        names, known = self.motors.names, self._terms.known_uids
+        known_uids = {i: known[names[i]] for i in self._joints if names[i] in known}
+        uids, self._versions = examine(self, self._joints, checks, known_uids=known_uids, takes_over=True)
+        self.uids = {names[i]: uid for i, uid in uids.items()}
+
+    def make_ready(self, checks: CheckList) -> None:
+        """See `MotorLink`."""
+        make_ready(self, self._joints, self._terms.can_timeout, checks, takes_over=True)
+        found = self.requests.read(dict.fromkeys(self._joints, PARAMETERS["VBUS"]))
+        for channel, source in enumerate(self.sources):
+            here = self.motors.on_channel(channel)
+            volts = [v for i in here if isinstance(v := found[i], float)]
+            if volts:
+                checks.passed(source, f"supply {min(volts):.1f} to {max(volts):.1f} V at its motors")
+            elif here:
+                checks.warn(source, "no motor tells its supply voltage")
+
+    def counted(self) -> Mapping[int, float | None]:
+        """See `MotorLink`: `mechPos`."""
+        found = self.requests.read(dict.fromkeys(self._joints, PARAMETERS["mechPos"]))
+        return {i: own if isinstance(own, float) else None for i, own in found.items()}
+
+    def start(self, checks: CheckList) -> None:
+        """Switch active reports on where they help: a motor otherwise answers commands only, a period too early."""
+        motors, period = self.motors, self._terms.control_period
+        able = [i for i in self._joints if firmware_of(motors.model[i], self._versions[i]).has_active_reports]
+        wanted: list[int] = []
+        for channel, source in enumerate(self.sources):
+            here = motors.on_channel(channel)
+            interval = report_interval(_SCAN_TIME)
+            load = bus_load(len(here) * (2.0 / period + 1.0 / interval))
+            if interval >= period:
+                checks.passed(source, "no active reports: commands are answered as often")
+            elif load > _FULL_BUS:
+                checks.passed(source, f"no active reports: they would load the bus to {100.0 * load:.0f} %")
+            else:
+                wanted += [i for i in here if i in able]
+        self.requests.write(PARAMETERS["EPScan_time"], dict.fromkeys(wanted, float(_SCAN_TIME)))
+        slots = self.table.slots
+        before = [slot.reports + slot.statuses for slot in slots]
+
+        def silent() -> list[int]:
+            """Motors that sent no more than one status: that may have answered the request."""
+            return [i for i in wanted if slots[i].reports + slots[i].statuses <= before[i] + 1]
+
+        set_reports(self.requests, wanted, is_on=True)
+        self.line.wait(lambda: not silent(), _REPORT_WAIT)
+        for i in silent():
+            checks.warn(motors.names[i], "sends no active reports: its state is a control period old")
+        self._reporting = tuple(wanted)
+
+    def enable(self, checks: CheckList) -> None:
+        """See `MotorLink`."""
+        enable_motors(self.requests, self._joints, self._terms.can_timeout, checks)
+
+    def stop(self, motors: Iterable[int]) -> tuple[int, ...]:
+        """See `MotorLink`."""
+        return stop_motors(self.requests, motors)
+
+    def state_text(self, motor: int) -> str:
+        """See `MotorLink`."""
+        return mode_text(self.table.slots[motor])
+
+    # --- control
+
+    def begin(self) -> None:
+        """See `MotorLink`."""
+        self.table.inbox = None
+
+    def readings(self) -> Readings:
+        """See `MotorLink`."""
+        return self.table.readings()
+
+    def findings(self, motor: int, recent: float) -> Iterator[Finding]:
+        """See `MotorLink`."""
+        slot, name = self.table.slots[motor], self.motors.names[motor]
+        sample, alarm, report = slot.sample, slot.alarm, slot.report
+        if sample is not None and alarm is not None and (alarm is sample or alarm.time >= recent):
+            yield from _alarm(name, alarm.status)
+        if report is not None and (report.faults or report.warnings):
+            yield from _report(name, report.faults, report.warnings)
+        if slot.invalid.time >= recent:
+            yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", name
+
+    def count_commands(self) -> None:
+        """See `MotorLink`."""
+        self.table.count_commands()
+
+    def figures(self, motor: int) -> MotorFigures:
+        """See `MotorLink`."""
+        slot = self.table.slots[motor]
+        return MotorFigures(slot.commanded, slot.acknowledged, slot.reports, slot.invalid_frames)
+
+    def finish(self) -> None:
+        """See `MotorLink`."""
+        self.line.wait(lambda: self.unanswered <= 0, _LAST_ANSWERS)
+        self.table.counts_answers = False
+        self.line.forget_queues()
+        set_reports(self.requests, self._reporting, is_on=False)
+
+
+def _alarm(name: str, status: Status) -> Iterator[Finding]:
+    for fault in flag_names(status.faults):
+        yield SafetyFlag.MOTOR_FAULT, fault, name
+    if status.faults & StatusFault.MOTOR_OVERTEMPERATURE:
+        yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
+    if status.mode is not MotorMode.RUN:
+        yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {status.mode.name.lower()})", name
+
+
+def _report(name: str, faults: FaultBit, warnings: WarningBit) -> Iterator[Finding]:
+    for fault in flag_names(faults):
+        yield SafetyFlag.MOTOR_FAULT, fault, name
+    if faults & FaultBit.MOTOR_OVERTEMPERATURE:
+        yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
+    hot = warnings & WarningBit.MOTOR_OVERTEMPERATURE_WARNING
+    for warning in flag_names(warnings):
+        yield SafetyFlag.TEMPERATURE_LIMIT if hot else SafetyFlag.MOTOR_FAULT, warning, name
