@@ -251,11 +251,13 @@ class EventKind(IntEnum):
     SUPPORT = 2
     """The support let the base go, or holds it again."""
     FAILURE = 3
-    """A part beside the control stack failed, the robot fell, or the run ended with an exception."""
+    """A part beside the control stack failed, or the run ended with an exception."""
     LOSS = 4
     """Ticks are missing from the recording."""
     ENDING = 5
     """The run is about to end."""
+    FALL = 6
+    """The robot fell, or lost the motion that it follows."""
 
 
 @dataclass(frozen=True, slots=True)

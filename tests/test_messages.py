@@ -67,6 +67,7 @@ def test_event_kinds():
         "FAILURE": 3,
         "LOSS": 4,
         "ENDING": 5,
+        "FALL": 6,
     }
 
 

@@ -70,12 +70,19 @@ def assemble(plan: Plan, console: Console) -> Run:
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     tracking, anchor = _errors(policy, description)
     shown = ConsoleSink(console, expected_duration(config, policy, description))
-    monitor = RunMonitor(description.effort_limit, tracking, anchor=anchor, base=setup.base, tell=shown.event)
     recorder = None if plan.outputs.record is None else McapRecorder(plan.outputs.record)
+    monitor = RunMonitor(
+        description.effort_limit,
+        tracking,
+        anchor=anchor,
+        base=setup.base,
+        tell=lambda event: _tell(event, shown, recorder),
+    )
     video = None if plan.outputs.video is None else VideoSink(plan.outputs.video, setup.model)
     gravity, remote = _remote(plan)
     viewer = NativeViewerSink(setup.model) if shows_window(config) else None
-    sinks: list[Sink] = [sink for sink in (monitor, shown, gravity, recorder, video, viewer) if sink is not None]
+    # The last one is closed first: what the monitor finds in the last ticks still reaches console and recording.
+    sinks: list[Sink] = [sink for sink in (shown, gravity, recorder, video, viewer, monitor) if sink is not None]
 
     reactivation = Reactivation(lambda: _warnings(setup.bring_up))
     operators = _open_operators(
@@ -112,6 +119,13 @@ def assemble(plan: Plan, console: Console) -> Run:
     )
     plan.clock.session = session
     return Run(plan, session, monitor, shown, operators, tracking, anchor, recorder, video, gravity, interruption)
+
+
+def _tell(event: Event, *sinks: Sink | None) -> None:
+    """Hand an event that a sink has found to some others."""
+    for sink in sinks:
+        if sink is not None:
+            sink.event(event)
 
 
 def _warnings(bring_up: BringUp | None) -> tuple[str, ...]:

@@ -96,7 +96,7 @@ class ConsoleSink(WorkerSink):
     def handle_event(self, event: Event) -> None:
         """Print an event."""
         self._time = event.time
-        style = "bold red" if event.kind is EventKind.FAILURE else "dim"
+        style = "bold red" if event.kind in (EventKind.FAILURE, EventKind.FALL) else "dim"
         self._print(f"[{style}]{escape(event.text)}[/]")
 
     def handle_pause(self) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from humanoid_sim.messages import Event, Mode, SafetyStatus, TickRecord
+from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
 from humanoid_sim.recording.reader import Recording, TopicCount
 
 __all__ = ["ModeSpan", "Remark", "Summary", "summarize"]
@@ -118,7 +118,7 @@ def summarize(recording: Recording) -> Summary:
     safety: dict[str, SafetyStatus] = {}
     for entry in recording.entries(past_damage=True):
         if isinstance(entry, Event):
-            summary.remarks.append(Remark(entry.time, "event", entry.text))
+            summary.remarks.append(Remark(entry.time, "fall" if entry.kind is EventKind.FALL else "event", entry.text))
         else:
             _add_tick(summary, entry, safety)
     if summary.ticks:

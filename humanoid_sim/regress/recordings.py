@@ -22,7 +22,7 @@ import numpy.typing as npt
 from humanoid_sim import __version__
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Event, Intent, TickInput, TickRecord
+from humanoid_sim.messages import Event, EventKind, Intent, TickInput, TickRecord
 from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.recording.recorder import McapRecorder
@@ -97,7 +97,8 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
         for record in _ticks(supervisor, steps, actions, contract.policy_dt):
             recorder.tick(record)
             time = float(record.input.state.time)
-        recorder.event(Event(time, f"regress: {suite.name}, {episode.label}: {episode.failure}"))
+        kind = {"lost": EventKind.FALL, "fault": EventKind.FAILURE}.get(episode.kind, EventKind.NOTE)
+        recorder.event(Event(time, f"regress: {suite.name}, {episode.label}: {episode.failure}", kind))
     finally:
         recorder.close()
         if recorder.error or sys.exc_info()[0] is not None:

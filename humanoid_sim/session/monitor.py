@@ -52,7 +52,7 @@ class RunMonitor(WorkerSink):
             tracker: gets the joint positions of every policy step.
             anchor: gets the states of every policy step.
             base: sees the floating base of a simulated robot, which is free in LOCOMOTION and REMOTE; None for none.
-            tell: is told of a fall when it happens.
+            tell: is told of a fall when it happens, on this sink's thread.
         """
         super().__init__("monitor")
         self._effort_limit = effort_limit
@@ -127,7 +127,7 @@ class RunMonitor(WorkerSink):
         base = observer.moving(qpos, state.extern[BASE_LINEAR_VELOCITY].value, turning)
         fell = motion.update(time, replace(base, angular_velocity=rotate_inverse(base.quaternion, turning)))
         if fell:
-            self._tell(Event(time, fell, EventKind.FAILURE))
+            self._tell(Event(time, fell, EventKind.FALL))
 
     def _note_safety(self, time: float, statuses: tuple[SafetyStatus, ...]) -> None:
         if all(status.is_ok for status in statuses):

@@ -10,6 +10,11 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from humanoid_sim.messages import Event, EventKind
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.summary import summarize
+from humanoid_sim.replay import main as replay
+
 WALKER = """
 <mujoco>
   <compiler angle="radian"/>
@@ -85,6 +90,18 @@ def test_a_fall_is_told_when_it_happens_and_at_the_end_with_what_to_do(run: Any,
     assert f"which wiring would keep it up: {doctor}" in result.out
     assert result.summary["doctor"] == doctor
     assert (base["velocity"], base["yaw_rate"], base["tilt_max"]) == (None, None, None)
+
+
+@pytest.mark.parametrize("seconds", ["3", "0.5"])  # the second run ends just after the fall
+def test_a_fall_is_an_event_of_the_recording(run: Any, folder: Path, seconds: str) -> None:
+    result = run(*write(folder, (1.6, 0.0)), "--policy-seconds", seconds)
+    base = result.summary["base"]
+    recording = open_recording(folder / "r.mcap")
+    (fall,) = [item for item in recording.entries() if isinstance(item, Event) and item.kind is EventKind.FALL]
+    assert fall.text == base["fell"]
+    assert fall.time == pytest.approx(base["released"] + base["fall"], abs=1e-9)
+    assert ("fall", fall.text) in [(said.kind, said.text) for said in summarize(recording).remarks]
+    assert replay([str(folder / "r.mcap")]) == 0
 
 
 def test_a_fault_is_not_called_a_fall(run: Any, folder: Path) -> None:
