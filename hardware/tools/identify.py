@@ -68,7 +68,7 @@ def _confirm(config: Identify, wiring: Wiring, joint: int, channels: RobstrideLi
     source = channels.sources[wiring.channel[joint]]
     print(
         f"{config.joint}: motor {wiring.motor_id[joint]} on {source} will move the joint by "
-        f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most about {config.torque:g} N·m"
+        f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
     )
     confirm("Is the arm supported and clear?", config.yes, "not moved")
 
@@ -85,7 +85,9 @@ def _move(config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink)
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)
     damping = min(_DAMPING_TIME * stiffness, wiring.model[joint].damping)
-    with EnabledMotor(channels, joint) as motor:
+    with EnabledMotor(
+        channels, joint, torque=config.torque, period=_PERIOD, accepted_firmware=config.accept_firmware
+    ) as motor:
         for warning in motor.warnings:
             complain(f"warning: {warning}")
         start = motor.command(0.0, 0.0, 0.0, 0.0).position

@@ -175,9 +175,11 @@ class Identify:
     angle: float = 0.15
     """rad to move, in the joint's positive direction, and back."""
     torque: float = 1.5
-    """N·m that are reached when nothing moves."""
+    """N·m at most: written to the motor as its torque limit meanwhile, and the bound of what it is told."""
     yes: bool = False
     """Do not ask first."""
+    accept_firmware: tuple[str, ...] = ()
+    """Versions that no document mentions, such as 0.2.3.20, with which the motor is to be driven all the same."""
     host_id: int = 0xFD
     """Our own id on the bus."""
 

@@ -68,7 +68,7 @@ def _read_status(channels: RobstrideLink, config: Ping) -> None:
         model = firmware_of(model, version).applied_to(model)
         print(f"  firmware      {version_text(version)}")
     channels.expect(some_motors([(0, config.motor_id)], channels.sources, model))
-    with EnabledMotor(channels, is_limp=True) as motor:
+    with EnabledMotor(channels) as motor:
         status = motor.command(0.0, 0.0, 0.0, 0.0)
     for warning in motor.warnings:
         complain(f"warning: {warning}")
