@@ -2,7 +2,7 @@
 
 No source states a motor's thermal data. Assumed is one heat capacity, heated by the current squared, cooled towards the
 room: 60 K above it in the long run at rated torque, with a time constant of four minutes; copper losses grow with the
-square of the current, and the current is proportional to the torque.
+square of the current, and the current is proportional to the torque. A motor without a rated torque stays as it is.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.hardware.emulation.firmware import torque_limit, wrapped
-from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState
+from humanoid_sim.hardware.emulation.firmware import wrapped
+from humanoid_sim.hardware.emulation.interface import Drive
 from humanoid_sim.mit import FloatArray, mit_torque
+from humanoid_sim.robots.motors import MotorModel
 
 __all__ = ["RATED_RISE", "TIME_CONSTANT", "Drives", "heat"]
 
@@ -26,35 +27,24 @@ class Drives:
     end of the range sees its error jump by the whole range, which the manuals neither state nor exclude.
     """
 
-    def __init__(self, identities: Sequence[MotorIdentity]) -> None:
+    def __init__(self, models: Sequence[MotorModel]) -> None:
         """All motors without power, at the temperature of the room."""
-        self._identities = tuple(identities)
-        count = len(identities)
+        count = len(models)
         self.position, self.velocity, self.effort, self.stiffness, self.damping = np.zeros((5, count))
         """The command in force, as of an `MITCommand`; a motor that does not run has gains and effort of zero."""
-        self._limit = np.array([identity.model.peak_torque for identity in identities])
+        self._limit = np.array([model.peak_torque for model in models])
         self._origin = np.zeros(count)
-        self._range = np.array([identity.model.position for identity in identities])
-        self._rated = np.array([identity.model.rated_torque for identity in identities])
+        self._range = np.array([model.position for model in models])
+        self._rated = np.array([model.rated_torque for model in models])
         self._torque, self._scratch = np.empty((2, count))
         self.rise = np.zeros(count)
         """Shape (m,), K above the room."""
 
-    def follow(self, motor: int, state: MotorState) -> None:
+    def follow(self, motor: int, drive: Drive) -> None:
         """Do from the next period on what a motor's firmware says."""
-        identity, command = self._identities[motor], state.command
-        self._origin[motor] = state.origin
-        self._limit[motor] = torque_limit(identity, state)
-        if not state.is_running or command is None:
-            self.stiffness[motor] = self.damping[motor] = self.effort[motor] = 0.0
-            return
-        factor = identity.firmware.gain_factor
-        self.position[motor], self.velocity[motor], self.effort[motor] = (
-            command.position,
-            command.velocity,
-            command.effort,
-        )
-        self.stiffness[motor], self.damping[motor] = factor * command.stiffness, factor * command.damping
+        self.position[motor], self.velocity[motor], self.effort[motor] = drive.position, drive.velocity, drive.effort
+        self.stiffness[motor], self.damping[motor] = drive.stiffness, drive.damping
+        self._limit[motor], self._origin[motor] = drive.limit, drive.origin
 
     def torque(self, shaft: FloatArray, velocity: FloatArray) -> FloatArray:
         """The torque of one period of the control loop.

@@ -19,8 +19,6 @@ from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.motors import Motors, Told
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.wire import HOST, OTHER_HOST, FrameFaults, Transmission, Wire
-from humanoid_sim.hardware.robstride.commands import encode_command
-from humanoid_sim.hardware.robstride.messages import OperationControl
 from humanoid_sim.robots.description import RobotDescription
 
 __all__ = ["Arrival", "BusLoad", "Emulator"]
@@ -244,10 +242,8 @@ class Emulator:
         if not injected.is_active:
             return
         for motor in self._on_bus[bus]:
-            model = self.motors.identities[motor].model
-            command = OperationControl(self.motors.states[motor].can_id, 0.0, 0.0, 0.0, 0.0, 0.0)
-            if not self._is_off[bus]:
-                self._wires[bus].submit(OTHER_HOST, encode_command(command, model), self.time)
+            for frame in () if self._is_off[bus] else self.motors.zero_torque(motor):
+                self._wires[bus].submit(OTHER_HOST, frame, self.time)
         self._at(self.time + 1.0 / injected.fault.amount, lambda: self._interfere(injected, bus))
 
     def _send(self, motor: int, frame: Frame, time: float) -> None:
@@ -264,9 +260,8 @@ class Emulator:
             return
         if node == OTHER_HOST:
             self._arrive(time, bus, frame)
-        destination = frame.arbitration_id & 0xFF
         for motor in self._on_bus[bus]:
-            if self.motors.states[motor].can_id == destination and self._frame_faults.reaches(motor):
+            if self.motors.is_for(motor, frame) and self._frame_faults.reaches(motor):
                 for reply in self.motors.receive(motor, frame, time):
                     self._send(motor, reply, time + self._reply_delay)
 

@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.emulation.interface import Reaction, Sensed
 from humanoid_sim.hardware.emulation.motor_state import (
     NO_FAULT,
     NO_STATUS_FAULT,
     NO_WARNING,
     MotorIdentity,
     MotorState,
-    Sensed,
     Stored,
     initial_parameters,
     parameter,
@@ -59,7 +59,7 @@ from humanoid_sim.hardware.robstride.parameters import CanTimeout, RunMode, repo
 from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["Reaction", "advance", "next_time", "power_on", "receive", "status", "torque_limit", "wrapped"]
+__all__ = ["advance", "next_time", "power_on", "receive", "status", "torque_limit", "wrapped"]
 
 _LEAST_VOLTAGE = 12.0
 """V, below which the motor reports undervoltage; likewise the manuals' 60 V."""
@@ -70,16 +70,6 @@ _LARGEST_ID = 127
 
 
 Angle = TypeVar("Angle", float, FloatArray)
-
-
-class Reaction(NamedTuple):
-    """What an event leads to."""
-
-    state: MotorState
-    frames: tuple[Frame, ...] = ()
-    """In the order in which the motor sends them."""
-    refusal: str = ""
-    """Why it did not do what it was told, for a person: its answer, a status in reset mode, does not say."""
 
 
 def power_on(identity: MotorIdentity, stored: Stored, sensed: Sensed) -> MotorState:
@@ -126,7 +116,9 @@ def torque_limit(identity: MotorIdentity, state: MotorState) -> float:
     return min(max(parameter(state, "limit_torque"), 0.0), identity.model.peak_torque)
 
 
-def receive(identity: MotorIdentity, state: MotorState, frame: Frame, sensed: Sensed, time: float) -> Reaction:
+def receive(
+    identity: MotorIdentity, state: MotorState, frame: Frame, sensed: Sensed, time: float
+) -> Reaction[MotorState]:
     """A frame from the bus, at `time`, s. What is for another motor, or cannot be read, changes nothing."""
     if state.is_deaf:
         return Reaction(state)
@@ -148,7 +140,7 @@ def _refusal(state: MotorState) -> str:
     return "" if mode is RunMode.OPERATION else f"not enabled: run_mode is {mode}, only 0 (operation) is emulated"
 
 
-def advance(identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float) -> Reaction:
+def advance(identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float) -> Reaction[MotorState]:
     """What the motor does of itself at `time`: its protections, the CAN timeout, active reports."""
     frames: list[Frame] = []
     before = state.faults, state.warnings

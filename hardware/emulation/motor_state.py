@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import NamedTuple
 
+from humanoid_sim.hardware.emulation.interface import Sensed
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, Scale, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.firmware import Firmware, FirmwareVersion
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID, BaudRate, OperationControl, Protocol
@@ -29,7 +29,6 @@ __all__ = [
     "NO_WARNING",
     "MotorIdentity",
     "MotorState",
-    "Sensed",
     "Stored",
     "initial_parameters",
     "parameter",
@@ -72,24 +71,6 @@ class MotorIdentity:
     def torque_per_ampere(self) -> float:
         """N·m/A, of phase current. Not stated anywhere: peak torque at peak current, and proportional below."""
         return self.model.peak_torque / self.model.peak_current
-
-
-class Sensed(NamedTuple):
-    """What a motor's own sensors say at one instant."""
-
-    shaft: float
-    """rad, motor frame, the shaft's angle with all its turns."""
-    velocity: float = 0.0
-    """rad/s"""
-    torque: float = 0.0
-    """N·m, from the phase currents."""
-    temperature: float = 25.0
-    """°C"""
-    voltage: float = 48.0
-    """V"""
-    encoder_fault: bool = False
-    overcurrent: bool = False
-    overloaded: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.drives import Drives
-from humanoid_sim.hardware.emulation.motor_state import MotorState, Sensed, Stored
+from humanoid_sim.hardware.emulation.families import make_firmwares
+from humanoid_sim.hardware.emulation.interface import Reaction, Sensed
 from humanoid_sim.hardware.emulation.plant import MotorPlant
-from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
-from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
-from humanoid_sim.hardware.robstride.messages import DeviceId
-from humanoid_sim.hardware.robstride.replies import encode_reply
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.robots.description import RobotDescription
 
 __all__ = ["Conditions", "Motors", "Told"]
@@ -61,14 +59,15 @@ class Motors:
             told: is called when a motor changes its mode or its faults, with the time and a line for a person.
 
         Raises:
-            InputError: see `MotorPlant` and `motor_identities`.
+            InputError: see `MotorPlant` and `make_firmwares`.
         """
-        self.identities = motor_identities(description, settings)
+        self.firmwares = make_firmwares(description, settings)
+        """One per motor."""
         self.plant = MotorPlant(description, settings)
         self._settings = settings
         self._told = told
-        self._drives = Drives(self.identities)
-        count = len(self.identities)
+        self._drives = Drives([firmware.model for firmware in self.firmwares])
+        count = len(self.firmwares)
         self._jump = np.zeros(count)
         self._read = np.empty(count)
         self.conditions = [Conditions() for _ in range(count)]
@@ -76,13 +75,11 @@ class Motors:
         self._steps = 0
         self._steps_between_checks = max(round(_CHECK_PERIOD / self.plant.timestep), 1)
         self._look_at = 0.0
-        self.states: list[MotorState] = []
-        """One per motor."""
-        for i, joint in enumerate(self.plant.joints):
-            assert joint.motor is not None
-            stored = Stored(joint.motor.can_id)
-            self.states.append(firmware.power_on(self.identities[i], stored, self.sensed(i)))
-            self._drives.follow(i, self.states[i])
+        self.states: list[Any] = []
+        """One per motor, of its firmware's own type."""
+        for i, firmware in enumerate(self.firmwares):
+            self.states.append(firmware.power_on(None, self.sensed(i)))
+            self._drives.follow(i, firmware.drive(self.states[i]))
 
     @property
     def time(self) -> float:
@@ -113,11 +110,19 @@ class Motors:
             conditions.overloaded,
         )
 
+    def is_for(self, motor: int, frame: Frame) -> bool:
+        """Whether a frame names a motor."""
+        return self.firmwares[motor].is_for(self.states[motor], frame)
+
+    def zero_torque(self, motor: int) -> tuple[Frame, ...]:
+        """What another computer sends that wants no torque of a motor."""
+        return self.firmwares[motor].zero_torque(self.states[motor])
+
     def receive(self, motor: int, frame: Frame, time: float) -> tuple[Frame, ...]:
         """A frame reaches a motor; what it answers."""
         if not self.conditions[motor].has_power:
             return ()
-        reaction = firmware.receive(self.identities[motor], self.states[motor], frame, self.sensed(motor), time)
+        reaction = self.firmwares[motor].receive(self.states[motor], frame, self.sensed(motor), time)
         if reaction.refusal:
             self._tell(motor, time, reaction.refusal)
         return self._take(motor, reaction, time)
@@ -143,9 +148,10 @@ class Motors:
         sent = []
         for motor, state in enumerate(self.states):
             if self.conditions[motor].has_power:
-                reaction = firmware.advance(self.identities[motor], state, self.sensed(motor), time)
+                reaction = self.firmwares[motor].advance(state, self.sensed(motor), time)
                 sent += [(motor, frame) for frame in self._take(motor, reaction, time)]
-        self._look_at = min((firmware.next_time(state) for state in self.states), default=math.inf)
+        pairs = zip(self.firmwares, self.states, strict=True)
+        self._look_at = min((firmware.next_time(state) for firmware, state in pairs), default=math.inf)
         return sent
 
     def begin_fault(self, motor: int, kind: str, amount: float) -> None:
@@ -157,8 +163,7 @@ class Motors:
             case "unplugged":
                 self.set_power(motor, False)
             case "reset":
-                state = replace(self.states[motor], mode=MotorMode.RESET, command=None)
-                self._take(motor, firmware.Reaction(state), self.time)
+                self._take(motor, Reaction(self.firmwares[motor].reset(self.states[motor])), self.time)
             case "over_temperature":
                 conditions.temperature = amount
             case "under_voltage" | "over_voltage":
@@ -207,36 +212,23 @@ class Motors:
         conditions = self.conditions[motor]
         if conditions.has_power == is_on:
             return ()
-        identity, state = self.identities[motor], self.states[motor]
+        firmware = self.firmwares[motor]
         conditions.has_power = is_on
-        fresh = firmware.power_on(identity, state.stored, self.sensed(motor))
+        fresh = firmware.power_on(self.states[motor], self.sensed(motor))
         self._tell(motor, self.time, "power on" if is_on else "power off")
-        self._take(motor, firmware.Reaction(fresh), self.time)
-        if not is_on or fresh.is_deaf:
-            return ()
-        return (encode_reply(DeviceId(fresh.can_id, identity.uid), identity.model),)
+        self._take(motor, Reaction(fresh), self.time)
+        return firmware.announcement(fresh) if is_on else ()
 
-    def _take(self, motor: int, reaction: firmware.Reaction, time: float) -> tuple[Frame, ...]:
+    def _take(self, motor: int, reaction: Reaction[Any], time: float) -> tuple[Frame, ...]:
         before, state = self.states[motor], reaction.state
         if state is not before:
+            firmware = self.firmwares[motor]
             self.states[motor] = state
-            if (
-                state.command is not before.command
-                or state.mode is not before.mode
-                or state.parameters is not before.parameters
-                or state.origin != before.origin
-            ):
-                self._drives.follow(motor, state)
+            self._drives.follow(motor, firmware.drive(state))
             self._look_at = min(self._look_at, firmware.next_time(state))
-            self._tell_change(motor, before, state, time)
+            for text in firmware.changes(before, state):
+                self._tell(motor, time, text)
         return () if self.conditions[motor].is_silent else reaction.frames
-
-    def _tell_change(self, motor: int, before: MotorState, state: MotorState, time: float) -> None:
-        if state.mode is not before.mode:
-            self._tell(motor, time, "enabled" if state.is_running else "stopped, in reset mode")
-        if state.status_faults != before.status_faults or state.faults != before.faults:
-            names = dict.fromkeys((*flag_names(state.status_faults), *flag_names(state.faults)))
-            self._tell(motor, time, ", ".join(names) or "faults cleared")
 
     def _tell(self, motor: int, time: float, text: str) -> None:
         if self._told is not None:

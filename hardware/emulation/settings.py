@@ -54,6 +54,9 @@ class EmulationSettings:
     """m, of a floating base; None: the description's."""
     anchor_body: str = ""
     """MJCF body whose pose is part of the truth; empty for none."""
+    sito_deaf_until_enabled: bool = False
+    """Whether a Sito motor ignores gains and commands while it is disabled, which is not known: it then starts with
+    those of its last host."""
     seed: int = 0
     """Of the faults that draw, and of the motors' unique ids."""
 
@@ -70,12 +73,13 @@ class EmulationSettings:
 
 
 def motor_identities(description: RobotDescription, settings: EmulationSettings) -> tuple[MotorIdentity, ...]:
-    """One motor per driven joint, in order, with the firmware that the settings give it.
+    """One motor per joint that a Robstride drives, in order, with the firmware that the settings give it.
 
     Raises:
         InputError: a firmware is given for what the robot has not, or is no version of that model.
     """
-    motors = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
+    driven = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
+    motors = {name: motor for name, motor in driven.items() if motor_model(motor.model).family == "robstride"}
     known = [*motors, *dict.fromkeys(motor.model for motor in motors.values())]
     for name in settings.firmware:
         if name not in known:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from humanoid_sim.hardware.emulation import firmware
-from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Sensed, Stored
+from humanoid_sim.hardware.emulation.interface import Sensed
+from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Stored
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
 from humanoid_sim.hardware.robstride.messages import (

@@ -1,0 +1,97 @@
+"""What an emulated motor is to the emulator, whatever its family: a firmware, its state, its sensors and its drive."""
+
+from __future__ import annotations
+
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.robots.motors import MotorModel
+
+__all__ = ["Drive", "Firmware", "Reaction", "Sensed"]
+
+State = TypeVar("State")
+
+
+class Sensed(NamedTuple):
+    """What a motor's own sensors say at one instant."""
+
+    shaft: float
+    """rad, motor frame, the shaft's angle with all its turns."""
+    velocity: float = 0.0
+    """rad/s"""
+    torque: float = 0.0
+    """N·m, from the phase currents."""
+    temperature: float = 25.0
+    """°C"""
+    voltage: float = 48.0
+    """V"""
+    encoder_fault: bool = False
+    overcurrent: bool = False
+    overloaded: bool = False
+
+
+class Reaction(NamedTuple, Generic[State]):
+    """What an event leads to."""
+
+    state: State
+    frames: tuple[Frame, ...] = ()
+    """In the order in which the motor sends them."""
+    refusal: str = ""
+    """Why it did not do what it was told, for a person: its answer, if it has one, does not say."""
+
+
+class Drive(NamedTuple):
+    """The MIT command in force, motor frame, and its limit; without power all gains and the effort are zero."""
+
+    position: float
+    """rad"""
+    velocity: float
+    """rad/s"""
+    effort: float
+    """N·m"""
+    stiffness: float
+    """N·m/rad"""
+    damping: float
+    """N·m·s/rad"""
+    limit: float
+    """N·m"""
+    origin: float
+    """rad, the shaft's angle that counts as position 0."""
+
+
+class Firmware(Protocol[State]):
+    """One motor's firmware, as pure functions of its state. Times are s on the emulator's clock."""
+
+    @property
+    def model(self) -> MotorModel:
+        """With this firmware's position range."""
+
+    def power_on(self, before: State | None, sensed: Sensed) -> State:
+        """The state after booting; `before`, when it lost its power: what it has stored stays."""
+
+    def reset(self, state: State) -> State:
+        """The state after falling back to what it is after power-on without losing its power."""
+
+    def is_for(self, state: State, frame: Frame) -> bool:
+        """Whether a frame names this motor."""
+
+    def receive(self, state: State, frame: Frame, sensed: Sensed, time: float) -> Reaction[State]:
+        """A frame that names it."""
+
+    def advance(self, state: State, sensed: Sensed, time: float) -> Reaction[State]:
+        """What it does of itself at a time."""
+
+    def next_time(self, state: State) -> float:
+        """When `advance` has something to do at the latest, protections apart; infinity: never."""
+
+    def drive(self, state: State) -> Drive:
+        """What its control loop does."""
+
+    def changes(self, before: State, state: State) -> tuple[str, ...]:
+        """What is different, in words for a person."""
+
+    def announcement(self, state: State) -> tuple[Frame, ...]:
+        """What it sends when it has booted."""
+
+    def zero_torque(self, state: State) -> tuple[Frame, ...]:
+        """What a computer sends that wants no torque of it."""
