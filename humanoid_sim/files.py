@@ -6,6 +6,8 @@ may never come.
 
 from __future__ import annotations
 
+import fcntl
+import io
 import os
 import stat
 import tempfile
@@ -17,7 +19,7 @@ from typing import IO
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["is_file", "output_file", "regular_file", "whole_file"]
+__all__ = ["exclusive_file", "is_file", "output_file", "regular_file", "whole_file"]
 
 _SHOWN = 40
 """Characters of a file's name that its temporary one begins with; four bytes each at most, of 255."""
@@ -78,12 +80,61 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
             raise InputError(f"{what}: '{path}' is a pipe or a device, expected a file name")
         if exists and not overwrite:
             raise InputError(f"{what}: '{path}' exists; choose another name, or add --overwrite")
+        if exists and _is_being_written(path):
+            raise InputError(f"{what}: '{path}' {_WRITTEN}")
         if not path.parent.is_dir():
             raise InputError(f"{what}: the folder '{path.parent}' does not exist")
         tempfile.TemporaryFile(dir=path.absolute().parent).close()
     except OSError as error:
         raise InputError(f"{what}: '{path}' cannot be written: {error.strerror}") from None
     return path
+
+
+def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> io.FileIO:
+    """Open a file to be written over a long time, unbuffered and empty; nobody else here writes it meanwhile.
+
+    Args:
+        path: of the file.
+        overwrite: replace what is in a file that is there.
+
+    Raises:
+        InputError: another process writes it, and it is left alone; it is there; or it cannot be written.
+    """
+    path = Path(path)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | (0 if overwrite else os.O_EXCL)
+    try:
+        file = io.FileIO(os.open(path, flags, 0o666), "wb")
+    except FileExistsError:
+        reason = _WRITTEN if _is_being_written(path) else "exists; choose another name"
+        raise InputError(f"{path}: {reason}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            file.truncate(0)
+    except BlockingIOError:
+        file.close()
+        raise InputError(f"{path}: {_WRITTEN}") from None
+    except OSError as error:
+        file.close()
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    return file
+
+
+_WRITTEN = "is being written by another session; choose another name"
+
+
+def _is_being_written(path: Path) -> bool:
+    """Whether somebody has the file from `exclusive_file`."""
+    try:
+        with io.FileIO(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)) as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 @contextmanager
@@ -101,6 +152,8 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
             raise IsADirectoryError(None, "is a directory")
         with temporary.open("wb") as file:
             yield file
+        if _is_being_written(path):
+            raise InputError(f"{path}: {_WRITTEN}")
         temporary.replace(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file, output_file, regular_file, whole_file
+from humanoid_sim.files import exclusive_file, is_file, output_file, regular_file, whole_file
 
 
 def refusal(path: str | Path) -> str:
@@ -105,3 +105,24 @@ def test_a_folder_that_takes_no_files_is_refused(tmp_path: Path) -> None:
         tmp_path.chmod(0o500)
     with pytest.raises(InputError, match=r"'.*run\.mp4' cannot be written: \w+"):
         output_file(target / "run.mp4", "video", ".mp4")
+
+
+def test_a_file_that_somebody_writes_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with exclusive_file(path) as file:
+        file.write(b"first")
+        with pytest.raises(InputError, match=r"run\.mcap: is being written by another session; choose another name"):
+            exclusive_file(path)
+        with pytest.raises(
+            InputError, match=r"--record: '.*' is being written by another session; choose another name"
+        ):
+            output_file(path, "--record")
+        with pytest.raises(InputError, match="is being written by another session"), whole_file(path) as other:
+            other.write(b"second")
+    assert path.read_bytes() == b"first"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.mcap"]
+    assert output_file(path, "--record") == path
+    with pytest.raises(InputError, match=r"run\.mcap: exists; choose another name"):
+        exclusive_file(path, overwrite=False)
+    with exclusive_file(path) as file:
+        assert path.read_bytes() == b""

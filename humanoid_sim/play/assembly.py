@@ -70,7 +70,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     tracking, anchor = _errors(policy, description)
     shown = ConsoleSink(console, expected_duration(config, policy, description))
-    recorder = None if plan.outputs.record is None else McapRecorder(plan.outputs.record)
+    recorder = None if plan.outputs.record is None else McapRecorder(plan.outputs.record, overwrite=config.overwrite)
     monitor = RunMonitor(
         description.effort_limit,
         tracking,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -158,13 +159,17 @@ class Outputs:
     summary: Path | None = None
 
 
-def choose_outputs(config: PlayConfig) -> Outputs:
-    """Resolve `auto` and `none`, and refuse to replace files that the user named.
+def choose_outputs(config: PlayConfig, inputs: Sequence[Path] = ()) -> Outputs:
+    """Resolve `auto` and `none`, and refuse to replace files that the user named, and at all those that the run reads.
+
+    Args:
+        config: the options.
+        inputs: files that the run reads.
 
     Raises:
         InputError: naming the option and the file.
     """
-    stem = time.strftime("play-%Y%m%d-%H%M%S")
+    stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
     is_drawn = config.hardware is None and config.viewer != "none" and not shows_window(config)
     outputs = Outputs(
         record=_output("--record", config.record, _free(_RUNS / f"{stem}.mcap")),
@@ -181,6 +186,7 @@ def choose_outputs(config: PlayConfig) -> Outputs:
     for option, (value, path, suffix) in named.items():
         if path is not None and value != "auto":
             output_file(path, option, suffix, overwrite=config.overwrite)
+            _refuse_input(option, path, inputs)
     if any(value == "auto" and path is not None for value, path, _ in named.values()):
         try:
             _RUNS.mkdir(exist_ok=True)
@@ -189,6 +195,13 @@ def choose_outputs(config: PlayConfig) -> Outputs:
                 f"folder '{_RUNS}' for recordings cannot be made: {error.strerror}; use --record and --video"
             ) from None
     return outputs
+
+
+def _refuse_input(option: str, path: Path, inputs: Sequence[Path]) -> None:
+    """Refuse an output that is one of the files that the run reads, by whatever name."""
+    for source in inputs:
+        if path.exists() and source.exists() and path.samefile(source):
+            raise InputError(f"{option}: '{path}' is what this run reads; choose another name")
 
 
 def _output(option: str, value: str | None, automatic: Path | None) -> Path | None:
@@ -202,7 +215,7 @@ def _output(option: str, value: str | None, automatic: Path | None) -> Path | No
 
 
 def _free(path: Path) -> Path:
-    """The path, or the first numbered one beside it that does not exist: two runs may start in one second."""
+    """The path, or the first numbered one beside it that does not exist."""
     candidate, number = path, 1
     while candidate.exists():
         number += 1

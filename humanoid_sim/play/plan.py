@@ -11,6 +11,7 @@ from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.files import is_file
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.play.conflicts import (
     Outputs,
@@ -123,12 +124,18 @@ def make_plan(config: PlayConfig) -> Plan:
             velocity=velocity,
             injector=injector,
             clock=clock,
-            outputs=Outputs() if config.dry_run else choose_outputs(config),
+            outputs=Outputs() if config.dry_run else choose_outputs(config, _inputs(config, policy)),
             notices=tuple(text for text in texts if text),
         )
     except BaseException:
         setup.release()
         raise
+
+
+def _inputs(config: PlayConfig, policy: PolicyChoice) -> tuple[Path, ...]:
+    """The files that the run reads."""
+    named = (config.policy, config.contract, config.again, config.robot, config.calibration)
+    return (*(Path(name) for name in named if name is not None and is_file(name)), *filter(None, [policy.motion_file]))
 
 
 def _policy_on_robot(

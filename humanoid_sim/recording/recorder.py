@@ -1,8 +1,9 @@
 """A sink that writes a run to one MCAP file, off the control thread.
 
 The control thread only queues a reference. A thread of its own encodes and writes, and ends a chunk at least every
-`FLUSH_PERIOD`, so that a killed process loses less than half a second. If the disk fails, the recording stops and says
-so once; the run goes on.
+`FLUSH_PERIOD` of the robot's time or of the wall clock's, whichever is first, so that a killed process loses less than
+half a second of either; a run that need not keep real time waits for a recorder that is behind. If the disk fails, the
+recording stops and says so once; the run goes on.
 
 A finished file ends with an index of its chunks, which `mcap` keeps in memory until then: 16 MB in an hour.
 """
@@ -20,6 +21,7 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import exclusive_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import write_header
@@ -32,7 +34,9 @@ TICK_TOPIC = "/humanoid_sim/tick"
 EVENT_TOPIC = "/humanoid_sim/event"
 
 FLUSH_PERIOD = 0.3
-"""s of wall time after which a chunk is written, full or not."""
+"""s after which a chunk is written, full or not."""
+_LAG = 0.15
+"""s of robot time that may wait for the writer before a run that need not keep real time waits for it."""
 QUEUE_LIMIT = 4096
 """Ticks that may wait for the writer (20 s at 200 Hz). Beyond that they are left out, and the recording says so."""
 _POLL_PERIOD = 0.02
@@ -62,11 +66,15 @@ _QOS = """\
 class McapRecorder:
     """Sink that records a run. One instance records one run."""
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Name the file; `start` creates it, or replaces it."""
+    def __init__(self, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
+        """Name the file; `start` creates it, or replaces it if it may."""
         self.path = Path(path)
+        self._overwrite = overwrite
         self._queue: SimpleQueue[TickRecord | Event] = SimpleQueue()
         self._stop = threading.Event()
+        self._wake = threading.Event()
+        self.backlog_limit = QUEUE_LIMIT
+        """See `Sink`."""
         self._thread: threading.Thread | None = None
         self._error: str | None = None
         self._taken = 0
@@ -92,12 +100,9 @@ class McapRecorder:
         """Create the file and write the header.
 
         Raises:
-            InputError: if the file cannot be written.
+            InputError: if the file cannot be written, or another session writes it.
         """
-        try:
-            file = _UnbufferedFile(self.path)
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        file = _UnbufferedFile(self.path, overwrite=self._overwrite)
         try:
             run = _RunWriter(file, header)
         except OSError as error:
@@ -105,6 +110,7 @@ class McapRecorder:
             if self.path.is_file():
                 self.path.unlink()
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        self.backlog_limit = max(round(_LAG / header.control_period), 2)
         self._thread = threading.Thread(target=self._write, args=(run,), name="recorder", daemon=True)
         self._thread.start()
 
@@ -117,6 +123,8 @@ class McapRecorder:
             return
         self._taken += 1
         self._queue.put(record)
+        if 2 * (self._taken - self._done) >= self.backlog_limit:
+            self._wake.set()
 
     def event(self, event: Event) -> None:
         """Queue an event. Never waits."""
@@ -129,6 +137,7 @@ class McapRecorder:
         if thread is None:
             return
         self._stop.set()
+        self._wake.set()
         thread.join(_CLOSE_TIMEOUT)
         if thread.is_alive():
             self._fail(f"the disk did not answer for {_CLOSE_TIMEOUT:g} s")
@@ -148,7 +157,9 @@ class McapRecorder:
     def _drain_until_stopped(self, run: _RunWriter) -> None:
         next_flush = monotonic() + FLUSH_PERIOD
         while True:
-            is_last = self._stop.wait(_POLL_PERIOD)
+            self._wake.wait(_POLL_PERIOD)
+            self._wake.clear()
+            is_last = self._stop.is_set()
             while True:
                 try:
                     item = self._queue.get_nowait()
@@ -159,8 +170,9 @@ class McapRecorder:
                     self._done += 1
                 else:
                     run.event(item)
-                if monotonic() >= next_flush:
-                    break
+                if run.is_due or monotonic() >= next_flush:
+                    run.flush()
+                    next_flush = monotonic() + FLUSH_PERIOD
                 if self._done % _BATCH == 0:
                     sleep(0)  # lets the control thread in instead of keeping it out for the whole queue
             if monotonic() >= next_flush:
@@ -191,6 +203,7 @@ class _RunWriter:
         self._start_time_ns = header.start_time_ns
         self._time_ns = header.start_time_ns
         self._time = 0.0
+        self._flushed = 0.0
         self._index = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -210,9 +223,15 @@ class _RunWriter:
         """Encode one event."""
         self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(event)), self._log_time(event.time), self._index)
 
+    @property
+    def is_due(self) -> bool:
+        """Whether the ticks that are not yet written are those of a whole period of the robot's time."""
+        return not abs(self._time - self._flushed) < FLUSH_PERIOD
+
     def flush(self) -> None:
         """End the chunk and hand it to the operating system."""
         self._writer.flush()
+        self._flushed = self._time
 
     def finish(self, lost: int) -> None:
         """Write the index. `lost` is how many ticks were left out in all."""
@@ -252,8 +271,8 @@ class _RunWriter:
 class _UnbufferedFile:
     """A file that holds nothing back: after a failed write there is no buffer left that closing would try again."""
 
-    def __init__(self, path: Path) -> None:
-        self._raw = path.open("wb", buffering=0)
+    def __init__(self, path: Path, *, overwrite: bool = True) -> None:
+        self._raw = exclusive_file(path, overwrite=overwrite)
 
     def write(self, data: bytes) -> int:
         view = memoryview(data)

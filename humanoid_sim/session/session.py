@@ -39,8 +39,8 @@ from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSourc
 
 __all__ = ["SafetyFilter", "Session", "SessionResult"]
 
-_BACKLOG_LIMIT = 2000
-"""Ticks that the slowest sink may lag behind before a run without deadlines waits for it."""
+_PATIENCE = 0.001
+"""s between two looks at a sink that lags."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,8 +307,8 @@ class Session:
         if self._settings.realtime:
             self._pace.wait()
             return
-        while self._sinks.lags(_BACKLOG_LIMIT) and not self._stop_reason:
-            sleep(self._settings.control_period)
+        while self._sinks.lags() and not self._stop_reason:
+            sleep(_PATIENCE)
 
     def _close_robot(self) -> None:
         """Close the robot; one that does not confirm it makes the run a failure, but its figures still count."""

@@ -11,10 +11,12 @@ from typing import Protocol
 
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 
-__all__ = ["QUEUE_LIMIT", "Sink", "SinkGroup", "WorkerSink"]
+__all__ = ["BACKLOG_LIMIT", "QUEUE_LIMIT", "Sink", "SinkGroup", "WorkerSink"]
 
 QUEUE_LIMIT = 4096
 """Ticks and events that may wait (20 s at 200 Hz). Beyond that they are left out and counted."""
+BACKLOG_LIMIT = 2000
+"""Ticks that a sink may lag behind before a run without deadlines waits for it, if it says nothing else."""
 _STUCK_AFTER = 5.0
 """s that a sink may take over one item, or over all that is left when it is closed, before nobody waits for it."""
 
@@ -37,6 +39,11 @@ class Sink(Protocol):
     def backlog(self) -> int:
         """Ticks taken but not yet dealt with. A simulated run that need not keep real time waits for a long one."""
         return 0
+
+    @property
+    def backlog_limit(self) -> int:
+        """The longest backlog for which such a run does not wait."""
+        return BACKLOG_LIMIT
 
     def close(self) -> None:
         """Called once, after the last tick: deal with what is left, release files and threads. Never raises."""
@@ -85,9 +92,9 @@ class SinkGroup:
             except Exception as error:
                 self._drop(sink, error)
 
-    def lags(self, ticks: int) -> bool:
-        """Whether a sink is more than `ticks` behind."""
-        return any(sink.backlog > ticks for sink in self._sinks)
+    def lags(self) -> bool:
+        """Whether a sink is so far behind that a run without deadlines waits for it."""
+        return any(sink.backlog > sink.backlog_limit for sink in self._sinks)
 
     def _drop(self, sink: Sink, error: Exception) -> None:
         if all(other is not sink for other in self._sinks):  # it failed once more at the news of another's failure
@@ -140,6 +147,11 @@ class WorkerSink:
         busy_since = self._busy_since
         is_stuck = busy_since is not None and monotonic() - busy_since > _STUCK_AFTER
         return 0 if is_stuck else len(self._queue)
+
+    @property
+    def backlog_limit(self) -> int:
+        """See `Sink`."""
+        return BACKLOG_LIMIT
 
     @property
     def is_alive(self) -> bool:

@@ -147,6 +147,7 @@ class Taker:
     def __init__(self) -> None:
         self.ticks: list[TickRecord] = []
         self.backlog = 0
+        self.backlog_limit = 0
 
     def start(self, header: SessionHeader) -> None: ...
 

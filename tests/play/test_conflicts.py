@@ -238,6 +238,17 @@ def test_a_runs_folder_that_cannot_be_made(folder: Path) -> None:
         choose_outputs(PlayConfig())
 
 
+def test_a_motion_is_not_overwritten_by_its_own_recording(folder: Path, run: Callable[..., Result]) -> None:
+    before = motion_path("wave").read_bytes()
+    (folder / "mine.mcap").write_bytes(before)
+    (folder / "other.mcap").symlink_to("mine.mcap")
+    for name in ("mine.mcap", "other.mcap", "../work/mine.mcap"):
+        result = run("--motion", "mine.mcap", "--record", name, "--overwrite", record=False)
+        assert (result.status, result.out) == (2, "")
+        assert result.err == f"error: --record: '{name}' is what this run reads; choose another name\n"
+    assert (folder / "mine.mcap").read_bytes() == before
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_cannot_be_written_to(folder: Path) -> None:
     (folder / "locked").mkdir(mode=0o500)

@@ -1,7 +1,9 @@
 """The recorder: everything is in the file, nothing waits for the disk, and a dying disk or process costs little."""
 
+import mmap
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -311,3 +313,51 @@ def test_a_killed_process_loses_at_most_half_a_second(tmp_path):
     assert [tick.index for tick in read] == list(range(len(read)))
     assert 0 <= last - read[-1].index <= 100  # 0.5 s at 200 Hz
     assert [bits(tick) for tick in read] == [bits(make_tick(tick.index)) for tick in read]
+
+
+FAST = """
+import mmap, os, struct, sys
+sys.path += [f"{sys.argv[1]}/controllers", f"{sys.argv[1]}/session"]
+import rig
+from fakes import FakeRobot, session
+from humanoid_sim.recording.recorder import McapRecorder
+shared = mmap.mmap(os.open(sys.argv[3], os.O_RDWR), 8)
+robot = FakeRobot(on_write=lambda writes: struct.pack_into("<d", shared, 0, writes * rig.PERIOD))
+session(robot, sinks=[McapRecorder(sys.argv[2])]).run()
+"""
+
+
+def test_a_process_killed_at_many_times_real_time_loses_at_most_half_a_second_of_the_robots(tmp_path):
+    path, shared = tmp_path / "run.mcap", tmp_path / "time"
+    shared.write_bytes(bytes(8))
+    tests = Path(__file__).parents[1]
+    command = [sys.executable, "-c", FAST, str(tests), str(path), str(shared)]
+    with shared.open("rb") as file, mmap.mmap(file.fileno(), 8, prot=mmap.PROT_READ) as now:
+        with subprocess.Popen(command) as child:
+
+            def robot_time():
+                return struct.unpack("<d", now[:8])[0]
+
+            wait_until(lambda: robot_time() > 20.0)
+            child.send_signal(signal.SIGKILL)
+        last = robot_time()
+    read = list(open_recording(path).ticks())
+    assert last > 20.0
+    assert 0.0 <= last - float(read[-1].input.state.time) <= 0.5
+
+
+def test_two_runs_never_write_one_recording(tmp_path):
+    first, second = McapRecorder(tmp_path / "run.mcap"), McapRecorder(tmp_path / "run.mcap")
+    first.start(make_header())
+    for index in range(60):
+        first.tick(make_tick(index))
+    with pytest.raises(InputError, match=r"run\.mcap: is being written by another session; choose another name"):
+        second.start(make_header())
+    first.close()
+    assert len(list(open_recording(tmp_path / "run.mcap").ticks())) == 60
+    third = McapRecorder(tmp_path / "run.mcap", overwrite=False)
+    with pytest.raises(InputError, match=r"run\.mcap: exists; choose another name"):
+        third.start(make_header())
+    second.start(make_header())  # once it is written it may be replaced
+    second.close()
+    assert list(open_recording(tmp_path / "run.mcap").ticks()) == []

@@ -142,6 +142,8 @@ class FakeSink:
         self.events.append(event.text)
         self.kinds.append(event.kind)
 
+    backlog_limit = 2000
+
     @property
     def backlog(self) -> int:
         self.questions += 1

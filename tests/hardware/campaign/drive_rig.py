@@ -126,6 +126,7 @@ class _Ticks:
     """A sink that keeps every tick."""
 
     backlog = 0
+    backlog_limit = 0
 
     def __init__(self, robot: _Timed, truth: Callable[[], PlantTruth] | None) -> None:
         self._robot, self._truth = robot, truth
