@@ -60,6 +60,11 @@ class ChannelLock:
             os.ftruncate(self._descriptor, 0)
             os.pwrite(self._descriptor, f"process {os.getpid()}, {_program()}\n".encode(), 0)
 
+    @property
+    def descriptor(self) -> int:
+        """Of the lock's open file, through which a child process holds it as well; -1 where it is no file."""
+        return self._descriptor
+
     def release(self) -> None:
         """Let others have the channel. May be called twice."""
         if self._descriptor >= 0:

@@ -42,6 +42,11 @@ class Locks:
         if len(self._held) < len(addresses):
             self.release()
 
+    @property
+    def descriptors(self) -> tuple[int, ...]:
+        """Of the locks' open files, see `ChannelLock.descriptor`; without those that are none."""
+        return tuple(lock.descriptor for lock in self._held if lock.descriptor >= 0)
+
     def release(self) -> None:
         """Let others have the channels. May be called twice."""
         for lock in self._held:

@@ -15,6 +15,7 @@ import can
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, Echoes, frame_of, message_of
+from humanoid_sim.hardware.bus.passing import PassingBus
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.plant import PlantTruth
@@ -179,7 +180,7 @@ def _received(bus: can.BusABC) -> can.Message | None:
         raise RobotError(f"{bus.channel_info}: receiving fails: {error}") from None
 
 
-class FaultyBus(can.BusABC):
+class FaultyBus(PassingBus):
     """Passes everything on to another bus, unless a fault says otherwise.
 
     The errors are those that SocketCAN raises: ENOBUFS where the queue is full, ENETDOWN after bus-off.
@@ -193,11 +194,8 @@ class FaultyBus(can.BusABC):
             channel: its name.
             fault: what is wrong now: `bus_off`, `enobufs`, or nothing (empty).
         """
-        self._bus = bus
         self._fault = fault
-        super().__init__(channel)
-        self._can_protocol = bus.protocol
-        self.channel_info = bus.channel_info
+        super().__init__(bus, channel)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send, or raise.
@@ -210,16 +208,4 @@ class FaultyBus(can.BusABC):
             raise can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
         if fault == "bus_off":
             raise can.CanOperationError("Failed to transmit: Network is down", errno.ENETDOWN)
-        self._bus.send(msg, timeout)
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        return self._bus._recv_internal(timeout)
-
-    def fileno(self) -> int:
-        """Of the other bus."""
-        return self._bus.fileno()
-
-    def shutdown(self) -> None:
-        """Shut both down."""
-        super().shutdown()
-        self._bus.shutdown()
+        super().send(msg, timeout)

@@ -33,13 +33,17 @@ _STATUS = Path("/proc/self/status")
 
 
 @contextlib.contextmanager
-def real_time() -> Iterator[tuple[str, ...]]:
-    """Take the measures for as long as the context lasts, on the calling thread; gives one line on each of them."""
+def real_time(ahead: int = 0) -> Iterator[tuple[str, ...]]:
+    """Take the measures for as long as the context lasts, on the calling thread; gives one line on each of them.
+
+    Args:
+        ahead: priority before a control loop's, of a process that must run when a loop does not let others run.
+    """
     with contextlib.ExitStack() as undo:
         yield (
             _frozen_collector(undo),
             _frequent_switches(undo),
-            _fifo(undo),
+            _fifo(undo, _PRIORITY + ahead),
             _locked_memory(undo),
         )
 

@@ -1,0 +1,128 @@
+"""The memory that a loop and its guardian share: counters, each written by one of the two, without a lock.
+
+The loop counts its commands and the frames that left on each channel; the guardian counts its own looks. Whoever reads
+notices when a counter stands still, by a clock of its own: a reader that was held up itself is not misled. Nothing here
+is a system call once the memory is there.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+import time
+from enum import IntEnum
+
+__all__ = ["Heartbeat", "Phase", "Stage"]
+
+_PHASE, _BEATS, _TIME, _STAGE, _LOOKS, _SENT = range(6)
+"""Places of 8 bytes: whole and aligned, so that a reader sees the old number or the new one."""
+
+
+class Phase(IntEnum):
+    """What the loop is doing. Written by the loop."""
+
+    IDLE = 0
+    """No motor is enabled: nothing has to be protected."""
+    STANDBY = 1
+    """Motors may be enabled, without torque or at rest: only the end of the loop's process counts."""
+    ARMED = 2
+    """Motors are commanded: a heartbeat that stands still counts."""
+    RELEASED = 3
+    """Motors are disabled, and the guardian is to end."""
+    ABANDONED = 4
+    """Motors did not confirm that they are disabled: the guardian is to brake them, and to end."""
+
+
+class Stage(IntEnum):
+    """What the guardian is doing. Written by the guardian."""
+
+    STARTING = 0
+    WATCHING = 1
+    DAMPING = 2
+    """It has taken over: from here on the loop must not send."""
+    RESET = 3
+
+
+class Heartbeat:
+    """One end of the memory."""
+
+    def __init__(self, descriptor: int, channel_count: int) -> None:
+        """Map it.
+
+        Args:
+            descriptor: of the memory; it becomes this object's.
+            channel_count: channels whose frames are counted.
+        """
+        self.descriptor = descriptor
+        size = 8 * (_SENT + channel_count)
+        if os.fstat(descriptor).st_size < size:
+            os.ftruncate(descriptor, size)
+        self._map = mmap.mmap(descriptor, size)
+        self._places = memoryview(self._map).cast("Q")
+
+    @classmethod
+    def create(cls, channel_count: int) -> Heartbeat:
+        """New memory without a name: it is gone when both processes are."""
+        if hasattr(os, "memfd_create"):
+            return cls(os.memfd_create("humanoid_sim-heartbeat"), channel_count)
+        with tempfile.TemporaryFile() as file:
+            return cls(os.dup(file.fileno()), channel_count)
+
+    def close(self) -> None:
+        """Let go of it. May be called twice."""
+        if self.descriptor >= 0:
+            self._places.release()
+            self._map.close()
+            os.close(self.descriptor)
+            self.descriptor = -1
+
+    # --- the loop's end
+
+    @property
+    def phase(self) -> Phase:
+        """What the loop is doing."""
+        return Phase(self._places[_PHASE])
+
+    @phase.setter
+    def phase(self, phase: Phase) -> None:
+        self._places[_PHASE] = phase
+
+    def beat(self) -> None:
+        """A command was handed to every motor."""
+        self._places[_TIME] = time.monotonic_ns()
+        self._places[_BEATS] += 1
+
+    def count_sent(self, channel: int) -> None:
+        """A frame has left on a channel; called on that channel's sending thread."""
+        self._places[_SENT + channel] += 1
+
+    @property
+    def signs_of_life(self) -> tuple[int, ...]:
+        """The counters that must not stand still: commands, and frames that left, by channel."""
+        return (self._places[_BEATS], *self._places[_SENT:])
+
+    @property
+    def last_beat(self) -> float:
+        """When, s on CLOCK_MONOTONIC, the latest command was handed over; 0 before the first."""
+        return self._places[_TIME] * 1e-9
+
+    # --- the guardian's end
+
+    @property
+    def stage(self) -> Stage:
+        """What the guardian is doing."""
+        return Stage(self._places[_STAGE])
+
+    @stage.setter
+    def stage(self, stage: Stage) -> None:
+        self._places[_STAGE] = stage
+
+    def look(self) -> None:
+        """The guardian has looked."""
+        self._places[_LOOKS] += 1
+
+    @property
+    def looks(self) -> int:
+        """Times that the guardian has looked."""
+        return self._places[_LOOKS]

@@ -1,0 +1,9 @@
+"""Lets the tests of this folder import their shared helpers."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+# importlib mode leaves sys.path alone.
+sys.path.append(str(Path(__file__).parent))

@@ -1,0 +1,307 @@
+"""A loop and its guardian in processes of their own, a listener on their bus, and signals that no program can catch."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import can
+import pytest
+from guarded_loop import COMMAND, DAMPING, DAMPING_TIME, GAINS, RESET, plan
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import open_bus, parse_address
+from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.guardian import guardian as guardian_module
+from humanoid_sim.hardware.guardian.guardian import Guardian, can_share
+from humanoid_sim.messages import SafetyLevel
+
+_LOOP = Path(__file__).parent / "guarded_loop.py"
+_LATE = 0.15
+"""s that this machine may be late."""
+
+
+class Listener:
+    """Everything on a channel, with the time at which it came."""
+
+    def __init__(self, channel: str) -> None:
+        self.frames: list[tuple[float, int, bytes]] = []
+        self._closing = threading.Event()
+        self._bus = open_bus(parse_address(channel))
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            message = self._bus.recv(0.02)
+            if message is not None:
+                self.frames.append((time.monotonic(), message.arbitration_id, bytes(message.data)))
+
+    def close(self) -> None:
+        self._closing.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+    def times(self, identifier: int, after: float = 0.0) -> list[float]:
+        return [at for at, found, _ in self.frames if found == identifier and at > after]
+
+    def kinds(self, after: float) -> list[int]:
+        """Identifiers in order, each run of the same once."""
+        kinds: list[int] = []
+        for at, found, _ in list(self.frames):
+            if at > after and kinds[-1:] != [found]:
+                kinds.append(found)
+        return kinds
+
+
+def _until(condition: Callable[[], object], seconds: float = 10.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+
+
+def _is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.fixture
+def channel() -> str:
+    return f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
+
+
+@pytest.fixture
+def listener(channel: str) -> Iterator[Listener]:
+    listener = Listener(channel)
+    yield listener
+    listener.close()
+
+
+class Loop:
+    """The program, its guardian's process id, and what it says."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        assert process.stdout is not None
+        self.lines = process.stdout
+        self.guardian = int(self.lines.readline().removeprefix("guardian "))
+
+
+@contextmanager
+def _looping(channel: str, *words: str) -> Iterator[Loop]:
+    with subprocess.Popen(
+        [sys.executable, str(_LOOP), channel, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        loop = Loop(process)
+        try:
+            yield loop
+        finally:
+            process.kill()
+            process.send_signal(signal.SIGCONT)
+            _until(lambda: not _is_running(loop.guardian), 5.0)
+
+
+def test_a_killed_loop_is_damped_for_and_then_reset(channel: str, listener: Listener) -> None:
+    with _looping(channel) as loop:
+        _until(lambda: len(listener.times(COMMAND)) > 20)
+        assert listener.kinds(0.0) == [COMMAND]  # a guardian that watches is silent
+        loop.process.kill()
+        killed = time.monotonic()
+        _until(lambda: not _is_running(loop.guardian))
+        assert loop.process.stderr is not None
+        told = loop.process.stderr.read().splitlines()
+    assert listener.kinds(killed)[-1] == RESET
+    first = listener.times(GAINS)[0] - killed
+    assert -0.01 < first < 0.1 + _LATE
+    assert [found for _, found, _ in listener.frames if found != COMMAND][:3] == [GAINS, GAINS, DAMPING]
+    damped = listener.times(DAMPING)
+    assert len(damped) == 20  # 0.4 s every 20 ms
+    assert DAMPING_TIME - 0.1 < damped[-1] - damped[0] < DAMPING_TIME + _LATE
+    assert len(listener.times(RESET)) == 3
+    assert listener.times(RESET)[0] > damped[-1]
+    assert told == [
+        "guardian: the process of the loop has ended: damping left_wrist_roll for 0.4 s, then reset",
+        "guardian: left_wrist_roll were damped and reset",
+    ]
+
+
+def test_the_channel_stays_locked_until_the_guardian_has_ended(channel: str, listener: Listener) -> None:
+    address = parse_address(channel)
+    with _looping(channel) as loop:
+        loop.process.kill()
+        loop.process.wait()
+        _until(lambda: listener.times(DAMPING))
+        with pytest.raises(RobotError, match=rf"\(process {loop.guardian}, guardian, which brakes motors\)$"):
+            ChannelLock(address)
+        _until(lambda: not _is_running(loop.guardian))
+        ChannelLock(address).release()
+
+
+def test_a_stopped_loop_is_displaced_and_commands_nothing_when_it_continues(channel: str, listener: Listener) -> None:
+    with _looping(channel) as loop:
+        _until(lambda: len(listener.times(COMMAND)) > 20)
+        loop.process.send_signal(signal.SIGSTOP)
+        stopped = time.monotonic()
+        _until(lambda: listener.times(GAINS))
+        assert 0.1 - 0.03 < listener.times(GAINS)[0] - stopped < 0.1 + _LATE
+        time.sleep(0.1)
+        loop.process.send_signal(signal.SIGCONT)
+        continued = time.monotonic()
+        assert loop.lines.readline() == "refused: the guardian has taken over [Error Code 108]; guardian FAULT\n"
+        _until(lambda: len(listener.times(RESET)) > 4)  # it goes on while the loop might come back
+        assert listener.times(COMMAND, continued) == []
+        assert listener.times(DAMPING, continued) != []
+
+
+@pytest.mark.slow
+def test_a_displaced_loop_that_gives_way_may_send_once_the_guardian_has_ended(channel: str, listener: Listener) -> None:
+    with _looping(channel, "release") as loop:
+        _until(lambda: len(listener.times(COMMAND)) > 20)
+        loop.process.send_signal(signal.SIGSTOP)
+        _until(lambda: listener.times(GAINS))
+        loop.process.send_signal(signal.SIGCONT)
+        assert loop.lines.readline().startswith("refused: ")
+        assert loop.lines.readline() == "drives: False\n"
+        _until(lambda: loop.process.poll() is not None)
+    assert loop.process.returncode == 0
+    assert len(listener.times(DAMPING)) == 20
+    assert listener.frames[-1][1:] == (RESET, b"loop")
+
+
+@pytest.mark.slow
+def test_a_terminals_signals_leave_the_guardian_alone(channel: str, listener: Listener) -> None:
+    with _looping(channel) as loop:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
+            os.kill(loop.guardian, number)
+        _until(lambda: len(listener.times(COMMAND)) > 20)
+        assert _is_running(loop.guardian)
+        assert listener.kinds(0.0) == [COMMAND]
+
+
+class _Sent(can.BusABC):
+    """A bus that keeps what is sent, and may fail."""
+
+    def __init__(self) -> None:
+        super().__init__("sent")
+        self.fails = False
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if self.fails:
+            raise can.CanOperationError("no room")
+
+
+@pytest.fixture
+def guardian(channel: str) -> Iterator[Guardian]:
+    guardian = Guardian(plan(channel))
+    yield guardian
+    guardian.release(confirmed=True)
+
+
+def _take_over(guardian: Guardian, keep: Callable[[], None]) -> None:
+    for _ in range(400):
+        keep()
+        if guardian.has_taken_over:
+            return
+        time.sleep(0.01)
+    pytest.fail("the guardian has not taken over", pytrace=False)
+
+
+def test_decisions_without_frames_that_leave_are_no_sign_of_life(guardian: Guardian) -> None:
+    """As of a sending thread that hangs: the motors would go on with their last command."""
+    guardian.standby()
+    _take_over(guardian, guardian.beat)
+    assert guardian.drives
+
+
+def test_frames_without_decisions_are_no_sign_of_life(guardian: Guardian) -> None:
+    guardian.standby()
+    guardian.beat()
+    _take_over(guardian, lambda: guardian.count_sent(0))
+
+
+def test_frames_that_a_driver_refuses_do_not_count(guardian: Guardian, channel: str) -> None:
+    below = _Sent()
+    bus = guardian.opener(lambda _: below)(parse_address(channel))
+    frame = can.Message(arbitration_id=COMMAND)
+    bus.send(frame)
+    counted = guardian._heartbeat.signs_of_life
+    below.fails = True
+    with pytest.raises(can.CanOperationError, match="no room"):
+        bus.send(frame)
+    assert counted == guardian._heartbeat.signs_of_life == (0, 1)
+    bus.shutdown()
+
+
+def test_before_the_first_command_only_the_end_of_the_process_counts(guardian: Guardian) -> None:
+    time.sleep(0.3)  # nothing is enabled
+    guardian.standby()
+    time.sleep(0.3)  # limp
+    assert not guardian.has_taken_over
+    assert guardian.status() is None
+
+
+def test_a_guardian_that_is_released_sends_nothing(channel: str, listener: Listener) -> None:
+    guardian = Guardian(plan(channel))
+    guardian.standby()
+    guardian.beat()
+    guardian.release(confirmed=True)
+    guardian.release(confirmed=True)
+    assert not _is_running(guardian.pid)
+    assert listener.frames == []
+    assert guardian.status() is None
+    guardian.beat()  # a late one harms nobody
+
+
+@pytest.mark.slow
+def test_motors_that_are_not_known_to_be_disabled_are_braked_at_the_end(channel: str, listener: Listener) -> None:
+    guardian = Guardian(plan(channel))
+    guardian.standby()
+    guardian.release(confirmed=False)
+    assert not _is_running(guardian.pid)
+    assert listener.kinds(0.0)[:2] == [GAINS, DAMPING]
+    assert listener.kinds(0.0)[-1] == RESET
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_dead_guardian_is_a_warning_by_its_own_source(guardian: Guardian, number: signal.Signals) -> None:
+    guardian.standby()
+    assert guardian.status() is None
+    os.kill(guardian.pid, number)
+    _until(lambda: guardian.status() is not None, 3.0)
+    status = guardian.status()
+    assert status is not None
+    assert (status.level, status.source) == (SafetyLevel.WARNING, "guardian")
+    assert status.message == (
+        "the guardian does not answer: were this program to die, nobody would stop left_wrist_roll; reactivate"
+    )
+    if number is signal.SIGSTOP:
+        os.kill(guardian.pid, signal.SIGCONT)
+        _until(lambda: guardian.status() is None, 3.0)
+
+
+def test_a_guardian_that_cannot_open_its_channel_is_an_error() -> None:
+    with pytest.raises(RobotError, match=r"^the guardian does not start: can77: cannot be opened: ") as raised:
+        Guardian(plan("can77"))
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.slow
+def test_a_guardian_that_says_nothing_is_an_error(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guardian_module, "_START", 0.0)
+    with pytest.raises(RobotError, match=r"^the guardian does not start: no answer within 0 s$"):
+        Guardian(plan(channel))
+
+
+def test_motors_of_the_same_process_need_none() -> None:
+    assert not can_share(parse_address("virtual:lite"))
+    assert can_share(parse_address("can0"))
