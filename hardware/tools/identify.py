@@ -10,6 +10,7 @@ from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError, known_names
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
+from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import Unreadable
@@ -49,6 +50,8 @@ def identify(config: Identify) -> int:
         raise InputError(known_names("joint", config.joint, description.joint_names))
     if not 0.02 <= config.angle <= 0.5:
         raise InputError(f"--angle: is {config.angle}, expected 0.02 to 0.5 rad")
+    for version in config.accept_firmware:
+        parse_version(version)
     addresses = parse_addresses(config.channels)
     wiring = make_wiring(description, len(addresses))
     joint = description.joint_names.index(config.joint)

@@ -119,7 +119,17 @@ _SIMULATION_ONLY = (
     "state_sampling",
     "yaw",
 )
-_HARDWARE_ONLY = ("allow_script", "calibration", "dry_run", "imu", "imu_mounting", "yes")
+_HARDWARE_ONLY = (
+    "accept_firmware",
+    "allow_script",
+    "calibration",
+    "can_timeout",
+    "dry_run",
+    "host_id",
+    "imu",
+    "imu_mounting",
+    "yes",
+)
 
 
 def _refuse_hardware_conflicts(config: PlayConfig) -> None:

@@ -15,9 +15,11 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
+from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
+from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup
@@ -48,6 +50,8 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
     """
     assert config.hardware is not None
     addresses = parse_addresses(config.hardware)
+    for version in config.accept_firmware:
+        parse_version(version)
     is_virtual = [address.interface == "virtual" for address in addresses]
     if any(is_virtual) and not all(is_virtual):
         raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
@@ -64,6 +68,9 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             control_period=control_period,
             imu=imu,
             dry_run=config.dry_run,
+            host_id=config.host_id,
+            can_timeout=config.can_timeout,
+            accepted_firmware=config.accept_firmware,
             open_bus=open_bus if motors is None else motors.open_bus,
         )
         return RobotSetup(
@@ -147,6 +154,12 @@ class _BringUp:
 
     def checks(self) -> Sequence[tuple[str, str, str]]:
         return [(check.verdict.value, check.subject, check.text) for check in self._robot.checks]
+
+    def unanswered(self) -> Sequence[str]:
+        return sorted({check.about for check in self._robot.checks if check.verdict is Verdict.QUESTION})
+
+    def accept(self, versions: Sequence[str]) -> None:
+        self._robot.accept(versions)
 
 
 def _figures(robot: HardwareRobot) -> Mapping[str, Any]:

@@ -47,6 +47,12 @@ class PlayConfig:
     """On hardware: do everything but enable the motors, print what was checked, and end."""
     yes: bool = False
     """On hardware: enable the motors without asking first."""
+    host_id: int = 253
+    """This host's id on the CAN buses of a real robot: above every motor's, and that which its motors answer."""
+    can_timeout: float = 0.1
+    """s without a command after which each motor of a real robot stops by itself, and its joint falls."""
+    accept_firmware: tuple[str, ...] = ()
+    """Versions of motor firmware that no document mentions, such as 0.5.3.12, to be driven all the same."""
     allow_script: bool = False
     """Let --script move a real robot, with nobody at the keys."""
     imu: str = "none"

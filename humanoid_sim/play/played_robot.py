@@ -51,7 +51,13 @@ class BringUp(Protocol):
         """Do everything but enable. Raises `RobotError` if something is wrong."""
 
     def checks(self) -> Sequence[tuple[str, str, str]]:
-        """What was found so far: verdict (`ok`, `warning`, `problem`), subject, text."""
+        """What was found so far: verdict (`ok`, `warning`, `question`, `problem`), subject, text."""
+
+    def unanswered(self) -> Sequence[str]:
+        """Firmware versions that no document mentions and the operator has not accepted; nothing is enabled before."""
+
+    def accept(self, versions: Sequence[str]) -> None:
+        """The operator accepts them."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,7 +166,7 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
             console.print(f"summary    {outputs.summary}", markup=False)
 
 
-_STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
+_STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}
 
 
 def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
@@ -193,13 +193,20 @@ def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
         console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
         _print_verdict(robot, console)
         return False
-    if not asks:
-        return True
-    answer = console.input(Text(f"{robot.question} [y/N] "))
-    if answer.strip().lower() in ("y", "yes"):
-        return True
-    console.print("nothing was enabled", markup=False)
-    return False
+    unanswered = robot.unanswered()
+    if unanswered and not asks:
+        raise InputError(
+            f"--accept-firmware: is needed for {', '.join(unanswered)}, which no document mentions, as nobody is asked"
+        )
+    questions = [robot.question] if asks else []
+    if unanswered:
+        questions.insert(0, f"Drive motors with firmware {', '.join(unanswered)} as if it were the manual's?")
+    for question in questions:
+        if console.input(Text(f"{question} [y/N] ")).strip().lower() not in ("y", "yes"):
+            console.print("nothing was enabled", markup=False)
+            return False
+    robot.accept(unanswered)
+    return True
 
 
 def _print_checks(robot: BringUp, console: Console) -> None:
@@ -215,6 +222,8 @@ def _print_verdict(robot: BringUp, console: Console) -> None:
     warnings = list(dict.fromkeys(subject for verdict, subject in found if verdict == "warning"))
     if problems:
         text = f"not ready: {', '.join(dict.fromkeys(problems))}"
+    elif unanswered := robot.unanswered():
+        text = f"not ready: nobody knows firmware {', '.join(unanswered)}; if you do, add --accept-firmware"
     elif warnings:
         text = f"ready to be enabled, once you have read the warnings about {', '.join(warnings)}"
     else:

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITState
-from humanoid_sim.play.hardware_robot import MeasuredPose
+from humanoid_sim.play.hardware_robot import MeasuredPose, real_robot
+from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 
@@ -26,3 +29,25 @@ def test_joints_stand_where_they_were_measured_and_others_where_they_began(name:
         assert qpos[model.joint(joint).qposadr[0]] == expected
     if description.is_floating:  # nobody measures where the base is
         assert qpos[:7].tolist() == model.qpos0[:7].tolist()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"host_id": 14}, "host id: is 14, expected 128 to 255, above every motor's"),
+        (
+            {"can_timeout": 0.01},
+            "CAN timeout: is 0.01 s, expected more than the control period of 0.02 s, and at most 5 s",
+        ),
+        ({"can_timeout": 6.0}, "CAN timeout: is 6 s, expected more than the control period"),
+        (
+            {"accept_firmware": ("new",)},
+            "firmware version: is 'new', expected four numbers of 0 to 255 such as 0.2.3.6",
+        ),
+    ],
+)
+def test_options_for_the_motors_reach_the_adapter(options: dict[str, Any], message: str) -> None:
+    config = PlayConfig(hardware="udp_multicast:239.74.163.9", calibration="none", **options)
+    with pytest.raises(InputError) as refused:
+        real_robot(config, load_robot("lite"), 0.02)
+    assert str(refused.value).startswith(message)

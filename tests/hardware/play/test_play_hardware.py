@@ -8,7 +8,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from result import Document, Result
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.emulation.faults import parse_fault
@@ -162,15 +163,59 @@ def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
     assert began <= 1e-9 * header.start_time_ns + float(result.ticks[0].input.state.time) <= time.time()
 
 
+class Asked:
+    """A robot with a motor whose firmware no document mentions."""
+
+    question = "Enable the motors of lite on can0, without torque?"
+
+    def __init__(self) -> None:
+        self.accepted: list[str] = []
+
+    def prepare(self) -> None:
+        return
+
+    def checks(self) -> list[tuple[str, str, str]]:
+        return [("question", "left_wrist_yaw", "its firmware 0.5.3.12 is in no document")]
+
+    def unanswered(self) -> list[str]:
+        return ["0.5.3.12"]
+
+    def accept(self, versions: Sequence[str]) -> None:
+        self.accepted += versions
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("answers", "enables"), [("n\n", False), ("y\nn\n", False), ("y\ny\n", True)], ids=["no", "yes, no", "yes, yes"]
+)
+def test_firmware_that_no_document_mentions_is_asked_about_first(
+    answers: str, enables: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    robot = Asked()
+    monkeypatch.setattr(sys, "stdin", Terminal(answers))
+    assert run_module.bring_up(robot, PlayConfig(hardware="can0"), Console()) is enables
+    assert robot.accepted == (["0.5.3.12"] if enables else [])
+    assert "Drive motors with firmware 0.5.3.12 as if it were the manual's? [y/N]" in capsys.readouterr().out
+
+
+def test_yes_does_not_answer_for_firmware_that_nobody_knows() -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    with pytest.raises(InputError, match=r"^--accept-firmware: is needed for 0\.5\.3\.12, which no document mentions"):
+        run_module.bring_up(Asked(), PlayConfig(hardware="can0", yes=True), Console())
+
+
 @pytest.mark.parametrize(("answer", "enables"), [("", False), ("n", False), ("yes", True)])
 def test_real_motors_are_enabled_on_a_yes_only(
     answer: str, enables: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from rich.console import Console  # noqa: PLC0415
-
-    class Terminal(io.StringIO):
-        def isatty(self) -> bool:
-            return True
 
     prepared: list[str] = []
 
@@ -182,6 +227,12 @@ def test_real_motors_are_enabled_on_a_yes_only(
 
         def checks(self) -> list[tuple[str, str, str]]:
             return [("ok", "left_elbow_pitch", "motor 14"), ("warning", "can0", "no active reports")]
+
+        def unanswered(self) -> list[str]:
+            return []
+
+        def accept(self, versions: Sequence[str]) -> None:
+            assert not versions
 
     config = PlayConfig(hardware="can0")
     monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
