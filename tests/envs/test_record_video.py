@@ -21,23 +21,23 @@ OPTIONS: dict[str, Any] = {"render_mode": "rgb_array", "width": 64, "height": 64
 
 
 def test_of_a_single_environment(tmp_path: Path) -> None:
-    env = wrappers.RecordVideo(gymnasium.make(NAME, **OPTIONS), str(tmp_path), episode_trigger=lambda _: True)
+    env = wrappers.RecordVideo(gymnasium.make(NAME, **OPTIONS), str(tmp_path / "videos"), episode_trigger=lambda _: True)
     env.reset(seed=0)
     for step in (1, 2):
         *_, truncated, _ = env.step(np.zeros(14, dtype=np.float32))
         assert truncated is (step == 2)
     env.close()
-    assert _frames(tmp_path) == [(64, 64)] * 3
+    assert _frames(tmp_path / "videos") == [(64, 64)] * 3
 
 
 def test_of_a_vector_environment(tmp_path: Path) -> None:
     made = gymnasium.make_vec(NAME, num_envs=2, threads=1, **OPTIONS)
-    envs = vector.RecordVideo(made, str(tmp_path), episode_trigger=lambda episode: episode == 0)
+    envs = vector.RecordVideo(made, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0)
     envs.reset(seed=0)
     for _ in range(3):
         envs.step(np.zeros((2, 14), dtype=np.float32))
     envs.close()
-    assert _frames(tmp_path) == [(64, 128)] * 3 or _frames(tmp_path) == [(128, 64)] * 3
+    assert _frames(tmp_path / "videos") == [(64, 128)] * 3 or _frames(tmp_path / "videos") == [(128, 64)] * 3
 
 
 def _frames(folder: Path) -> list[tuple[int, int]]:
