@@ -59,6 +59,9 @@ class MotionReference:
             frozen[name] = table
         object.__setattr__(self, "terms", MappingProxyType(frozen))
 
+    def __reduce__(self) -> tuple[type[MotionReference], tuple[int, dict[str, Float32Array]]]:
+        return MotionReference, (self.frame_count, dict(self.terms))
+
     def clamp(self, frame: Frame) -> Frame:
         """The frame itself, or the last one from the end of the motion on: there it is held."""
         if isinstance(frame, int):

@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.rendering.backend import choose_video_backend, has_display
+from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.robots.description import RobotDescription
@@ -45,7 +45,7 @@ def make_pictures(description: RobotDescription, width: int, height: int, camera
     for name, pixels in (("width", width), ("height", height)):
         if not isinstance(pixels, int | np.integer) or pixels < 1:
             raise InputError(f"{name}: is {pixels!r}, expected a whole number of pixels >= 1")
-    return PoseRenderer(lambda: build_model(description), width, height, camera, choose=choose_video_backend)
+    return PoseRenderer(lambda: build_model(description), width, height, camera, fastest=True)
 
 
 class Window:

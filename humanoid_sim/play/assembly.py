@@ -18,6 +18,7 @@ from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
@@ -78,7 +79,10 @@ def assemble(plan: Plan, console: Console) -> Run:
         base=setup.base,
         tell=lambda event: _tell(event, shown, recorder),
     )
-    video = None if plan.outputs.video is None else VideoSink(plan.outputs.video, setup.model)
+    video = None
+    if plan.outputs.video is not None:
+        ghost = ReferenceGhost.of(description, policy.loaded.contract, policy.loaded.reference)
+        video = VideoSink(plan.outputs.video, setup.model, ghost=ghost)
     gravity, remote = _remote(plan)
     viewer = NativeViewerSink(setup.model) if shows_window(config) else None
     # The last one is closed first: what the monitor finds in the last ticks still reaches console and recording.

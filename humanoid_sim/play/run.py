@@ -20,7 +20,7 @@ from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.play.signals import handled_signals
-from humanoid_sim.rendering.video import save_snapshot
+from humanoid_sim.rendering.video import VideoSink, save_snapshot
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
 
@@ -142,18 +142,7 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
         with _printing(problems):
             console.print(f"recording  {outputs.record}{repeat}", markup=False)
     if run.video is not None:
-        if not console.is_terminal:
-            with _printing(problems):
-                console.print(f"drawing {run.video.frame_count} frames of video ...", markup=False)
-        with (
-            _noting(problems),
-            Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
-        ):
-            task = progress.add_task("drawing the video", total=None)
-            report = run.video.render(lambda done, total: progress.update(task, completed=done, total=total))
-            notice = f"   {report.notice}" if report.notice else ""
-            with _printing(problems):
-                console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
+        _finish_video(console, run.video, problems)
     if outputs.snapshot is not None:
         with _noting(problems):
             setup = run.plan.setup
@@ -164,6 +153,26 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     if outputs.summary is not None and outputs.summary.exists():
         with _printing(problems):
             console.print(f"summary    {outputs.summary}", markup=False)
+
+
+def _finish_video(console: Console, video: VideoSink, problems: list[str]) -> None:
+    """Wait for the video, which has been drawn since the run began, and name it. Ctrl-C skips it."""
+    if not console.is_terminal:
+        with _printing(problems):
+            console.print(f"drawing the rest of {video.frame_count} frames of video ...", markup=False)
+    try:
+        with (
+            _noting(problems),
+            Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
+        ):
+            task = progress.add_task("drawing the video (Ctrl-C skips it)", total=None)
+            report = video.finish(lambda done, total: progress.update(task, completed=done, total=total))
+            notice = f"   {report.notice}" if report.notice else ""
+            with _printing(problems):
+                console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
+    except KeyboardInterrupt:
+        with _printing(problems):
+            console.print("video      skipped", markup=False)
 
 
 _STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}

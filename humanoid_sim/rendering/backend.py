@@ -17,7 +17,7 @@ from typing import Literal
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["Choice", "check_environment", "choose_backend", "choose_video_backend", "egl_works", "has_display"]
+__all__ = ["Choice", "check_environment", "choose_backend", "egl_works", "has_display"]
 
 OpenGL = Literal["glfw", "osmesa", "egl", "none"]
 
@@ -97,17 +97,6 @@ def choose_backend(
     if (try_egl or egl_works)():
         return Choice("egl", "no display, no libOSMesa; libEGL works")
     return Choice("none", "no display, no libOSMesa; libEGL is installed but makes no context")
-
-
-def choose_video_backend() -> Choice:
-    """As `choose_backend`, but without a graphics card a video of hundreds of pictures is left to the painter.
-
-    OSMesa draws MuJoCo's own picture on the processor and takes four times as long; `MUJOCO_GL=osmesa` asks for it.
-    """
-    choice = choose_backend()
-    if choice.opengl == "osmesa" and os.environ.get("MUJOCO_GL", "").lower().strip() in _NO_REQUEST:
-        return Choice("none", "no display; four times as fast as OSMesa")
-    return choice
 
 
 @cache

@@ -10,6 +10,7 @@ import math
 import textwrap
 import warnings
 from collections.abc import Callable
+from time import perf_counter
 
 import mujoco
 import numpy as np
@@ -17,19 +18,26 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.rendering.appearance import robot_box, tint_limbs
 from humanoid_sim.rendering.backend import Choice, choose_backend, egl_works
-from humanoid_sim.rendering.painter import Painter
+from humanoid_sim.rendering.painter import GHOST, GHOST_OPACITY, Painter
 
 __all__ = ["PoseRenderer", "make_camera", "make_renderer", "update_pose"]
 
 _AZIMUTH = 155.0
 """Degrees. 180 looks along -x, straight at the face of a robot whose front is +x; 155 shows a little of its left."""
 _ELEVATION = -14.0
-_MARGIN = 1.3
-"""Room around the robot at rest, for arms that are raised."""
+_MARGIN = 1.2
+"""Room around a robot that walks, for arms that are raised; one that stands fast is framed with all that it reaches."""
 
 _failures: dict[str, str] = {}
 """Kinds of OpenGL that failed in this process. MuJoCo aborts when a context is asked for again after it failed once."""
+_TRIALS = 3
+"""Pictures by which OpenGL and painter are compared; the quickest counts, since other programs may be running."""
+_WORTH_IT = 1.5
+"""A software OpenGL must be faster than the painter by this: the painter's pictures show more."""
+_costs: dict[tuple[str, int, int, int], tuple[float, float]] = {}
+"""s for a picture, by OpenGL and by the painter, of what was measured in this process."""
 
 
 def make_renderer(
@@ -43,18 +51,19 @@ def make_renderer(
     Raises:
         InputError: if the model has no such camera.
     """
-    view = make_camera(model, camera)
+    view = make_camera(model, camera, width / height)
+    plain = tint_limbs(model)
     reason = str(choice)
     if choice.opengl == "egl" and not egl_works():
         _failures["egl"] = "makes no context"
     if choice.opengl != "none" and choice.opengl not in _failures:
         try:
-            return _OpenGLRenderer(model, width, height, view, choice)
+            return _OpenGLRenderer(model, width, height, view, choice, plain)
         except Exception as error:  # drivers raise anything: ImportError, AttributeError, FatalError, ...
             _failures[choice.opengl] = _describe(error)
     if choice.opengl in _failures:
         reason = f"software painter ({choice}: {_failures[choice.opengl]})"
-    painter = Painter(model, width, height, view)
+    painter = Painter(model, width, height, view, outlined=plain)
     painter.backend = reason
     return painter
 
@@ -67,7 +76,7 @@ class PoseRenderer:
         width: pixels.
         height: pixels.
         camera: a camera of the model; None looks at the robot from the front.
-        choose: decides what to draw with.
+        fastest: draw with what is fastest here, measured, instead of with OpenGL wherever there is one.
     """
 
     backend = ""
@@ -80,13 +89,16 @@ class PoseRenderer:
         height: int,
         camera: str | None = None,
         *,
-        choose: Callable[[], Choice] = choose_backend,
+        fastest: bool = False,
     ) -> None:
-        self._model_factory, self._view, self._choose = model_factory, (width, height, camera), choose
+        self._model_factory, self._view, self._fastest = model_factory, (width, height, camera), fastest
         self._renderer: _OpenGLRenderer | Painter | None = None
+        self._ghost: mujoco.MjData | None = None
 
-    def draw(self, qpos: FloatArray) -> npt.NDArray[np.uint8]:
+    def draw(self, qpos: FloatArray, ghost: FloatArray | None = None) -> npt.NDArray[np.uint8]:
         """The picture of a pose (nq,), shape (height, width, 3), RGB; of the last finite one, if this is not finite.
+
+        `ghost`, shape (nq,), is a second pose, which the robot is shown to differ from.
 
         Raises:
             InputError: the model has no such camera.
@@ -94,11 +106,39 @@ class PoseRenderer:
         if self._renderer is None:
             self._model = self._model_factory()
             self._data = mujoco.MjData(self._model)
-            self._renderer = make_renderer(self._model, *self._view, choice=self._choose())
-            self.backend = self._renderer.backend
             update_pose(self._model, self._data, self._data.qpos.copy())
+            self._renderer = make_renderer(self._model, *self._view, choice=choose_backend())
+            if self._fastest and not isinstance(self._renderer, Painter):
+                self._renderer = self._faster(self._renderer)
+            self.backend = self._renderer.backend
         update_pose(self._model, self._data, qpos)
-        return self._renderer.render(self._data)
+        if ghost is None:
+            return self._renderer.render(self._data)
+        if self._ghost is None:
+            self._ghost = mujoco.MjData(self._model)
+        shown = update_pose(self._model, self._ghost, ghost)
+        return self._renderer.render(self._data, self._ghost if shown else None)
+
+    def _faster(self, opengl: _OpenGLRenderer) -> _OpenGLRenderer | Painter:
+        """The given renderer, or the painter if that is faster with this model at this size; asked once a process."""
+        width, height, camera = self._view
+        painter = Painter(
+            self._model, width, height, make_camera(self._model, camera, width / height), outlined=opengl.is_plain
+        )
+        key = opengl.backend, width, height, self._model.ngeom
+        if key not in _costs:
+            for renderer in (opengl, painter):
+                renderer.render(self._data)  # what is made once
+            costs = [(_cost(opengl, self._data), _cost(painter, self._data)) for _ in range(_TRIALS)]
+            _costs[key] = min(cost for cost, _ in costs), min(cost for _, cost in costs)
+        cost, its_cost = _costs[key]
+        name = opengl.backend.partition(" (")[0]
+        if _WORTH_IT * cost <= its_cost:
+            opengl.backend = f"{name} ({1e3 * cost:.0f} ms a picture)"
+            return opengl
+        opengl.close()
+        painter.backend = f"software painter ({1e3 * its_cost:.0f} ms a picture; {name} {1e3 * cost:.0f} ms)"
+        return painter
 
     def close(self) -> None:
         """Release the context. May be called twice."""
@@ -107,10 +147,19 @@ class PoseRenderer:
             self._renderer = None
 
 
-def make_camera(model: mujoco.MjModel, name: str | None = None) -> mujoco.MjvCamera:
+def _cost(renderer: _OpenGLRenderer | Painter, data: mujoco.MjData) -> float:
+    """S for one picture."""
+    renderer.render(data)  # what is made once
+    begin = perf_counter()
+    renderer.render(data)
+    return perf_counter() - begin
+
+
+def make_camera(model: mujoco.MjModel, name: str | None = None, aspect: float = 4 / 3) -> mujoco.MjvCamera:
     """The model's camera `name`, or a front three-quarter view at the distance at which the whole robot fits.
 
-    `<statistic center= extent=>` of the model decides what is framed. A robot with a floating base is followed.
+    `aspect` is the picture's width over its height. A model in which nothing has a joint is framed as its
+    `<statistic center= extent=>` says. A robot with a floating base is followed.
 
     Raises:
         InputError: if the model has no camera `name`.
@@ -126,8 +175,15 @@ def make_camera(model: mujoco.MjModel, name: str | None = None) -> mujoco.MjvCam
     camera.lookat[:] = model.stat.center
     camera.azimuth, camera.elevation = _AZIMUTH, _ELEVATION
     half_view = math.radians(model.vis.global_.fovy) / 2
-    camera.distance = _MARGIN * model.stat.extent / 2 / math.tan(half_view)
     base = _floating_base(model)
+    half_height, depth = _MARGIN * model.stat.extent / 2, 0.0
+    box = robot_box(model, moving=base is None)
+    if box is not None:
+        camera.lookat[:] = (box[0] + box[1]) / 2
+        half = (box[1] - box[0]) / 2
+        half_height = (1.0 if base is None else _MARGIN) * max(float(half[2]), float(half[1]) / aspect)
+        depth = float(half[0]) / 2
+    camera.distance = half_height / math.tan(half_view) + depth
     if base is not None:
         camera.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         camera.trackbodyid = base
@@ -172,9 +228,15 @@ class _OpenGLRenderer:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, choice: Choice
+        self,
+        model: mujoco.MjModel,
+        width: int,
+        height: int,
+        camera: mujoco.MjvCamera,
+        choice: Choice,
+        is_plain: bool,
     ) -> None:
-        self.backend = str(choice)
+        self.backend, self.is_plain = str(choice), is_plain
         self._model, self._camera = model, camera
         self._size = width, height
         self._rect = mujoco.MjrRect(0, 0, width, height)
@@ -194,9 +256,15 @@ class _OpenGLRenderer:
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
 
-    def render(self, data: mujoco.MjData) -> npt.NDArray[np.uint8]:
+    def render(self, data: mujoco.MjData, ghost: mujoco.MjData | None = None) -> npt.NDArray[np.uint8]:
         every = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, data, self._option, None, self._camera, every, self._scene)
+        if ghost is not None:
+            first, moving = self._scene.ngeom, mujoco.mjtCatBit.mjCAT_DYNAMIC.value
+            mujoco.mjv_addGeoms(self._model, ghost, self._option, mujoco.MjvPerturb(), moving, self._scene)
+            for geom in self._scene.geoms[first : self._scene.ngeom]:
+                geom.rgba[:] = (*GHOST, GHOST_OPACITY)
+                geom.matid = -1
         self._window.make_current()
         mujoco.mjr_render(self._rect, self._scene, self._context)
         width, height = self._size

@@ -17,7 +17,7 @@ from PIL import Image, ImageChops, ImageDraw, ImageFilter
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.polygons import DepthBuffer, Mesh, View, tessellate
 
-__all__ = ["Painter"]
+__all__ = ["GHOST", "GHOST_OPACITY", "Painter"]
 
 _SKY, _HORIZON = np.array([0.60, 0.71, 0.83]), np.array([0.90, 0.93, 0.95])
 _SUN = np.array([0.42, 0.35, 0.84])
@@ -31,6 +31,14 @@ _CELLS = 90
 """Polygons are about this much smaller than the model."""
 _VISIBLE = 0.05
 """Geoms with less alpha are left out."""
+GHOST, GHOST_OPACITY = (0.10, 0.62, 0.92), 0.55
+"""Colour of a second pose of the robot, and how much of what is behind it that hides."""
+_GHOST_BEHIND = 0.004
+"""Part of the model's size by which a ghost is drawn farther away: where it agrees with the robot it is not seen."""
+_KEPT = 16
+"""Sets of geoms whose polygons are kept: the robot's, and those of its ghost that are not where the robot's are."""
+_OUTLINE = 0.45
+"""Brightness of an outline, of what it lies on."""
 
 Picture = npt.NDArray[np.uint8]
 
@@ -41,27 +49,44 @@ class Painter:
     backend = "software painter"
 
     def __init__(
-        self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, *, supersampling: int = 2
+        self,
+        model: mujoco.MjModel,
+        width: int,
+        height: int,
+        camera: mujoco.MjvCamera,
+        *,
+        supersampling: int = 2,
+        outlined: bool = False,
     ) -> None:
+        """Prepare.
+
+        Args:
+            model: to draw.
+            width: pixels.
+            height: pixels.
+            camera: where from.
+            supersampling: this many pixels are drawn for each of the picture, in each direction.
+            outlined: whether geoms are set off from each other by a dark line.
+        """
         self._model, self._camera = model, camera
         self._supersampling = supersampling
         self._width, self._height = width * supersampling, height * supersampling
         self._option = mujoco.MjvOption()
-        self._scene = mujoco.MjvScene(model, 2000)
+        self._scene, self._ghost_scene = mujoco.MjvScene(model, 2000), mujoco.MjvScene(model, 2000)
         self._meshes: dict[tuple[Any, ...], Mesh | None] = {}
-        self._solids: tuple[list[tuple[Any, ...]], _Solids] = ([], _Solids([]))
+        self._solids: dict[tuple[tuple[Any, ...], ...], _Solids] = {}
         self._ground: tuple[bytes, _Ground] | None = None
+        self._outlined = outlined
 
-    def render(self, data: mujoco.MjData) -> Picture:
-        """The picture of the poses in `data`, shape (height, width, 3), RGB. What is not finite is not drawn."""
-        every = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(self._model, data, self._option, None, self._camera, every, self._scene)
+    def render(self, data: mujoco.MjData, ghost: mujoco.MjData | None = None) -> Picture:
+        """The picture of the poses in `data`, shape (height, width, 3), RGB. What is not finite is not drawn.
+
+        Args:
+            data: of the model.
+            ghost: another pose of the model, shown through it in one colour, as far as its bodies can move.
+        """
+        geoms = self._seen(data, self._scene)
         view = View(self._scene, self._width, self._height)
-        geoms = [
-            geom
-            for geom in self._scene.geoms[: self._scene.ngeom]
-            if geom.rgba[3] > _VISIBLE and np.isfinite(geom.pos).all() and np.isfinite(geom.mat).all()
-        ]
         planes = [geom for geom in geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
         solids, world, colours = self._place([geom for geom in geoms if geom.type != mujoco.mjtGeom.mjGEOM_PLANE])
         ground, sun = self._ground_of(view, planes), _sun(self._scene)
@@ -69,24 +94,74 @@ class Painter:
         image = ground.image.copy()
         if planes and len(world):
             image.paste(_SHADOW, mask=_shadows(view, planes[0], world, solids.first_vertex, sun, ground.lit))
-        picture = np.array(image.resize((view.width, view.height), Image.Resampling.NEAREST))
-        faces, shade = _shaded(view, world[solids.faces], sun)
-        ground.depth.copy().draw(faces, (colours[solids.face_geom] * shade[:, None])[shade > 0.0], picture)
-        return np.asarray(Image.fromarray(picture).reduce(self._supersampling))
+        spectre = None
+        if ghost is not None:
+            spectre = self._place(self._departed(geoms, self._seen(ghost, self._ghost_scene)))[:2]
+        part = _extent(view, world if spectre is None else np.concatenate([world, spectre[1]]), self._supersampling)
+        near, depth = view.crop(*part), ground.depth.crop(*part)
+        left, top, right, bottom = (side // self._supersampling for side in part)
+        picture = np.array(
+            image.crop((left, top, right, bottom)).resize((near.width, near.height), Image.Resampling.NEAREST)
+        )
+        first = depth.count
+        faces, shade = _shaded(near, world[solids.faces], sun)
+        depth.draw(faces, (colours[solids.face_geom] * shade[:, None])[shade > 0.0], picture)
+        if self._outlined:
+            owner = np.concatenate([[-1], solids.face_geom[shade > 0.0]])
+            _outline(picture, owner[np.maximum(depth.numbers() - first + 1, 0)])
+        if spectre is not None:
+            self._haunt(picture, near, depth, *spectre)
+        image.paste(Image.fromarray(picture).reduce(self._supersampling), (left, top))
+        return np.asarray(image)
+
+    def _seen(self, data: mujoco.MjData, scene: mujoco.MjvScene) -> list[Any]:
+        every = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(self._model, data, self._option, None, self._camera, every, scene)
+        return [
+            geom
+            for geom in scene.geoms[: scene.ngeom]
+            if geom.rgba[3] > _VISIBLE and np.isfinite(geom.pos).all() and np.isfinite(geom.mat).all()
+        ]
+
+    def _departed(self, geoms: list[Any], ghosts: list[Any]) -> list[Any]:
+        """Those of a ghost's geoms that are not where the robot's are, by more than what could be seen."""
+        near = _GHOST_BEHIND * self._model.stat.extent
+        placed = {geom.objid: geom for geom in geoms if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM}
+        found = []
+        for geom in ghosts:
+            own = placed.get(geom.objid) if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM else None
+            if own is None or geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
+                continue
+            turned = np.abs(geom.mat - own.mat).max() * self._model.geom_rbound[geom.objid]
+            if np.abs(geom.pos - own.pos).max() + turned > near:
+                found.append(geom)
+        return found
+
+    def _haunt(self, picture: Picture, view: View, depth: DepthBuffer, solids: _Solids, world: FloatArray) -> None:
+        """Blend a ghost into a picture: where it is nearest, by more than what separates two poses that agree."""
+        faces, shade = _shaded(view, world[solids.faces])
+        faces = faces + np.array([0.0, 0.0, _GHOST_BEHIND * self._model.stat.extent])
+        shown = picture.copy()
+        depth.draw(faces, (np.array(GHOST) * np.clip(shade, 0.6, 1.0)[:, None])[shade > 0.0], shown)
+        changed = (shown != picture).any(axis=-1)
+        blended = GHOST_OPACITY * shown[changed] + (1.0 - GHOST_OPACITY) * picture[changed]
+        picture[changed] = blended.astype(np.uint8)
 
     def close(self) -> None:
         """Nothing is held that needs releasing."""
 
     def _place(self, geoms: list[Any]) -> tuple[_Solids, FloatArray, FloatArray]:
         """What has a surface, its vertices (V, 3) in m, world frame, and the colours of its geoms (G, 3)."""
-        key = [(geom.type, *geom.size.tolist(), geom.dataid) for geom in geoms]
-        if key != self._solids[0]:
+        key = tuple((geom.type, *geom.size.tolist(), geom.dataid) for geom in geoms)
+        if key not in self._solids:
             for shape in set(key) - self._meshes.keys():
                 kind, *size, mesh = shape
                 cell = self._model.stat.extent / _CELLS
                 self._meshes[shape] = tessellate(self._model, kind, size, mesh // 2 if mesh >= 0 else -1, cell)
-            self._solids = key, _Solids([mesh for mesh in map(self._meshes.get, key) if mesh is not None])
-        solids = self._solids[1]
+            if len(self._solids) >= _KEPT:
+                self._solids.clear()
+            self._solids[key] = _Solids([mesh for mesh in map(self._meshes.get, key) if mesh is not None])
+        solids = self._solids[key]
         drawn = [geom for geom, shape in zip(geoms, key, strict=True) if self._meshes[shape] is not None]
         rotation = np.array([geom.mat for geom in drawn], dtype=np.float64).reshape(-1, 3, 3)[solids.vertex_geom]
         position = np.array([geom.pos for geom in drawn], dtype=np.float64).reshape(-1, 3)[solids.vertex_geom]
@@ -101,6 +176,28 @@ class Painter:
             reach = 2.0 * float(np.linalg.norm(self._camera.lookat - view.eye) or self._model.stat.extent)
             self._ground = key, _Ground(self._model, view, planes, reach, self._supersampling)
         return self._ground[1]
+
+
+def _extent(view: View, world: FloatArray, step: int) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom pixel of the part of the picture that points (V, 3) can cover, in `step`s."""
+    size = np.array([view.width, view.height])
+    seen = view.to_camera(world)
+    if not len(seen) or (seen[:, 2] <= view.near).any():
+        return 0, 0, view.width, view.height
+    pixels = view.to_pixels(seen)
+    low = np.clip(np.floor(pixels.min(axis=0) / step - 1) * step, 0, size - step).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0) / step + 1) * step, low + step, size).astype(int)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+def _outline(picture: Picture, owner: npt.NDArray[np.intp]) -> None:
+    """Darken the pixels at which another geom begins: `owner` (height, width) is the geom of each, -1 for none."""
+    edge = np.zeros(owner.shape, dtype=np.bool_)
+    for axis in (0, 1):
+        differs = np.diff(owner, axis=axis) != 0
+        edge[tuple(slice(None, -1) if i == axis else slice(None) for i in (0, 1))] |= differs
+        edge[tuple(slice(1, None) if i == axis else slice(None) for i in (0, 1))] |= differs
+    picture[edge] = (picture[edge] * _OUTLINE).astype(np.uint8)
 
 
 class _Solids:
@@ -172,11 +269,12 @@ def _shadows(
     u, v = reach * np.cos(angle) - along * np.sin(angle), reach * np.sin(angle) + along * np.cos(angle)
     corners = view.to_camera(u[..., None] * axes[:, 0] + v[..., None] * axes[:, 1] + plane.pos)
     outlines = view.to_pixels(corners[(corners[..., 2] > view.near).all(axis=1)]) * (lit.width / view.width)
-    mask = Image.new("L", lit.size)
-    draw = ImageDraw.Draw(mask)
-    for outline in outlines.reshape(len(outlines), -1).tolist():
+    coarse = Image.new("L", (max(lit.width // 2, 1), max(lit.height // 2, 1)))  # what is soft needs no more
+    draw = ImageDraw.Draw(coarse)
+    for outline in (outlines / 2).reshape(len(outlines), -1).tolist():
         draw.polygon(outline, fill=_SHADOW_OPACITY)
-    return ImageChops.multiply(mask.filter(ImageFilter.GaussianBlur(lit.height / 80)), lit)
+    soft = coarse.filter(ImageFilter.GaussianBlur(lit.height / 160))
+    return ImageChops.multiply(soft.resize(lit.size, Image.Resampling.BILINEAR), lit)
 
 
 def _tiles(model: mujoco.MjModel, plane: Any, view: View, reach: float) -> tuple[FloatArray, FloatArray, FloatArray]:

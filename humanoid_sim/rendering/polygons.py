@@ -9,6 +9,7 @@ lies. All polygons of about the same size on the picture are therefore drawn at 
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from itertools import pairwise
@@ -147,6 +148,13 @@ class View:
         self.width, self.height = width, height
         self.centre = np.array([width / 2, height / 2])
 
+    def crop(self, left: int, top: int, right: int, bottom: int) -> View:
+        """The same perspective on a part of the picture, pixels from its top left."""
+        part = copy.copy(self)
+        part.width, part.height = right - left, bottom - top
+        part.centre = self.centre - [left, top]
+        return part
+
     def to_camera(self, points: FloatArray) -> FloatArray:
         """World points (..., 3) in m, seen from the eye: right, down, forward."""
         seen: FloatArray = (points - self.eye) @ self.axes.T
@@ -168,9 +176,24 @@ class DepthBuffer:
 
     def copy(self) -> DepthBuffer:
         """A buffer of its own, with what was drawn so far."""
+        return self.crop(0, 0, self._view.width, self._view.height)
+
+    def crop(self, left: int, top: int, right: int, bottom: int) -> DepthBuffer:
+        """A buffer of its own for a part of the picture, with what was drawn there so far."""
+        whole = self._nearest.reshape(self._view.height, self._view.width)
         other = DepthBuffer.__new__(DepthBuffer)
-        other._view, other._nearest, other._count = self._view, self._nearest.copy(), self._count
+        other._view, other._count = self._view.crop(left, top, right, bottom), self._count
+        other._nearest = whole[top:bottom, left:right].flatten()
         return other
+
+    @property
+    def count(self) -> int:
+        """Polygons drawn so far."""
+        return self._count
+
+    def numbers(self) -> npt.NDArray[np.int64]:
+        """For each pixel, shape (height, width), the number of the polygon that is seen: they are counted from 0."""
+        return (self._nearest & 0xFFFFFFFF).reshape(self._view.height, self._view.width)
 
     def draw(self, faces: FloatArray, colours: FloatArray, picture: npt.NDArray[np.uint8]) -> None:
         """Draw convex polygons that turn towards the eye where nothing nearer was drawn.

@@ -1,26 +1,30 @@
-"""Pictures of a run in files: a snapshot, and a video that is drawn when the robot has come to rest."""
+"""Pictures of a run in files: a snapshot, and a video that a process beside the run draws."""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import math
-from collections.abc import Callable, Iterator
+import pickle
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import cast
 
-import av
 import mujoco
-import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
-from humanoid_sim.messages import TickRecord
-from humanoid_sim.mit import FloatArray
-from humanoid_sim.rendering.backend import choose_video_backend
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.mit import ANCHOR_POSE, FloatArray
 from humanoid_sim.rendering.caption import Caption, draw_caption
+from humanoid_sim.rendering.drawing import Job, Moment
+from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.session.sinks import Sink
 
@@ -30,7 +34,11 @@ _SNAPSHOT_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 _LONGEST_PAUSE = 1.0
 """s. A longer jump of the robot's clock is shortened to this."""
-_H264 = ("libx264", "libopenh264")
+_PROGRAM = "humanoid_sim.rendering.drawing"
+_LOOK_PERIOD = 0.1
+"""s between two looks at how far the drawing is."""
+_STOPPED_WITHIN = 5.0
+"""s that the drawing process has to end when nobody wants its video any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,35 +47,28 @@ class VideoReport:
 
     path: Path
     frame_count: int
-    fps: float
+    duration: float
+    """s from the first frame to the last."""
     backend: str
     """What drew it, and why."""
     notice: str = ""
     """What is not as it was asked for."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Moment:
-    time: float
-    """s since the first frame."""
-    qpos: FloatArray
-    caption: Caption
-
-
 class VideoSink(Sink):
-    """Remembers how the robot stood, `fps` times a second of the robot's clock; `render` makes an MP4 (H.264) of it.
+    """Hands how the robot stands, `fps` times a second of its clock, to a process that makes an MP4 (H.264) of it.
 
-    Drawing takes longer than a control period, so nothing is drawn while the robot runs. At most `max_frames` are kept:
-    when they are full every second one is dropped and the frame rate halves, so that a long run is shown in whole, at
-    its true speed, and neither memory nor drawing time grow without bound.
+    Nothing is started before there is something to show. A long run is shown in whole and at its true speed: whenever
+    `max_frames` more have been drawn the rate halves, so that drawing time does not grow without bound.
 
     Args:
         path: where to write; ends in `.mp4`.
-        model_factory: makes the model to draw; called once, by `render`.
+        model_factory: makes the model to draw; called once, on a thread of its own.
         fps: frames per second.
         size: width and height in pixels; even, as H.264 with 4:2:0 colour requires.
         camera: a camera of the model; None looks at the robot from the front.
-        max_frames: at 30 fps, two minutes at the full rate.
+        max_frames: at 25 fps, 2.4 minutes at the full rate.
+        ghost: the motion that a policy follows, drawn through the robot.
 
     Raises:
         InputError: the path cannot be written, or its suffix or the size is not accepted.
@@ -78,42 +79,58 @@ class VideoSink(Sink):
         path: str | Path,
         model_factory: Callable[[], mujoco.MjModel],
         *,
-        fps: int = 30,
-        size: tuple[int, int] = (640, 480),
+        fps: int = 25,
+        size: tuple[int, int] = (1280, 720),
         camera: str | None = None,
         max_frames: int = 3600,
+        ghost: ReferenceGhost | None = None,
     ) -> None:
         self.path = output_file(path, "video", ".mp4")
         if fps < 1:
             raise InputError(f"video '{path}': frame rate is {fps}, accepted: 1 and more")
         if min(size) < 16 or any(side % 2 for side in size):
             raise InputError(f"video '{path}': size is {size[0]}x{size[1]}, accepted: even numbers from 16")
-        self._model_factory, self._size, self._camera = model_factory, size, camera
-        self._asked_fps = fps
+        self._model_factory, self._size, self._camera, self._ghost = model_factory, size, camera, ghost
         self._fps = Fraction(fps)
-        self._max_frames = max(2, max_frames)
-        self._moments: list[_Moment] = []
+        self._rate, self._thin_at, self._max_frames = Fraction(fps), max(2, max_frames), max(2, max_frames)
         self._clock = 0.0
         self._last_time = math.nan
         self._next_frame = 0
+        self._shown: tuple[int | None, FloatArray | None] = None, None
+        self.frame_count = 0
+        """Frames so far."""
+        self._duration = 0.0
+        self._drawing: _Drawing | None = None
 
     def tick(self, record: TickRecord) -> None:
-        """Keep the pose, if a frame is due."""
+        """Hand over the pose, if a frame is due."""
         time = record.input.state.time
         if record.qpos is None or not isinstance(time, float):
             return
         self._clock += min(max(0.0, time - self._last_time), _LONGEST_PAUSE)  # NaN, and backwards: 0
         self._last_time = time
-        if self._clock * self._fps < self._next_frame:
+        self._look_at_reference(record)
+        if self._clock * self._rate < self._next_frame:
             return
-        self._moments.append(_Moment(self._clock, record.qpos, Caption.of(record)))
-        if len(self._moments) > self._max_frames:
-            del self._moments[1::2]
-            self._fps /= 2
-        self._next_frame = math.floor(self._clock * self._fps) + 1
+        if self._drawing is None:
+            self._drawing = _Drawing(self.path, self._job)
+        frame, anchor = self._shown
+        self._shown = frame, None
+        self._drawing.add(Moment(self._clock, record.qpos, Caption.of(record), frame, anchor))
+        self.frame_count += 1
+        self._duration = self._clock
+        if self.frame_count >= self._thin_at:
+            self._thin_at += self._max_frames
+            self._rate /= 2
+        self._next_frame = math.floor(self._clock * self._rate) + 1
 
-    def render(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
-        """Draw and write the video.
+    @property
+    def process_id(self) -> int | None:
+        """Of the process that draws, while there is one."""
+        return None if self._drawing is None else self._drawing.process_id
+
+    def finish(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
+        """Wait until the rest is drawn. An exception meanwhile, such as a `KeyboardInterrupt`, leaves no file.
 
         Args:
             progress: called with the frames done and their total, after each.
@@ -121,59 +138,113 @@ class VideoSink(Sink):
         Raises:
             InputError: there is nothing to show, the file cannot be written, or there is no such camera.
         """
-        if not self._moments:
+        if self._drawing is None:
             raise InputError(f"video '{self.path}': nothing to show: no tick came from a simulated robot")
-        pictures = PoseRenderer(self._model_factory, *self._size, self._camera, choose=choose_video_backend)
-        try:
-            with whole_file(self.path) as file:
-                count = self._encode(file.name, self._frames(pictures), progress)
-        except av.FFmpegError as error:
-            raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
-        finally:
-            pictures.close()
-        fps = float(self._fps)
-        notice = "" if fps == self._asked_fps else f"a long run: {fps:g} instead of {self._asked_fps} frames per second"
-        return VideoReport(self.path, count, fps, pictures.backend, notice)
+        backend = self._drawing.finish(lambda done: progress and progress(done, self.frame_count))
+        thinned = f"a long run: towards its end {float(self._rate):g} instead of {float(self._fps):g} frames per second"
+        notice = "" if self._rate == self._fps else thinned
+        return VideoReport(self.path, self.frame_count, self._duration, backend, notice)
+
+    def abandon(self) -> None:
+        """Nobody wants the video: end the drawing, and leave no file. May be called at any time."""
+        if self._drawing is not None:
+            self._drawing.abandon()
+
+    def _look_at_reference(self, record: TickRecord) -> None:
+        step = record.output.policy_step
+        if step is not None and self._ghost is not None:
+            live = record.input.state.extern.get(ANCHOR_POSE) if step.frame == 0 else None
+            self._shown = step.frame, self._shown[1] if live is None else live.value
+        elif record.output.control_mode.mode is not Mode.LOCOMOTION:
+            self._shown = None, None
+
+    def _job(self, path: str) -> Job:
+        return Job(path, self._model_factory(), self._size, self._camera, self._fps, self._ghost)
+
+
+class _Drawing:
+    """The drawing process, fed by a thread: neither the process nor the pipe to it makes the control loop wait."""
+
+    def __init__(self, path: Path, job: Callable[[str], Job]) -> None:
+        self._path = path
+        self._left = contextlib.ExitStack()
+        self._file = self._left.enter_context(whole_file(path))
+        self._items: queue.SimpleQueue[Moment | None] = queue.SimpleQueue()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._done, self._backend = 0, ""
+        self._error: Exception | None = None
+        self._is_abandoned = False
+        self._feeder = threading.Thread(target=self._feed, args=(job,), name="video", daemon=True)
+        self._feeder.start()
 
     @property
-    def frame_count(self) -> int:
-        """Frames that `render` will write."""
-        return round(self._moments[-1].time * self._fps) + 1 if self._moments else 0
+    def process_id(self) -> int | None:
+        return None if self._process is None else self._process.pid
 
-    def _frames(self, pictures: PoseRenderer) -> Iterator[npt.NDArray[np.uint8]]:
-        """One picture per frame, at a constant rate: the moment nearest to it."""
-        shown = -1
-        for frame in range(self.frame_count):
-            last = shown
-            while shown + 1 < len(self._moments) and self._moments[shown + 1].time * self._fps <= frame + 0.5:
-                shown += 1
-            if shown != last:
-                moment = self._moments[shown]
-                picture = draw_caption(pictures.draw(moment.qpos), moment.caption)
-            yield picture
+    def add(self, moment: Moment) -> None:
+        self._items.put(moment)
 
-    def _encode(
-        self,
-        path: str,
-        frames: Iterator[npt.NDArray[np.uint8]],
-        progress: Callable[[int, int], None] | None,
-    ) -> int:
-        codec = next(name for name in _H264 if name in av.codecs_available)
-        done = 0
-        with av.open(path, "w", format="mp4", options={"movflags": "+faststart"}) as container:
-            stream = cast(
-                "av.VideoStream",
-                container.add_stream(codec, rate=self._fps, options={"crf": "20", "preset": "veryfast"}),
-            )
-            stream.width, stream.height = self._size
-            stream.pix_fmt = "yuv420p"
-            for picture in frames:
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-                done += 1
-                if progress is not None:
-                    progress(done, self.frame_count)
-            container.mux(stream.encode(None))
-        return done
+    def finish(self, progress: Callable[[int], object]) -> str:
+        """Wait for the process; what drew."""
+        self._items.put(None)
+        with self._left:  # the file takes its name, or vanishes with the exception
+            try:
+                while self._feeder.is_alive():
+                    self._feeder.join(_LOOK_PERIOD)
+                    progress(self._done)
+            except BaseException:
+                self.abandon()
+                raise
+            if self._error is not None:
+                raise self._error
+            return self._backend
+
+    def abandon(self) -> None:
+        self._is_abandoned = True
+        self._items.put(None)
+        if self._process is not None:
+            self._process.kill()
+        self._feeder.join(_STOPPED_WITHIN)
+
+    def _feed(self, job: Callable[[str], Job]) -> None:
+        try:
+            work = pickle.dumps(job(self._file.name))
+            with subprocess.Popen(
+                [sys.executable, "-m", _PROGRAM],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,  # the terminal's Ctrl-C is for the run
+            ) as self._process:
+                listener = threading.Thread(target=self._listen, name="video's progress", daemon=True)
+                listener.start()
+                self._hand_over(work)
+                listener.join()
+            if not self._backend and self._error is None:
+                raise InputError(f"{self._path}: the drawing process ended, status {self._process.returncode}")
+        except Exception as error:  # told by `finish`
+            self._error = error
+
+    def _hand_over(self, work: bytes) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError), self._process.stdin as pipe:  # it says why it ended
+            pipe.write(work)
+            while not self._is_abandoned:
+                item = self._items.get()
+                pipe.write(pickle.dumps(item))
+                pipe.flush()
+                if item is None:
+                    return
+
+    def _listen(self) -> None:
+        assert self._process is not None
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            answer = json.loads(line)
+            self._done = answer.get("frames", self._done)
+            self._backend = answer.get("backend", "")
+            if "error" in answer:
+                self._error = InputError(f"{self._path}: {answer['error']}")
 
 
 def save_snapshot(

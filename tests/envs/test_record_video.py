@@ -21,7 +21,8 @@ OPTIONS: dict[str, Any] = {"render_mode": "rgb_array", "width": 64, "height": 64
 
 
 def test_of_a_single_environment(tmp_path: Path) -> None:
-    env = wrappers.RecordVideo(gymnasium.make(NAME, **OPTIONS), str(tmp_path / "videos"), episode_trigger=lambda _: True)
+    folder = str(tmp_path / "videos")
+    env = wrappers.RecordVideo(gymnasium.make(NAME, **OPTIONS), folder, episode_trigger=lambda _: True)
     env.reset(seed=0)
     for step in (1, 2):
         *_, truncated, _ = env.step(np.zeros(14, dtype=np.float32))

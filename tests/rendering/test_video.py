@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import os
 import resource
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,18 +36,25 @@ def decode(path: Path) -> tuple[list[np.ndarray], float, str]:
         return frames, float(stream.average_rate), f"{stream.codec_context.name} {stream.codec_context.pix_fmt}"
 
 
+def times(path: Path) -> list[float]:
+    """s, of each frame."""
+    with av.open(str(path)) as container:
+        return [float(frame.time) for frame in container.decode(video=0)]
+
+
 def test_a_second_of_ticks_is_a_second_of_video(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=SIZE)
     for index in range(201):
         sink.tick(make_tick(index, 5.0 + index / 200, [index / 100]))
     done: list[tuple[int, int]] = []
-    report = sink.render(lambda count, total: done.append((count, total)))
+    report = sink.finish(lambda count, total: done.append((count, total)))
 
     frames, rate, kind = decode(tmp_path / "run.mp4")
     assert (len(frames), rate, kind) == (31, 30.0, "h264 yuv420p")
     assert all(frame.shape == (120, 160, 3) for frame in frames)
-    assert done == [(count, 31) for count in range(1, 32)]
-    assert (report.frame_count, report.fps, report.notice) == (31, 30.0, "")
+    assert done == sorted(done)
+    assert done[-1] == (31, 31)
+    assert (report.frame_count, report.duration, report.notice) == (31, pytest.approx(1.0), "")
     assert report.backend == "software painter (MUJOCO_GL=off)"
     assert np.abs(frames[0] - frames[30]).max() > 60, "the pendulum has moved"
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.mp4"]
@@ -55,7 +65,8 @@ def test_the_time_between_frames_is_the_robots(tmp_path: Path, pendulum: mujoco.
     for index, time in enumerate([0.0, 0.05, 0.1, 0.5, 0.4, np.nan, 0.4, 0.5, 1e9]):
         sink.tick(make_tick(index, time, [0.0]))
     # 0.5 s forward, a step back that counts as none, 0.1 s forward, and a jump that counts as one second.
-    assert sink.frame_count == 17
+    assert sink.finish().duration == pytest.approx(1.6)
+    assert times(tmp_path / "run.mp4") == pytest.approx([0.0, 0.1, 0.5, 0.6, 1.6])
 
 
 def test_a_long_run_keeps_its_length_at_a_lower_rate(
@@ -64,10 +75,15 @@ def test_a_long_run_keeps_its_length_at_a_lower_rate(
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=32, size=SIZE, max_frames=20)
     for index in range(401):
         sink.tick(make_tick(index, index / 100, [0.0]))
-    report = sink.render()
-    assert (report.frame_count, report.fps) == (17, 4.0)
-    assert report.notice == "a long run: 4 instead of 32 frames per second"
-    assert len(decode(tmp_path / "run.mp4")[0]) == 17
+    report = sink.finish()
+    assert report.notice == "a long run: towards its end 8 instead of 32 frames per second"
+    shown = times(tmp_path / "run.mp4")
+    assert len(shown) == report.frame_count
+    assert shown[-1] == report.duration == pytest.approx(4.0, abs=0.13)
+    steps = np.diff(shown)
+    assert steps[0] == pytest.approx(1 / 32)
+    assert (np.diff(steps) >= -1e-9).all()
+    assert steps[-1] == pytest.approx(1 / 8)
 
 
 def test_a_pose_that_is_not_finite_shows_the_one_before(
@@ -76,7 +92,7 @@ def test_a_pose_that_is_not_finite_shows_the_one_before(
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
     for index, angle in enumerate([1.0, np.nan, 1.0]):
         sink.tick(make_tick(index, index / 10, [angle]))
-    sink.render()
+    sink.finish()
     frames = decode(tmp_path / "run.mp4")[0]
     robot = [frame[:100] for frame in frames]
     assert len(frames) == 3
@@ -87,7 +103,7 @@ def test_nothing_to_show_is_an_error_and_no_file(tmp_path: Path, pendulum: mujoc
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, size=SIZE)
     sink.tick(make_tick(0, 0.0, None))
     with pytest.raises(InputError, match=r"nothing to show: no tick came from a simulated robot"):
-        sink.render()
+        sink.finish()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -122,10 +138,45 @@ def full_disk() -> Iterator[None]:
 
 def test_a_full_disk_leaves_no_half_of_a_video(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=(640, 480))
-    for index in range(60):
+    with full_disk():  # what is started has the limit too
+        for index in range(60):
+            sink.tick(make_tick(index, index / 30, [index / 10]))
+        with pytest.raises(InputError, match=r"run\.mp4: cannot be written: File too large"):
+            sink.finish()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_video_that_is_skipped_leaves_nothing(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=SIZE)
+    for index in range(3000):
         sink.tick(make_tick(index, index / 30, [index / 10]))
-    with pytest.raises(InputError, match=r"run\.mp4: cannot be written: File too large"), full_disk():
-        sink.render()
+
+    def press(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sink.finish(press)
+    assert list(tmp_path.iterdir()) == []
+    assert [thread.name for thread in threading.enumerate() if "video" in thread.name] == []
+
+
+def test_a_drawing_process_that_is_killed_is_told(
+    tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick
+) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=SIZE)
+    for index in range(3000):
+        sink.tick(make_tick(index, index / 30, [index / 10]))
+
+    killed = []
+
+    def kill(done: int, total: int) -> None:
+        if done and not killed:
+            assert sink.process_id is not None
+            os.kill(sink.process_id, signal.SIGKILL)
+            killed.append(done)
+
+    with pytest.raises(InputError, match=r"run\.mp4: the drawing process ended, status -9"):
+        sink.finish(kill)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -14,7 +14,6 @@ from humanoid_sim.regress.episodes import Step, run_episodes
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy
 from humanoid_sim.regress.report.pairs import pair_up, trace, worst
 from humanoid_sim.regress.results import Episode, PolicyRun, Results
-from humanoid_sim.rendering.backend import Choice
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.simulation.model import build_model
 
@@ -52,7 +51,7 @@ def worst_pictures(
         results: what is known of them.
     """
     model = build_model(prepared.description)
-    painter = PoseRenderer(lambda: model, *_SIZE, choose=lambda: Choice("none", "for a report"))
+    painter = PoseRenderer(lambda: model, *_SIZE, fastest=True)
     found = []
     for policy, candidate in zip(policies, results.candidates, strict=True):
         (pair,) = worst(pair_up(candidate.run, results.baseline), results.metrics[0], 1)

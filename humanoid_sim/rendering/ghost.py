@@ -1,0 +1,98 @@
+"""The pose that a motion asks for, to be drawn beside the robot's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.controllers.reference import Alignment, MotionReference
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.motion import body_poses
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
+from humanoid_sim.simulation.model import joint_addresses
+
+__all__ = ["ReferenceGhost"]
+
+
+@dataclass(slots=True, eq=False)
+class ReferenceGhost:
+    """A motion as poses of the robot: its joints where it names them, inverse kinematics where it has bodies alone."""
+
+    description: RobotDescription
+    joint_names: tuple[str, ...]
+    """Of the policy."""
+    body_names: tuple[str, ...]
+    """That the motion moves."""
+    anchor_body: str
+    is_aligned: bool
+    """Whether the motion is laid onto the robot."""
+    reference: MotionReference
+    _kinematics: InverseKinematics | None = field(default=None, init=False)
+    _last: tuple[int, FloatArray] | None = field(default=None, init=False)
+    _alignment: Alignment | None = field(default=None, init=False)
+
+    @classmethod
+    def of(cls, description: RobotDescription, contract: PolicyContract, reference: MotionReference) -> Self | None:
+        """The ghost of a policy's motion; None where the reference holds no poses."""
+        if {"reference_joint_pos", "motion_body_pos_b"} & reference.terms.keys():
+            joints, bodies = contract.joint_names, contract.body_names
+            return cls(description, joints, bodies, contract.anchor_body, contract.align_reference, reference)
+        return None
+
+    def align(self, anchor_pose: FloatArray) -> None:
+        """Lay the motion onto the robot: its anchor body's pose (7,), m and w x y z, world frame, at frame 0."""
+        if self.is_aligned and "anchor_pos" in self.reference.terms:
+            self._alignment = self.reference.align(anchor_pose)
+
+    def pose(self, model: mujoco.MjModel, qpos: FloatArray, frame: int) -> FloatArray:
+        """The ghost at a frame, shape (nq,).
+
+        Args:
+            model: of the robot.
+            qpos: shape (nq,), the robot's own pose, for whatever the motion does not say.
+            frame: of the reference.
+        """
+        ghost = qpos.copy()
+        addresses = joint_addresses(model, self.description.joint_names)
+        ghost[addresses.qpos] = self._joints(qpos[addresses.qpos], frame)
+        if "anchor_pos" in self.reference.terms and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
+            ghost[:7] = self._base(model, ghost, frame)
+        return ghost
+
+    def _joints(self, present: FloatArray, frame: int) -> FloatArray:
+        """Shape (n,), rad, the robot's order."""
+        if "reference_joint_pos" in self.reference.terms:
+            joints = present.copy()
+            order = joint_indices(self.joint_names, self.description.joint_names, "joint_names of the policy")
+            joints[order] = self.reference.term("reference_joint_pos", frame)
+            return joints
+        if self._last is None or self._last[0] != frame:
+            bodies = self.body_names
+            if self._kinematics is None:
+                self._kinematics = InverseKinematics(self.description, bodies)
+            terms = (self.reference.term(name, frame) for name in ("motion_body_pos_b", "motion_body_ori_b"))
+            position, rotation = body_poses(np.concatenate(list(terms))[None].astype(np.float64), len(bodies))
+            start = present if self._last is None else self._last[1]
+            self._last = frame, self._kinematics.solve(position[0], rotation[0], start, posture=present)
+        return self._last[1]
+
+    def _base(self, model: mujoco.MjModel, ghost: FloatArray, frame: int) -> FloatArray:
+        """Where the base (7,) must be for the anchor body to be where the motion has it, with the ghost's joints."""
+        data = mujoco.MjData(model)
+        data.qpos[:] = ghost
+        data.qpos[:7] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        mujoco.mj_kinematics(model, data)
+        anchor = data.body(self.anchor_body)
+        position, quaternion = self.reference.anchor(frame, self._alignment)
+        inverse, offset, base = np.empty(4), np.empty(3), np.empty(7)
+        mujoco.mju_negQuat(inverse, anchor.xquat)
+        mujoco.mju_mulQuat(base[3:], quaternion, inverse)
+        mujoco.mju_rotVecQuat(offset, anchor.xpos, base[3:])
+        base[:3] = position - offset
+        return base

@@ -1,0 +1,81 @@
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.policy.motion import body_poses, read_motion
+from humanoid_sim.rendering.ghost import ReferenceGhost
+from humanoid_sim.rendering.painter import Painter
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.simulation.model import build_model, joint_addresses
+
+
+def test_a_motion_of_bodies_is_reached_by_the_ghosts_joints() -> None:
+    lite, motion = load_robot("lite"), read_motion(asset_path("motions", "wave.mcap"))
+    bodies = motion.body_names
+    wide = 3 * len(bodies)
+    terms = {"motion_body_pos_b": motion.frames[:, :wide], "motion_body_ori_b": motion.frames[:, wide:]}
+    ghost = ReferenceGhost(lite, lite.joint_names, bodies, "", False, MotionReference(len(motion.frames), terms))
+    model = build_model(lite)
+    addresses, kinematics = joint_addresses(model, lite.joint_names).qpos, ForwardKinematics(lite, bodies)
+    own = mujoco.MjData(model).qpos.copy()
+    wanted = body_poses(motion.frames, len(bodies))[0]
+    for frame in range(0, 201, 10):
+        reached = kinematics(ghost.pose(model, own, frame)[addresses])[0]
+        assert np.abs(reached - wanted[frame]).max() < 0.002
+
+
+WALKER = """
+<mujoco>
+  <worldbody>
+    <body name="base" pos="0 0 1"><freejoint/><geom size="0.1"/>
+      <body name="chest" pos="0 0 0.3"><joint name="waist" axis="0 0 1"/><geom size="0.1"/></body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("aligned", [False, True])
+def test_the_base_is_where_the_anchor_body_needs_it(aligned: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = mujoco.MjModel.from_xml_string(WALKER)
+    half = np.sqrt(0.5)
+    terms = {
+        "reference_joint_pos": np.array([[0.0], [0.5]]),
+        "anchor_pos": np.array([[0.0, 0.0, 1.3], [1.0, 0.0, 1.2]]),
+        "anchor_quat": np.array([[1.0, 0.0, 0.0, 0.0]] * 2),
+    }
+
+    class Description:
+        joint_names = ("waist",)
+
+    ghost = ReferenceGhost(Description(), ("waist",), (), "chest", aligned, MotionReference(2, terms))  # type: ignore[arg-type]
+    ghost.align(np.array([5.0, 0.0, 1.25, half, 0.0, 0.0, half]))  # the robot looks along +y, 5 m away
+    pose = ghost.pose(model, mujoco.MjData(model).qpos.copy(), 1)
+    data = mujoco.MjData(model)
+    data.qpos[:] = pose
+    mujoco.mj_kinematics(model, data)
+    assert pose[7] == pytest.approx(0.5)
+    where, heading = ([5.0, 1.0, 1.2], [half, 0.0, 0.0, half]) if aligned else ([1.0, 0.0, 1.2], [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(data.body("chest").xpos, where, atol=1e-6)
+    np.testing.assert_allclose(data.body("chest").xquat, heading, atol=1e-6)
+
+
+def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum: mujoco.MjModel) -> None:
+    def blue(angle: float) -> int:
+        camera = mujoco.MjvCamera()
+        camera.azimuth, camera.elevation, camera.distance = 180.0, 0.0, 3.0
+        data, ghost = mujoco.MjData(pendulum), mujoco.MjData(pendulum)
+        ghost.qpos[0] = angle
+        mujoco.mj_kinematics(pendulum, data)
+        mujoco.mj_kinematics(pendulum, ghost)
+        mujoco.mj_camlight(pendulum, data)
+        painter = Painter(pendulum, 320, 240, camera)
+        alone, both = (painter.render(data, other).astype(int) for other in (None, ghost))
+        return int((both[..., 2] - both[..., 0] > alone[..., 2] - alone[..., 0] + 40).sum())
+
+    assert blue(0.0) == 0
+    assert blue(0.002) == 0
+    assert blue(0.8) > 400
