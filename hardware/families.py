@@ -5,13 +5,14 @@ What a family's protocol has and has not is in `humanoid_sim.robots.motors`, in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
-from humanoid_sim.hardware.motors import FrameEncoder, MotorGroup, MotorLink, SessionTerms
+from humanoid_sim.hardware.motors import FrameEncoder, MotorGroup, MotorLink, Rescue, SessionTerms
 from humanoid_sim.hardware.robstride.session import RobstrideEncoder, RobstrideSession
+from humanoid_sim.mit import FloatArray
 
 __all__ = ["DRIVERS", "Driver"]
 
@@ -22,6 +23,9 @@ class Driver:
 
     link: Callable[[OpenChannels, MotorGroup, SessionTerms], MotorLink]
     encoder: Callable[[MotorGroup], FrameEncoder]
+    rescue: Callable[[MotorGroup, FloatArray], Sequence[Rescue]] | None = None
+    """For a family without a timeout, what a guardian sends to each motor; the array is the damping of each, shape
+    (motors,), N·m·s/rad."""
 
 
 DRIVERS: Mapping[str, Driver] = MappingProxyType(

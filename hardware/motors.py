@@ -30,6 +30,7 @@ __all__ = [
     "MotorLink",
     "Note",
     "Readings",
+    "Rescue",
     "SessionTerms",
     "check_intruders",
 ]
@@ -122,6 +123,10 @@ class Readings:
 
 Finding = tuple[SafetyFlag, str, str]
 """A flag, what was found, and the joint; no joint where the finding is the channel's."""
+
+
+Rescue = tuple[tuple[Frame, ...], tuple[Frame, ...]]
+"""The frames that damp a motor, and those that reset it, see `GuardedMotor`."""
 
 
 @dataclass(frozen=True, slots=True)

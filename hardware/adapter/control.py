@@ -15,6 +15,7 @@ from humanoid_sim.hardware.adapter.watch import SafetyWatch
 from humanoid_sim.hardware.adapter.wiring import AdapterSettings, Wiring
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.families import DRIVERS
+from humanoid_sim.hardware.guardian.guardian import Guardian
 from humanoid_sim.hardware.imu.interface import ImuReading
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, bounded_position
@@ -45,17 +46,21 @@ _BAD_COMMAND = SafetyStatus(
 class MotorControl:
     """What lasts from one activation to the next. Nothing here waits or raises for what happens on a bus."""
 
-    def __init__(self, settings: AdapterSettings, motors: RobotMotors, turns: FloatArray) -> None:
+    def __init__(
+        self, settings: AdapterSettings, motors: RobotMotors, turns: FloatArray, guardian: Guardian | None = None
+    ) -> None:
         """Begin with motors that were prepared; commands are sent once they are enabled.
 
         Args:
             settings: the robot's.
             motors: on open channels.
             turns: shape (n,), see `find_turns`.
+            guardian: of motors that need one.
         """
         wiring = settings.wiring
         self._settings = settings
         self._motors = motors
+        self._guardian = guardian
         self._tracker = JointTracker(wiring, turns)
         self._joints = self._tracker.update(motors.readings())
         self._watch: SafetyWatch | None = None
@@ -94,7 +99,9 @@ class MotorControl:
         return self._joints
 
     def statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
-        """One status per channel, and one about this program's commands if one was bad; none before enabling.
+        """One status per channel, one about this program's commands if one was bad, one of a guardian that has news.
+
+        None before enabling.
 
         Args:
             now: s, robot's clock.
@@ -103,7 +110,10 @@ class MotorControl:
         if self._watch is None:
             return ()
         statuses = self._watch.statuses(now, age, self._tracker)
-        return statuses if now - self._bad_command > self._settings.rx_timeout else (*statuses, _BAD_COMMAND)
+        if now - self._bad_command <= self._settings.rx_timeout:
+            statuses = (*statuses, _BAD_COMMAND)
+        told = None if self._guardian is None else self._guardian.status()
+        return statuses if told is None else (*statuses, told)
 
     def write(self, command: MITCommand, now: float) -> None:
         """Hand a command, shape (n,), to every motor. One that is not finite is replaced by damping."""
@@ -119,6 +129,8 @@ class MotorControl:
         self._motors.count_commands()
         for channel, batch in zip(self._motors.channels, batches, strict=True):
             channel.send(batch, _LIFETIME * self._settings.control_period)
+        if self._guardian is not None:
+            self._guardian.beat()
 
     def damp(self, now: float) -> None:
         """DAMPING's command, which needs no state."""

@@ -186,7 +186,7 @@ def main(arguments: Sequence[str]) -> int:
             _sign(locks)
             tell(f"{reason}: damping {names} for {plan.damping_time:g} s, then reset")
             guardian.take_over()
-            tell(f"{names} were damped and reset")
+            tell(f"damped and reset: {names}")
     return 0
 
 

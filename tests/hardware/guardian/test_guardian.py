@@ -131,7 +131,7 @@ def test_a_killed_loop_is_damped_for_and_then_reset(channel: str, listener: List
     assert listener.times(RESET)[0] > damped[-1]
     assert told == [
         "guardian: the process of the loop has ended: damping left_wrist_roll for 0.4 s, then reset",
-        "guardian: left_wrist_roll were damped and reset",
+        "guardian: damped and reset: left_wrist_roll",
     ]
 
 
