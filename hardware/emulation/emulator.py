@@ -25,6 +25,8 @@ __all__ = ["Arrival", "BusLoad", "Emulator"]
 
 _BUS_OFF = Frame(0x040, bytes(8), is_error=True)
 """CAN_ERR_BUSOFF of linux/can/error.h."""
+_VIOLATION = Frame(0x008, bytes(8), is_error=True)
+"""CAN_ERR_PROT."""
 
 
 class Arrival(NamedTuple):
@@ -116,10 +118,17 @@ class Emulator:
         return self._wires[bus].waiting(HOST)
 
     def host_fault(self, bus: int) -> str:
-        """What is wrong with the computer's end of a bus: `bus_off`, `enobufs`, or nothing (empty)."""
+        """What is wrong with the computer's end of a bus: `bus_off`, `enobufs`, or nothing (empty).
+
+        To be asked for each frame that is sent: what happens once has then happened.
+        """
         if self._is_off[bus]:
             return "bus_off"
-        return self._host_faults[bus][-1] if self._host_faults[bus] else ""
+        faults = self._host_faults[bus]
+        if "enobufs_once" in faults:
+            faults.remove("enobufs_once")
+            return "enobufs"
+        return faults[-1] if faults else ""
 
     def submit(self, bus: int, frame: Frame, time: float) -> None:
         """The computer sends a frame. `time`, s; what is past counts as now. A bus that is off takes nothing."""
@@ -220,7 +229,7 @@ class Emulator:
             for bus in self._buses_of(injected):
                 if fault.kind == "bus_off":
                     self._is_off[bus] = False
-                elif fault.info.scope == "host":
+                elif fault.kind in self._host_faults[bus]:
                     self._host_faults[bus].remove(fault.kind)
 
     def _buses_of(self, injected: _Injected) -> list[int]:
@@ -232,17 +241,21 @@ class Emulator:
             self._is_off[bus] = True
             self._wires[bus].clear()
             self._arrive(self.time, bus, _BUS_OFF)
-        elif kind == "other_master":
+        elif kind in {"other_master", "foreign_host", "error_frames"}:
             self._interfere(injected, bus)
         else:
             self._host_faults[bus].append(kind)
 
     def _interfere(self, injected: _Injected, bus: int) -> None:
-        """Another computer commands zero torque to every motor of a bus, and does so again and again."""
+        """What happens on a bus again and again: another computer's frames to every motor, or an error frame."""
         if not injected.is_active:
             return
-        for motor in self._on_bus[bus]:
-            for frame in () if self._is_off[bus] else self.motors.zero_torque(motor):
+        kind = injected.fault.kind
+        if kind == "error_frames":
+            self._arrive(self.time, bus, _VIOLATION)
+        for motor in () if self._is_off[bus] or kind == "error_frames" else self._on_bus[bus]:
+            told = self.motors.zero_torque if kind == "other_master" else self.motors.question
+            for frame in told(motor):
                 self._wires[bus].submit(OTHER_HOST, frame, self.time)
         self._at(self.time + 1.0 / injected.fault.amount, lambda: self._interfere(injected, bus))
 

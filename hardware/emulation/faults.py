@@ -55,8 +55,20 @@ FAULTS: Mapping[str, FaultInfo] = MappingProxyType(
             "motor", "the angle that the encoder reads jumps by that, with no fault bit", "rad", 1.0
         ),
         "other_master": FaultInfo("bus", "another computer commands zero torque to every motor", "Hz", 50.0, 0.1, 1e3),
+        "foreign_host": FaultInfo(
+            "bus",
+            "another computer reads a parameter of every motor, which from then on answers that computer",
+            "Hz",
+            5.0,
+            0.1,
+            1e3,
+        ),
+        "error_frames": FaultInfo(
+            "bus", "the CAN controller reports protocol violations; no frame is lost", "Hz", 200.0, 0.1, 1e4
+        ),
         "bus_off": FaultInfo("bus", "the CAN controller reports bus-off; no frame passes any more"),
         "enobufs": FaultInfo("host", "every frame to be sent is refused for want of buffer space"),
+        "enobufs_once": FaultInfo("host", "one frame to be sent is refused for want of buffer space"),
     }
 )
 """By name, in the order in which they are listed."""

@@ -95,3 +95,6 @@ class Firmware(Protocol[State]):
 
     def zero_torque(self, state: State) -> tuple[Frame, ...]:
         """What a computer sends that wants no torque of it."""
+
+    def question(self, state: State) -> tuple[Frame, ...]:
+        """What another computer sends that only asks it something; nothing where the protocol has no questions."""

@@ -118,6 +118,10 @@ class Motors:
         """What another computer sends that wants no torque of a motor."""
         return self.firmwares[motor].zero_torque(self.states[motor])
 
+    def question(self, motor: int) -> tuple[Frame, ...]:
+        """What another computer sends that only asks a motor something."""
+        return self.firmwares[motor].question(self.states[motor])
+
     def receive(self, motor: int, frame: Frame, time: float) -> tuple[Frame, ...]:
         """A frame reaches a motor; what it answers."""
         if not self.conditions[motor].has_power:

@@ -10,11 +10,15 @@ from humanoid_sim.hardware.emulation.interface import Drive, Reaction, Sensed
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Stored
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
-from humanoid_sim.hardware.robstride.messages import DeviceId, OperationControl
+from humanoid_sim.hardware.robstride.messages import DeviceId, OperationControl, ReadParameter
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.robots.motors import MotorModel
 
 __all__ = ["RobstrideFirmware"]
+
+_FOREIGN_HOST = 0xAA
+"""Id of the other computer that asks."""
 
 
 class RobstrideFirmware:
@@ -80,3 +84,8 @@ class RobstrideFirmware:
     def zero_torque(self, state: MotorState) -> tuple[Frame, ...]:
         """See `Firmware`."""
         return (encode_command(OperationControl(state.can_id, 0.0, 0.0, 0.0, 0.0, 0.0), self.identity.model),)
+
+    def question(self, state: MotorState) -> tuple[Frame, ...]:
+        """See `Firmware`: for mechPos."""
+        question = ReadParameter(state.can_id, PARAMETERS["mechPos"].index, host_id=_FOREIGN_HOST)
+        return (encode_command(question, self.identity.model),)

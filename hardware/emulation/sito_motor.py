@@ -148,6 +148,10 @@ class SitoFirmware:
         messages = Gains(state.can_id, 0.0, 0.0), Command(state.can_id, 0.0, 0.0, 0.0)
         return tuple(encode(message, self.model) for message in messages)
 
+    def question(self, state: SitoState) -> tuple[Frame, ...]:
+        """See `Firmware`."""
+        return ()
+
 
 def _has_tripped(sensed: Sensed) -> bool:
     return (

@@ -17,6 +17,7 @@ from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
+from humanoid_sim.hardware.bus.events import ChannelCounters
 from humanoid_sim.hardware.emulation.plant import PlantTruth
 from humanoid_sim.messages import (
     Event,
@@ -171,6 +172,8 @@ class Drive:
     session: Session
     ticks: list[Tick]
     clock: Clock
+    counters: ChannelCounters
+    """Of its first channel."""
     deadline: float = 0.0
     """s, of the next tick."""
 
@@ -248,7 +251,8 @@ def driven(
     remote.clock = lambda: session.time
     try:
         robot.activate()
-        yield Drive(description.joint_names, session, sink.all, clock)
+        counters = robot.statistics.channels[0].counters
+        yield Drive(description.joint_names, session, sink.all, clock, counters)
     finally:
         before_closing()
         robot.close()

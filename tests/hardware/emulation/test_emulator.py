@@ -314,6 +314,35 @@ class TestFaults:
         bench.advance(0.1)
         assert bench.emulator.host_fault(0) == ""
 
+    def test_one_frame_is_refused_and_the_next_is_not(self) -> None:
+        bench = Bench(buses=2)
+        bench.emulator.inject(Fault("enobufs_once", (ELBOW,)))
+        bench.advance(0.01)
+        assert [bench.emulator.host_fault(0) for _ in range(3)] == ["enobufs", "", ""]
+        assert bench.emulator.host_fault(1) == ""
+        bench.emulator.clear_faults()
+        assert bench.emulator.host_fault(0) == ""
+
+    def test_error_frames_come_at_their_rate_and_nothing_is_lost(self) -> None:
+        bench = Bench()
+        bench.enable()
+        bench.emulator.inject(Fault("error_frames", duration=0.1, value=100.0))
+        assert len(bench.command(duration=0.005)) == 14
+        arrivals = bench.emulator.advance(bench.emulator.time + 0.2)
+        errors = [arrival.frame for arrival in arrivals if arrival.frame.is_error]
+        assert len(errors) in (9, 10)
+        assert {frame.arbitration_id for frame in errors} == {0x008}
+
+    def test_another_computer_that_asks_is_answered_from_then_on(self) -> None:
+        bench = Bench()
+        bench.enable()
+        bench.emulator.inject(Fault("foreign_host", duration=0.05))
+        bench.advance(0.02)
+        bench.log.clear()
+        bench.command(duration=0.01)
+        hosts = {frame.arbitration_id & 0xFF for _, _, frame in bench.log if frame.arbitration_id >> 24 == 2}
+        assert hosts == {0xAA}
+
     def test_faults_can_be_ended_and_those_to_come_forgotten(self) -> None:
         bench = Bench(faults=[Fault("silent", (ELBOW,)), Fault("lost", start=0.1), Fault("other_master")])
         bench.advance(0.01)
