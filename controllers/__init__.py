@@ -7,6 +7,7 @@ NumPy and the standard library only: no clock, no file, no simulator. Whatever t
 | `supervisor` | one tick: transition, activation, update, and the chain of fallbacks |
 | `fsm` | modes and intents: `MODES`, `RULES`, and what safety does |
 | `base` | what a controller is |
+| `guards` | what watches the joints while a controller drives them |
 | `damping`, `standby`, `rl_policy`, `remote_policy` | the controllers; `damping` holds ZERO_TORQUE too |
 | `policy_step` | one step of a policy: from its observation to its command |
 | `observation` | the observation's layout, and its history |

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from humanoid_sim.controllers.base import ZERO_TORQUE, Fault, Memory
-from humanoid_sim.controllers.parameters import damping_values, joint_tuple, joints_problem
+from humanoid_sim.controllers.parameters import LARGEST_COMMAND, damping_values, joint_tuple, joints_problem
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
@@ -16,12 +16,12 @@ __all__ = ["DampingController", "DampingMemory", "ZeroTorqueController", "damped
 
 
 def damped_command(position: FloatArray, damping: FloatArray) -> MITCommand:
-    """K_p 0 and K_d `damping` at `position`, which is 0 where it is not known.
+    """K_p 0 and K_d `damping` at `position`, which is 0 where it is not known, or is so absurd that none may be sent.
 
     At K_p 0 the position exerts no torque; it is there because a command is always complete and finite.
     """
     zeros = np.zeros_like(damping)
-    known = np.where(np.isfinite(position), position, 0.0)
+    known = np.where(np.abs(position) <= LARGEST_COMMAND, position, 0.0)
     return MITCommand(position=known, velocity=zeros, effort=zeros, stiffness=zeros, damping=damping)
 
 
@@ -55,7 +55,8 @@ class DampingController:
     def activate(self, tick_input: TickInput) -> DampingMemory | Fault:
         """Capture the positions.
 
-        Faults only if no joint was ever heard: one silent wrist must not make thirteen healthy motors limp.
+        Faults only if no joint was ever heard: one silent wrist, or one absurd reading, must not make thirteen healthy
+        motors limp.
         """
         position = tick_input.state.joint_position
         problem = joints_problem(tick_input.state, self.joints)

@@ -9,7 +9,17 @@ from types import MappingProxyType
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
 from humanoid_sim.messages import OK, Intent, Mode, SafetyFlag, SafetyStatus
 
-__all__ = ["MODES", "RULES", "Decision", "Rule", "choose_intent", "describe_safety", "merge_safety", "transition"]
+__all__ = [
+    "MODES",
+    "MOVING",
+    "RULES",
+    "Decision",
+    "Rule",
+    "choose_intent",
+    "describe_safety",
+    "merge_safety",
+    "transition",
+]
 
 MODES: Mapping[str, Mode] = MappingProxyType(
     {
@@ -56,7 +66,8 @@ RULES: Mapping[Intent, Rule] = MappingProxyType(
     }
 )
 
-_MOVING = frozenset({Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE})
+MOVING = frozenset({Mode.STANDBY, Mode.LOCOMOTION, Mode.REMOTE})
+"""Modes that drive the joints: safety and guards end them in DAMPING."""
 _ALWAYS_HEARD = frozenset({Intent.DAMP, Intent.QUIT})
 
 
@@ -162,7 +173,7 @@ def _unsafe(
     refusal = "" if intent is None or intent in _ALWAYS_HEARD else f"{intent.name} refused: {reason}"
     if intent is Intent.QUIT:
         refusal = _refusal(intent, RULES[intent], mode, current, False, available)
-    if mode in _MOVING:
+    if mode in MOVING:
         demoted = _damp(current, reason, available)
         return Decision(demoted.controller, message=demoted.message, refusal=refusal)
     if intent is Intent.DAMP:

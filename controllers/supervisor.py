@@ -1,18 +1,19 @@
 """The whole control stack as one pure function: `step(memory, tick_input) -> (memory, tick_output)`.
 
 Whatever fails inside a tick, the command that leaves it is finite, complete and from exactly one controller, and the
-tick in which a controller fails already carries its fallback's command.
+tick in which a controller fails already carries its fallback's command. A guard that trips is such a failure.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
 from humanoid_sim.controllers.base import DAMPING, ZERO_TORQUE, Controller, Fault, Memory
-from humanoid_sim.controllers.fsm import MODES, choose_intent, merge_safety, transition
+from humanoid_sim.controllers.fsm import MODES, MOVING, choose_intent, merge_safety, transition
+from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.parameters import command_problem, joint_tuple
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.messages import ControlMode, FaultReport, Intent, PolicyStep, StandbyState, TickInput, TickOutput
@@ -29,6 +30,9 @@ class SupervisorMemory:
     controller_memory: Any
     """None: to be activated in the next tick."""
     status_message: str = ""
+    guards: GuardMemory | None = None
+    """What the guards remember. They watch the joints, not a controller, so it outlives a change of controller; DAMPING
+    and ZERO_TORQUE, which push nowhere, end it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +47,7 @@ class _Outcome:
     policy_step: PolicyStep | None
     policy_error: str | None
     notice: str
+    guards: GuardMemory | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +59,7 @@ class _Result:
     standby: StandbyState | None
     policy_step: PolicyStep | None
     notice: str
+    guards: GuardMemory | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +69,8 @@ class Supervisor:
     joints: tuple[str, ...]
     controllers: Mapping[str, Controller]
     """By name; `zero_torque_controller` and `damping_controller` are required, the others are as available."""
+    guards: Guards | None = None
+    """What watches the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing does."""
     _zero: MITCommand = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -80,6 +88,10 @@ class Supervisor:
                 raise FieldError(f"Supervisor.controllers: {name} is missing, expected it always")
         for name in self.controllers:
             self._check_fallbacks(name)
+        if self.guards is not None and self.guards.joints != self.joints:
+            raise FieldError(
+                f"Supervisor.guards: joints are {', '.join(self.guards.joints)}, expected {', '.join(self.joints)}"
+            )
         object.__setattr__(self, "controllers", MappingProxyType(dict(self.controllers)))
         object.__setattr__(self, "_zero", MITCommand.zeros(len(self.joints)))
 
@@ -126,7 +138,7 @@ class Supervisor:
             policy_step=outcome.policy_step,
             policy_error=outcome.policy_error,
         )
-        return SupervisorMemory(outcome.controller, outcome.memory, status), output
+        return SupervisorMemory(outcome.controller, outcome.memory, status, outcome.guards), output
 
     def _run(self, name: str, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput) -> _Outcome:
         """Run a controller, or the first of its fallbacks that does not fail.
@@ -138,10 +150,10 @@ class Supervisor:
         policy_step: PolicyStep | None = None
         policy_error: str | None = None
         while True:
-            result, is_bug = self._attempt(self.controllers[name], controller_memory, tick_input)
+            result, is_bug = self._attempt(name, controller_memory, before.guards, tick_input)
             if not isinstance(result, Fault):
                 policy_step = result.policy_step or policy_step
-                told = policy_step, policy_error, result.notice
+                told = policy_step, policy_error, result.notice, result.guards
                 return _Outcome(name, result.memory, result.command, tuple(faults), result.standby, *told)
             policy_step = policy_step or result.policy_step
             policy_error = result.policy_error if policy_error is None else policy_error
@@ -153,9 +165,10 @@ class Supervisor:
             name, controller_memory = fallback, before.controller_memory if fallback == before.controller else None
 
     def _attempt(
-        self, controller: Controller, controller_memory: Any, tick_input: TickInput
+        self, name: str, controller_memory: Any, guards: GuardMemory | None, tick_input: TickInput
     ) -> tuple[_Result | Fault, bool]:
         """A controller's result, with everything that must not leave it turned into a fault; and whether it raised."""
+        controller = self.controllers[name]
         try:
             if controller_memory is None:
                 controller_memory = controller.activate(tick_input)
@@ -166,6 +179,11 @@ class Supervisor:
                 return _readable(update), False
             result = _checked(update)
             problem = command_problem(result.command, self.joints)
+            if not problem and self.guards is not None and MODES[name] in MOVING:
+                watched = self.guards.watch(guards, tick_input.state, result.command)
+                if watched is not None:  # something is near a bound
+                    problem = self.guards.problem(watched, tick_input.state, result.command)
+                    result = replace(result, guards=watched)
             return (Fault(problem, result.policy_step) if problem else result), False
         except Exception as error:  # a bug; contained here because the robot needs a command in this tick
             return Fault(_explain(error)), True

@@ -6,6 +6,7 @@ import json
 import platform
 from collections.abc import Mapping
 from importlib.metadata import version
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -21,6 +22,7 @@ from humanoid_sim.controllers.base import (
 )
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
+from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, action_limit_of
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
@@ -33,7 +35,9 @@ from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.metadata import parse_metadata
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
+from humanoid_sim.recording.rules import CORRECTIONS
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
+from humanoid_sim.robots.guards import GuardRecord, guards_of
 from humanoid_sim.robots.schema import StandbySettings
 
 __all__ = [
@@ -49,6 +53,12 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
 
     remote: bool
     action_limit: float = ACTION_LIMIT
+    guards: GuardRecord | None = None
+    """None: of a recording from before there were guards, or of a run without."""
+
+
+ChosenGuards = Guards | Literal["description"] | None
+"""Guards with parameters of their own, those of the robot's description, or none."""
 
 
 def build_supervisor(
@@ -59,6 +69,7 @@ def build_supervisor(
     remote: bool = False,
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
+    guards: ChosenGuards = "description",
 ) -> Supervisor:
     """The supervisor of a robot with the controllers that are available.
 
@@ -71,6 +82,7 @@ def build_supervisor(
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
+        guards: that watch the joints.
 
     Raises:
         InputError: if the policy does not fit the robot.
@@ -104,7 +116,11 @@ def build_supervisor(
             damping=np.array(passive.damping),
             damping_scalar=passive.damping_scalar,
         )
-    return Supervisor(joints, controllers)
+    return Supervisor(joints, controllers, _chosen(guards, description))
+
+
+def _chosen(guards: ChosenGuards, description: RobotDescription) -> Guards | None:
+    return guards_of(description) if guards == "description" else guards
 
 
 def _standby(joints: tuple[str, ...], description: StandbySettings) -> StandbyController:
@@ -127,6 +143,7 @@ def run_header(
     start_time_ns: int = 0,
     remote: bool = False,
     action_limit: float | None = None,
+    guards: ChosenGuards = "description",
 ) -> SessionHeader:
     """What a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
@@ -140,16 +157,25 @@ def run_header(
         start_time_ns: Unix nanoseconds at the robot clock's zero.
         remote: as given to `build_supervisor`.
         action_limit: likewise.
+        guards: likewise.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
     limit = ACTION_LIMIT if action_limit is None else action_limit
     if loaded is not None:
         limit = action_limit_of(loaded.contract, action_limit)
+    watching = _chosen(guards, description)
     documents = {
         "robot": description.to_json(),
         "settings": json.dumps(told, indent=1),
-        "controllers": json.dumps({"remote": remote, "action_limit": limit}),
+        "controllers": json.dumps(
+            {
+                "remote": remote,
+                "action_limit": limit,
+                "guards": None if watching is None else msgspec.to_builtins(GuardRecord.of(watching)),
+                "corrections": [correction.name for correction in CORRECTIONS],
+            }
+        ),
     }
     if loaded is not None:
         documents["contract"] = encode(loaded.contract)
@@ -196,6 +222,10 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     except msgspec.DecodeError as error:
         raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
+    try:
+        guards = None if controllers.guards is None else controllers.guards.on(description)
+    except FieldError as error:
+        raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
     loaded = None
     contract = recorded_contract(header)
     if contract is not None:
@@ -208,4 +238,5 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         loaded,
         remote=controllers.remote,
         action_limit=controllers.action_limit,
+        guards=guards,
     )

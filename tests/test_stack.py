@@ -19,6 +19,7 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor, rebuild_supervisor, run_header
+from humanoid_sim.testing import fingerprint
 
 sys.path.append(str(Path(__file__).parent / "policy"))
 
@@ -231,3 +232,34 @@ def test_a_policy_that_needs_an_estimate_is_refused_where_there_is_none() -> Non
     build_supervisor(load_robot("lite"), 0.005, loaded)
     with pytest.raises(InputError, match=r"^policy on robot 'lite': observation term 'base_lin_vel' needs the robot's"):
         build_supervisor(load_robot("lite"), 0.005, loaded, live={})
+
+
+def test_a_header_says_which_guards_ran_and_gives_them_again() -> None:
+    head = header(None)
+    document = json.loads(head.documents["controllers"])["guards"]
+    assert document["following"]["time"] == 0.15
+    assert document["following"]["effort"][3] == pytest.approx(11.2)
+    assert (document["limit"]["margin"][0], document["speed"]["time"]) == (0.15, 0.02)
+    again = rebuild_supervisor(head, zero_policy(0))
+    first = build_supervisor(LITE, 0.005, None)
+    assert fingerprint(again.guards) == fingerprint(first.guards)
+    assert first.guards is not None
+
+
+def test_a_header_without_guards_is_of_a_run_without_them() -> None:
+    assert (
+        json.loads(run_header(LITE, 0.005, None, settings={}, guards=None).documents["controllers"])["guards"] is None
+    )
+    for documents in ({"remote": False, "action_limit": 100.0}, {"remote": False, "guards": None}):
+        head = header(None)
+        old = replace(head, documents={**head.documents, "controllers": json.dumps(documents)})
+        assert rebuild_supervisor(old, zero_policy(0)).guards is None
+
+
+def test_a_header_s_guards_of_another_robot_are_one_line() -> None:
+    head = header(None)
+    document = json.loads(head.documents["controllers"])
+    document["guards"]["speed"]["limit"] = [1.0]
+    damaged = replace(head, documents={**head.documents, "controllers": json.dumps(document)})
+    with pytest.raises(InputError, match=r"recording: its header's 'controllers' is damaged: Guards.speed_limit: is "):
+        rebuild_supervisor(damaged, zero_policy(0))

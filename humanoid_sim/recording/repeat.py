@@ -17,6 +17,7 @@ import numpy.typing as npt
 from humanoid_sim.messages import EventKind, PolicyStep, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.recording.reader import Entry, Recording
+from humanoid_sim.recording.rules import Correction, shown_correction
 
 __all__ = [
     "ControlStack",
@@ -225,6 +226,8 @@ class RepeatReport:
     ticks: int = 0
     """Ticks repeated and found identical."""
     difference: Difference | None = None
+    correction: Correction | None = None
+    """Of a rule, made since the recording, that the tick which differs turns on."""
     tick: int | None = None
     """Index of the tick that differs, or before which ticks are missing."""
     time: float | None = None
@@ -286,6 +289,8 @@ def repeat_run(
             policy.expect(record.output)
             memory, output = stack.step(memory, record.input)
             report.difference = first_difference(recording.header, record.output, output)
+            if report.difference is not None:
+                report.correction = shown_correction(recording.header, record.input, record.output, output)
         if not report.can_continue and report.tick is None:
             report.tick, report.time = record.index, float(record.input.state.time)
         if report.difference is not None:

@@ -80,7 +80,8 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
     description = _short_standby(case.scenario.description, contract.policy_dt)
     actions = _RecordedActions(steps)
     loaded = load_policy(contract, actions, case.motion)
-    supervisor = build_supervisor(description, contract.policy_dt, loaded, action_limit=suite.action_limit)
+    # The episode ran without guards, and goes on where one would have ended it.
+    supervisor = build_supervisor(description, contract.policy_dt, loaded, action_limit=suite.action_limit, guards=None)
     header = run_header(
         description,
         contract.policy_dt,
@@ -88,6 +89,7 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
         case.motion,
         settings=_settings(case, episode, robot or description.name),
         action_limit=suite.action_limit,
+        guards=None,
     )
     temporary = path.with_name(f".{hashlib.sha256(path.name.encode()).hexdigest()[:16]}.tmp")
     recorder = McapRecorder(temporary)

@@ -34,6 +34,9 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         values = getattr(robot, name).damping
         if values:
             yield from _length(f"{name}.damping", values, robot.joint_count)
+    speed = robot.guards.speed
+    if speed is not None and speed.limit:
+        yield from _length("guards.speed.limit", speed.limit, robot.joint_count)
     for name in ("standby_controller_a", "standby_controller_b"):
         yield from _standby(robot, name, getattr(robot, name))
 

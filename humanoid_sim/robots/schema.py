@@ -22,12 +22,16 @@ __all__ = [
     "Accepted",
     "BaseSettings",
     "DampingSettings",
+    "FollowingGuard",
+    "GuardSettings",
     "HardwareSettings",
     "JointDescription",
+    "LimitGuard",
     "MotorDescription",
     "RemoteSettings",
     "RobotDescription",
     "SimulationSettings",
+    "SpeedGuard",
     "StandbySettings",
 ]
 
@@ -163,6 +167,43 @@ class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """N·m·s/rad"""
 
 
+class FollowingGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A joint that is pulled hard must come nearer to where it is asked to be."""
+
+    effort_share: Positive = 0.8
+    """Of the joint's effort limit: K_p times the error from which it is pulled hard."""
+    time: Positive | None = None
+    """s; none: 0.15 with a fixed base, 0.6 with a floating one, whose legs carry it and strike the ground."""
+    progress: Positive = 0.02
+    """rad by which it must come nearer in that time."""
+
+
+class LimitGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A joint beyond its limits must not be pushed further out."""
+
+    margin: Positive = 0.15
+    """rad beyond `lower` or `upper`."""
+    time: NotNegative = 0.1
+    """s for which it may be."""
+
+
+class SpeedGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A joint must not be faster than its limit."""
+
+    limit: tuple[Positive, ...] = ()
+    """rad/s, one per joint; empty: derived from each joint's range and motor, see `robots.guards`."""
+    time: NotNegative = 0.02
+    """s for which it may be."""
+
+
+class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What watches the joints while a controller drives them; `null` turns a guard off."""
+
+    following: FollowingGuard | None = FollowingGuard()
+    limit: LimitGuard | None = LimitGuard()
+    speed: SpeedGuard | None = SpeedGuard()
+
+
 class _OfJoints:
     """A field of every joint as an array of shape (n,), read-only, in the order of `joints`."""
 
@@ -193,6 +234,7 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     standby_controller_a: StandbySettings
     standby_controller_b: StandbySettings
     remote_policy_controller: RemoteSettings = RemoteSettings()
+    guards: GuardSettings = GuardSettings()
     folder: str = ""
     """Where the description was read; empty: the folder of the shipped robots. Not part of the file."""
 
@@ -237,6 +279,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         """The description as JSON on one line, without its folder: what a recording keeps."""
         document = msgspec.to_builtins(self)
         del document["folder"]
+        if self.guards == GuardSettings():  # as in the documents of before there were any: digests stay comparable
+            del document["guards"]
         return msgspec.json.encode(document).decode()
 
     @classmethod

@@ -9,8 +9,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.controllers.damping import DampingController
+from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
@@ -18,6 +20,7 @@ from humanoid_sim.messages import RemoteCommand, TickInput
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
 
 __all__ = [
+    "GuardWatch",
     "RemoteWatch",
     "SafetyViolationError",
     "check_complete",
@@ -31,6 +34,12 @@ __all__ = [
 
 _ROUNDING = 1e-9
 """s. Times are decimal fractions that binary numbers round."""
+_HEARD = 0.1
+"""s: a joint that is silent for longer is not judged."""
+_LONGEST_STEP = 0.05
+"""s of guards' time that one tick is worth at most."""
+_LONGEST_LOOK = 200
+"""Ticks."""
 _PLAIN = (str, int, bool, type(None))
 
 
@@ -201,7 +210,7 @@ class RemoteWatch:
             return
         position = given.state.joint_position
         zeros = np.zeros(len(position))
-        known = np.where(np.isfinite(position), position, 0.0)
+        known = np.where(np.abs(position) <= 1e6, position, 0.0)
         if fingerprint(command) == fingerprint(MITCommand(known, zeros, zeros, zeros, self._controller.damping)):
             return
         if self._newest is None:
@@ -220,6 +229,67 @@ class RemoteWatch:
             self._age,
             timeout,
         )
+
+
+class GuardWatch:
+    """No joint is pressed, pushed out of its limits, or raced, for longer than a stack's guards allow.
+
+    Looks back over the last ticks of a mode that moves: whatever held in all of them, for a guard's time and a little
+    more, must have ended that mode.
+    """
+
+    def __init__(self, guards: Guards | None) -> None:
+        self._guards = guards
+        self._ticks: list[tuple[float, FloatArray, npt.NDArray[np.bool_]]] = []
+        """s from the tick before, positions, and what held: of shape (4, n), pulled up, pulled down, out, fast."""
+
+    def copy(self) -> GuardWatch:
+        """Another watch over the same run."""
+        other = GuardWatch(self._guards)
+        other._ticks = list(self._ticks)
+        return other
+
+    def check(self, given: TickInput, command: MITCommand, *, moves: bool, elapsed: float) -> None:
+        """The tick's command, in a mode that moves or not; `elapsed` s since the tick before."""
+        guards, position = self._guards, given.state.joint_position
+        if guards is None or not moves or position.shape != guards.lower.shape:
+            self._ticks = []
+            return
+        with np.errstate(all="ignore"):
+            pull = command.stiffness * (command.position - position)
+            push = pull + command.effort
+            upper, lower = guards.upper + guards.limit_margin, guards.lower - guards.limit_margin
+            out = ((position > upper) & (push > 0.0)) | ((position < lower) & (push < 0.0))
+            fast = np.abs(given.state.joint_velocity) > guards.speed_limit
+            hard = guards.following_effort
+            held = np.stack([pull > hard, pull < -hard, out, fast]) & (np.abs(position) < np.inf)
+        held &= (given.state.joint_age < _HEARD) & (np.abs(pull) < np.inf)
+        if not held.any():
+            self._ticks = []
+            return
+        step = min(max(elapsed, 0.0), _LONGEST_STEP) if math.isfinite(elapsed) else 0.0
+        self._ticks.append((step, position, held))
+        del self._ticks[:-_LONGEST_LOOK]
+        names = ("following", "following", "limit", "speed")
+        times = (guards.following_time, guards.following_time, guards.limit_time, guards.speed_time)
+        for row, (name, time) in enumerate(zip(names, times, strict=True)):
+            span = self._since(time + 2.0 * _LONGEST_STEP)
+            joints = np.logical_and.reduce([tick[2][row] for tick in span]) if span else np.zeros(1, dtype=bool)
+            if name == "following" and joints.any():
+                positions = np.stack([tick[1] for tick in span])
+                joints &= np.ptp(positions, axis=0) < guards.following_progress
+            if joints.any():
+                who = guards.joints[int(np.argmax(joints))]
+                require(False, "{} should have tripped the {} guard {:g} s ago", who, name, _LONGEST_STEP)
+
+    def _since(self, time: float) -> list[tuple[float, FloatArray, npt.NDArray[np.bool_]]]:
+        """The ticks of the last `time` s; none if there are not so many."""
+        total = 0.0
+        for i in range(len(self._ticks) - 1, -1, -1):
+            if total > time:
+                return self._ticks[i:]
+            total += self._ticks[i][0]
+        return []
 
 
 def _ramp(controller: StandbyController, command: MITCommand) -> float:

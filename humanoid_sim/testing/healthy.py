@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput
-from humanoid_sim.mit import ANCHOR_POSE, Extern, MITState
+from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITCommand, MITState
 
-__all__ = ["healthy_externs", "healthy_state", "healthy_tick"]
+__all__ = ["ObedientJoints", "healthy_externs", "healthy_state", "healthy_tick"]
 
 _UPRIGHT_AT_ORIGIN = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """Position in m and quaternion w x y z."""
@@ -31,7 +32,9 @@ def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]
     return {name: Extern(value, time) for name, value in values.items()}
 
 
-def healthy_state(position: Sequence[float], time: float = 0.0, externs: Mapping[str, int] = _NONE) -> MITState:
+def healthy_state(
+    position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] = _NONE
+) -> MITState:
     """A robot at rest and upright at `time` s.
 
     Args:
@@ -54,7 +57,7 @@ def healthy_state(position: Sequence[float], time: float = 0.0, externs: Mapping
 
 
 def healthy_tick(
-    position: Sequence[float],
+    position: Sequence[float] | FloatArray,
     time: float,
     *intents: Intent,
     safety: tuple[SafetyStatus, ...] = (),
@@ -63,3 +66,20 @@ def healthy_tick(
 ) -> TickInput:
     """One tick of such a robot, with what an operator and a sender of remote commands ask of it."""
     return TickInput(healthy_state(position, time, externs), safety, intents, remote)
+
+
+@dataclass
+class ObedientJoints:
+    """Joints that are where they were told to be, a tick later, as far as their limits let them."""
+
+    position: FloatArray
+    """Shape (n,), rad."""
+    lower: FloatArray | float = -np.inf
+    """Shape (n,), rad."""
+    upper: FloatArray | float = np.inf
+    """Shape (n,), rad."""
+
+    def obey(self, command: MITCommand) -> None:
+        """Take a command, shape (n,): a joint without stiffness stays where it is."""
+        led = np.clip(command.position, self.lower, self.upper)
+        self.position = np.where(command.stiffness > 0.0, led, self.position)

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from hypothesis.strategies import DataObject
 
+from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.testing.checks import fingerprint, require
-from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
+from humanoid_sim.testing.healthy import ObedientJoints, healthy_externs, healthy_state, healthy_tick
 from humanoid_sim.testing.policies import Answer, ScriptedPolicy, misbehaviours, well_behaved
 from humanoid_sim.testing.properties import REMOTE, RL, STANDBY_A, STANDBY_B, SafetyProperties
 from humanoid_sim.testing.strategies import (
@@ -69,6 +70,8 @@ class _Stretch:
     """The latest one."""
     sends: bool
     """Its sender goes on sending it."""
+    position: FloatArray
+    """Shape (n,), rad, of the joints before the first."""
 
 
 class StackMachine(RuleBasedStateMachine):
@@ -84,7 +87,7 @@ class StackMachine(RuleBasedStateMachine):
     waiting_period = 0.05
     """s likewise while a pose is waited for: as much as `StandbyController` goes on by in one tick."""
     position: tuple[float, ...] = ()
-    """rad, where the joints of the healthy robot rest; empty: 0.5 for all."""
+    """rad, where the joints of the healthy robot are at first; empty: 0.5 for all. They go where they are told."""
     longest_standby = 20.0
     """s within which a standby pose must have been reached on a healthy robot."""
     healthy_ticks = 1000
@@ -115,7 +118,8 @@ class StackMachine(RuleBasedStateMachine):
             count, limit, self.externs = learned.contract.action_count, learned.wiring.limit, dict(learned.extern)
         self.answers: dict[str, Answer] = {"well behaved": well_behaved(count), **misbehaviours(count, limit)}
         self.extern_names = tuple(dict.fromkeys((*self.externs, *EXTERN_NAMES)))
-        self.rest = self.position or (0.5,) * self.joint_count
+        self.guards: Guards | None = getattr(self.stack, "guards", None)
+        self.robot = self._new_robot()
         self.memory = self.stack.initial()
         self.remembered = fingerprint(self.memory)
         self.properties = self.properties_type(self.stack)
@@ -123,8 +127,14 @@ class StackMachine(RuleBasedStateMachine):
         self.remote: RemoteCommand | None = None
         self.buttons: tuple[bool, ...] = ()
         self.history: list[tuple[TickInput | _Stretch, str, object]] = []
-        self._is_calm = False
+        self._is_calm = self._is_blocked = False
         self._waited: set[str] = set()
+
+    def _new_robot(self) -> ObedientJoints:
+        start = np.array(self.position or (0.5,) * self.joint_count)
+        if self.guards is None:
+            return ObedientJoints(start)
+        return ObedientJoints(start, self.guards.lower, self.guards.upper)
 
     def feed(self, given: TickInput, answer: str = "well behaved") -> TickOutput:
         """One tick, run twice: the same bits must come out, and nothing that went in may change.
@@ -146,6 +156,8 @@ class StackMachine(RuleBasedStateMachine):
         self.history.append((given, answer, seen))
         self.memory = memory
         self.remote = given.remote or self.remote
+        if not self._is_blocked:
+            self.robot.obey(output.command)
         return output
 
     def tick(self, *wanted: Intent, remote: RemoteCommand | None = None) -> TickOutput:
@@ -161,7 +173,14 @@ class StackMachine(RuleBasedStateMachine):
         return output
 
     def _is_valid(self, remote: RemoteCommand | None) -> bool:
-        return remote is None or not command_problem(remote.command, self.stack.joints)
+        """Whether a healthy robot can do what a remote command asks, without pressing against its stops."""
+        if remote is None or command_problem(remote.command, self.stack.joints):
+            return remote is None
+        if self.guards is None:
+            return True
+        robot = self._new_robot()
+        robot.obey(remote.command)
+        return self.guards.watch(None, healthy_state(robot.position), remote.command) is None
 
     def pass_time(self, ticks: int, *, sends: bool = True) -> None:
         """Healthy ticks in the present mode, checked one by one, the last one also run twice.
@@ -176,13 +195,14 @@ class StackMachine(RuleBasedStateMachine):
             self.remote = RemoteCommand(MITCommand.zeros(self.joint_count), self.time)
         if not self._is_valid(self.remote):
             return
-        stretch = _Stretch(self.time, ticks - 1, self.remote, sends)
+        stretch = _Stretch(self.time, ticks - 1, self.remote, sends, self.robot.position)
         self.policy.answer = self.answers["well behaved"]
         name = self.memory.controller
         output: TickOutput | None = None
-        for i, given in enumerate(self._inputs(stretch), 1):
+        for i, given in enumerate(self._inputs(stretch, self.robot), 1):
             self.memory, output = self.stack.step(self.memory, given)
             self.time, self.remote = float(given.state.time), given.remote
+            self.robot.obey(output.command)
             try:
                 self.check(given, output)
             except AssertionError as error:
@@ -196,16 +216,16 @@ class StackMachine(RuleBasedStateMachine):
         self._is_calm = True
         self.tick(remote=self.remote)
 
-    def _inputs(self, stretch: _Stretch) -> Iterator[TickInput]:
+    def _inputs(self, stretch: _Stretch, robot: ObedientJoints) -> Iterator[TickInput]:
         time, remote = stretch.began, stretch.remote
         for _ in range(stretch.ticks):
             time += self.period
             if stretch.sends and remote is not None:
                 remote = RemoteCommand(remote.command, time)
-            yield healthy_tick(self.rest, time, remote=remote, externs=self.externs)
+            yield healthy_tick(robot.position, time, remote=remote, externs=self.externs)
 
     def _healthy(self, *wanted: Intent, remote: RemoteCommand | None) -> TickInput:
-        return healthy_tick(self.rest, self.time, *wanted, remote=remote, externs=self.externs)
+        return healthy_tick(self.robot.position, self.time, *wanted, remote=remote, externs=self.externs)
 
     # --- the ordinary operator ---
 
@@ -315,6 +335,17 @@ class StackMachine(RuleBasedStateMachine):
             self.time += self.period
             self.feed(self._healthy(remote=self.remote), answer)
 
+    @rule(ticks=st.integers(1, 60), wanted=st.none() | _POSES, speed=st.sampled_from([0.0, 0.0, 40.0, -200.0]))
+    def the_joints_are_blocked(self, ticks: int, wanted: Intent | None, speed: float) -> None:
+        """Nothing moves, whatever is commanded; or the joints race, whatever is commanded."""
+        self._is_blocked = True
+        for i in range(ticks):
+            self.time += self.period
+            given = self._healthy(*[wanted] if wanted and i == 0 else (), remote=self.remote)
+            velocity = np.full(self.joint_count, speed)
+            self.feed(replace(given, state=replace(given.state, joint_velocity=velocity)))
+        self._is_blocked = False
+
     @rule(data=st.data())
     def the_state_is_odd(self, data: DataObject) -> None:
         """Joints that were never heard, NaN, impossible quaternions."""
@@ -340,7 +371,7 @@ class StackMachine(RuleBasedStateMachine):
     def safety_speaks(self, safety: tuple[SafetyStatus, ...], wanted: tuple[Intent, ...]) -> None:
         """Any status of any source, together with any intents."""
         self.time += self.period
-        given = healthy_tick(self.rest, self.time, *wanted, safety=safety, remote=self.remote, externs=self.externs)
+        given = replace(self._healthy(*wanted, remote=self.remote), safety=safety)
         self.feed(given)
 
     @rule(data=st.data())
@@ -385,6 +416,10 @@ class StackMachine(RuleBasedStateMachine):
         for i, (given, answer, expected) in enumerate(self.history):
             policy.answer = self.answers[answer]
             output = None
-            for one in [given] if isinstance(given, TickInput) else self._inputs(given):
+            robot = self._new_robot()
+            if not isinstance(given, TickInput):
+                robot.position = given.position
+            for one in [given] if isinstance(given, TickInput) else self._inputs(given, robot):
                 memory, output = stack.step(memory, one)
+                robot.obey(output.command)
             require(fingerprint(output) == expected, "step {} of the repeated run gave {}", i, output)

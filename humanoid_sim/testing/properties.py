@@ -16,6 +16,7 @@ from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing.checks import (
+    GuardWatch,
     RemoteWatch,
     check_complete,
     check_damping,
@@ -62,6 +63,8 @@ class SafetyProperties:
     - A mode changes only by the operator's intent along the FSM's edges, or down to DAMPING or ZERO_TORQUE; nothing
       recovers by itself, and DAMPING never goes limp.
     - A controller that fails is named with its fallback, which gives this tick's command; none raises.
+    - A joint that is pressed, pushed out of its limits, or raced, for longer than the stack's guards allow ends the
+      mode; so a guard's trip ends in DAMPING in its tick.
     - LOCOMOTION and REMOTE begin only after a standby pose was reached.
     - A remote command from before the activation, or one that is stale, is never applied.
     """
@@ -73,11 +76,13 @@ class SafetyProperties:
         self._time = math.nan
         self._command: MITCommand | None = None
         self._remote = RemoteWatch(stack.controllers.get(REMOTE))
+        self._guards = GuardWatch(getattr(stack, "guards", None))
 
     def copy(self) -> Self:
         """Another watch over the same run, at the same tick."""
         other = copy.copy(self)
         other._remote = copy.copy(self._remote)
+        other._guards = self._guards.copy()
         return other
 
     def check(self, given: TickInput, output: TickOutput) -> None:
@@ -93,6 +98,8 @@ class SafetyProperties:
         self._check_quit(given, output)
         self._check_faults(name, output)
         self._check_command(name, given, output.command)
+        elapsed = float(given.state.time) - self._time
+        self._guards.check(given, output.command, moves=name not in SAFE, elapsed=elapsed)
         self._name, self._finished = name, output.standby is not None and output.standby.is_finished
         self._time, self._command = float(given.state.time), output.command
 

@@ -113,6 +113,21 @@ def test_one_known_joint_is_enough(known, silent):
     assert command.damping.tolist() == [1.0, 1.0, 1.0]
 
 
+@pytest.mark.parametrize("absurd", [1e6 + 1.0, -1e7, 1e300])
+def test_an_absurd_reading_makes_no_joint_limp(absurd):
+    (command,) = run(DampingController(JOINTS), tick(position=(0.1, absurd, 0.3)))
+    assert command.position.tolist() == [0.1, 0.0, 0.3]
+    assert command.damping.tolist() == [1.0, 1.0, 1.0]
+    (command,) = run(DampingController(JOINTS), tick(position=(absurd,) * 3))
+    assert command.position.tolist() == [0.0, 0.0, 0.0]
+    assert command.damping.tolist() == [1.0, 1.0, 1.0], "heard, if not believed: damping needs no position"
+
+
+def test_the_largest_position_that_may_be_commanded_is_kept():
+    (command,) = run(DampingController(JOINTS), tick(position=(1e6, -1e6, 0.3)))
+    assert command.position.tolist() == [1e6, -1e6, 0.3]
+
+
 def test_no_known_joint_is_a_fault():
     fault = DampingController(JOINTS).activate(tick(position=(NAN, INF, -INF)))
     assert isinstance(fault, Fault)

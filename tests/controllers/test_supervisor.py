@@ -27,7 +27,7 @@ from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
 from humanoid_sim.testing.properties import MODE_NUMBER
@@ -491,3 +491,14 @@ def test_modes_of_the_wire():
     assert MODE_NUMBER == {ZERO: 0, DAMPING: 1, A: 2, B: 2, RL: 3, REMOTE: 4}
     for name, number in MODE_NUMBER.items():
         assert Run(supervisor()).walk(*PATHS[name]).control_mode.mode == number
+
+
+@pytest.mark.parametrize("path", [path for path in PATHS if path != "zero_torque_controller"])
+def test_an_absurd_reading_ends_in_damping_not_in_zero_torque(path):
+    """Of one joint, above what may be commanded: the other joints are as sound as before."""
+    run = Run(supervisor())
+    run.walk(*PATHS[path])
+    output = run.step(Intent.DAMP, position=(0.4, 1e9, 0.6))
+    assert output.control_mode.mode is Mode.DAMPING
+    assert not output.faults
+    assert output.command.damping.tolist() == DAMPING_KD

@@ -68,7 +68,9 @@ def run(policy, settings=None) -> tuple[SessionHeader, list[TickRecord]]:
             time, position + noise[0], noise[1], noise[2], np.zeros(joints), [1, 0, 0, 0], np.zeros(3), [0, 0, 9.81]
         )
         if index >= 500 and index % 3 == 0:
-            remote = RemoteCommand(MITCommand(*rng.normal(size=(5, joints)) ** 2), time - 0.001)
+            position, *others = rng.normal(size=(5, joints)) ** 2
+            within = -0.5 * np.tanh(position)  # every joint's limits: the guards would end REMOTE
+            remote = RemoteCommand(MITCommand(within, *others), time - 0.001)
         intent = INTENTS.get(index)
         status = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, "can0", "wrist") if index == 530 else HEALTHY
         tick_input = TickInput(state, (status,), (intent,) if intent else (), remote)

@@ -1,0 +1,124 @@
+"""The parameters of a robot's guards: its description's, and where that gives none, what follows from its limits."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from humanoid_sim.controllers.guards import Guards
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import MOTORS
+from humanoid_sim.robots.schema import FollowingGuard, LimitGuard, RobotDescription, SpeedGuard
+
+__all__ = ["GuardRecord", "guards_of"]
+
+Bounds = tuple[float | None, ...]
+"""One per joint; none: not watched."""
+
+
+class _Following(msgspec.Struct, frozen=True):
+    effort: Bounds
+    time: float
+    progress: float
+
+
+class _Limit(msgspec.Struct, frozen=True):
+    margin: Bounds
+    time: float
+
+
+class _Speed(msgspec.Struct, frozen=True):
+    limit: Bounds
+    time: float
+
+
+class GuardRecord(msgspec.Struct, frozen=True):
+    """Which guards ran, and with which parameters, as a recording's header has it."""
+
+    following: _Following
+    """N·m, s, rad."""
+    limit: _Limit
+    """rad, s."""
+    speed: _Speed
+    """rad/s, s."""
+
+    @classmethod
+    def of(cls, guards: Guards) -> GuardRecord:
+        """What is written down of some guards."""
+        return cls(
+            _Following(_bounds(guards.following_effort), guards.following_time, guards.following_progress),
+            _Limit(_bounds(guards.limit_margin), guards.limit_time),
+            _Speed(_bounds(guards.speed_limit), guards.speed_time),
+        )
+
+    def on(self, robot: RobotDescription) -> Guards:
+        """The same guards again, on the robot of the recording. Raises `FieldError` if they do not fit."""
+        return Guards(
+            joints=robot.joint_names,
+            lower=robot.lower,
+            upper=robot.upper,
+            effort_limit=robot.effort_limit,
+            following_effort=_numbers(self.following.effort),
+            following_time=self.following.time,
+            following_progress=self.following.progress,
+            limit_margin=_numbers(self.limit.margin),
+            limit_time=self.limit.time,
+            speed_limit=_numbers(self.speed.limit),
+            speed_time=self.speed.time,
+        )
+
+
+def _bounds(values: FloatArray) -> Bounds:
+    return tuple(float(value) if np.isfinite(value) else None for value in values)
+
+
+def _numbers(bounds: Bounds) -> FloatArray:
+    return np.array([np.inf if bound is None else bound for bound in bounds])
+
+
+_FOLLOWING_TIME = {"fixed": 0.15, "floating": 0.6}
+"""s. Legs that carry a robot are pressed and pushed back by its weight: published policies that walk, and are pushed
+until they fall, came no nearer for 0.3 s at most. Arms on a fixed base: 0.02 s."""
+_CROSSING_TIME = {"fixed": 0.1, "floating": 0.05}
+"""s in which no joint crosses its whole range. Of walking robots that were pushed until they fell the fastest took
+0.05 s in a simulation whose motors have no speed limit; the sample motions on arms take 0.7 s at least."""
+_SLOWEST_LIMIT = {"fixed": 5.0, "floating": 15.0}
+"""rad/s: a joint with a small range may still be this fast."""
+
+
+def guards_of(robot: RobotDescription) -> Guards | None:
+    """The guards of a robot; None if its description turns all of them off.
+
+    A following guard needs an effort limit, a limit guard limits, a speed guard limits or a known motor: joints without
+    are not watched by it.
+    """
+    settings, kind = robot.guards, robot.base.type
+    following, limit, speed = settings.following, settings.limit, settings.speed
+    if following is None and limit is None and speed is None:
+        return None
+    off = np.full(robot.joint_count, np.inf)
+    chosen = following or FollowingGuard()
+    margin, fast = limit or LimitGuard(), speed or SpeedGuard()
+    return Guards(
+        joints=robot.joint_names,
+        lower=robot.lower,
+        upper=robot.upper,
+        effort_limit=robot.effort_limit,
+        following_effort=off if following is None else following.effort_share * robot.effort_limit,
+        following_time=_FOLLOWING_TIME[kind] if chosen.time is None else chosen.time,
+        following_progress=chosen.progress,
+        limit_margin=off if limit is None else np.full(robot.joint_count, margin.margin),
+        limit_time=margin.time,
+        speed_limit=off if speed is None else np.array(fast.limit or _speed_limit(robot)),
+        speed_time=fast.time,
+    )
+
+
+def _speed_limit(robot: RobotDescription) -> FloatArray:
+    """Shape (n,), rad/s: the whole range in the crossing time, but no more than the motor turns without load."""
+    kind = robot.base.type
+    crossing = np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])
+    models = [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]
+    fastest = np.array([np.inf if model is None else model.no_load_velocity for model in models])
+    limit: FloatArray = np.minimum(crossing, fastest)
+    return limit

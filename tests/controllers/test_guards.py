@@ -1,0 +1,303 @@
+"""The guards: what trips them and when, what does not, what they say, and that a trip is DAMPING at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import rig
+
+from humanoid_sim.controllers.guards import GuardMemory, Guards
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, TickInput, TickOutput
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, MITState
+from humanoid_sim.testing import fingerprint, healthy_state
+
+NAN, INF = np.nan, np.inf
+PERIOD = 0.02
+
+
+def guards(**changes: Any) -> Guards:
+    """Of the rig: limits ±1 rad, 10 N·m, and 5 rad/s."""
+    values: dict[str, Any] = {
+        "joints": rig.JOINTS,
+        "lower": -np.ones(3),
+        "upper": np.ones(3),
+        "effort_limit": np.full(3, 10.0),
+        "following_effort": np.full(3, 8.0),
+        "following_time": 0.1,
+        "following_progress": 0.02,
+        "limit_margin": np.full(3, 0.2),
+        "limit_time": 0.06,
+        "speed_limit": np.full(3, 5.0),
+        "speed_time": 0.02,
+    }
+    return Guards(**{**values, **changes})
+
+
+def command(position: float = 0.0, *, stiffness: float = 50.0, effort: float = 0.0, joint: int = 1) -> MITCommand:
+    """One joint is asked to be at a position; the others are at 0 and asked to be there."""
+    zeros = np.zeros(3)
+    wanted, push = zeros.copy(), zeros.copy()
+    wanted[joint], push[joint] = position, effort
+    return MITCommand(wanted, zeros, push, np.full(3, stiffness), np.full(3, 2.0))
+
+
+def state(time: float, position: float = 0.0, velocity: float = 0.0, *, joint: int = 1, age: float = 0.0) -> MITState:
+    at, speed = np.zeros(3), np.zeros(3)
+    at[joint], speed[joint] = position, velocity
+    return replace(healthy_state(at, time), joint_velocity=speed, joint_age=np.full(3, age))
+
+
+def trip_time(watching: Guards, given: list[tuple[MITState, MITCommand]]) -> tuple[float, str]:
+    """s from the first tick to the one in which a guard trips, and what it says; infinity: none does."""
+    memory: GuardMemory | None = None
+    for seen, sent in given:
+        memory = watching.watch(memory, seen, sent)
+        if watching.tripped(memory):
+            return float(seen.time) - float(given[0][0].time), watching.problem(memory, seen, sent)
+        assert watching.problem(memory, seen, sent) == ""
+    return INF, ""
+
+
+def times(count: int = 30) -> list[float]:
+    return [5.0 + PERIOD * i for i in range(count)]
+
+
+def test_a_joint_that_comes_no_nearer_trips_the_following_guard() -> None:
+    blocked = [(state(t, 0.3), command(0.5)) for t in times()]
+    after, text = trip_time(guards(), blocked)
+    assert after == pytest.approx(0.1)
+    assert text == (
+        "following guard: elbow does not follow: it is at 0.30 rad, asked to 0.50, and came no nearer for 0.10 s "
+        "although K_p times the error is 10.0 N·m, its limit 10; something in the way of elbow, or its direction, "
+        "homing offset or zero?"
+    )
+
+
+@pytest.mark.parametrize(
+    ("at", "wanted", "cause"),
+    [
+        (0.95, 0.0, "direction of elbow, or something that holds it?"),
+        (-1.0, 0.0, "direction of elbow, or something that holds it?"),
+        (0.98, 1.3, "the command is beyond the limits of elbow"),
+    ],
+)
+def test_a_stop_tells_what_is_likely(at: float, wanted: float, cause: str) -> None:
+    _, text = trip_time(guards(), [(state(t, at), command(wanted)) for t in times()])
+    assert text.endswith(cause)
+
+
+@pytest.mark.parametrize(
+    ("name", "positions", "wanted"),
+    [
+        ("less than 8 N·m", [0.0] * 30, 0.159),
+        ("it comes nearer by 0.02 rad in 0.1 s", list(np.linspace(0.0, 0.15, 30)), 0.5),
+        ("it is pulled the other way every 0.08 s", [0.3, 0.3, 0.3, 0.3, -0.3, -0.3, -0.3, -0.3] * 4, 0.0),
+        (
+            "it was pushed back, and comes nearer again",
+            [0.0, -0.1, -0.2, -0.17, -0.14, -0.11, -0.08, -0.05, -0.02],
+            0.5,
+        ),
+    ],
+)
+def test_a_joint_that_follows_does_not(name: str, positions: list[float], wanted: float) -> None:
+    ticks = [(state(t, at), command(wanted)) for t, at in zip(times(), positions, strict=False)]
+    assert trip_time(guards(), ticks) == (INF, "")
+
+
+def test_a_joint_that_is_pushed_back_all_the_time_trips_it() -> None:
+    ticks = [(state(t, -0.3 * i * PERIOD), command(0.5)) for i, t in enumerate(times())]
+    assert trip_time(guards(), ticks)[0] == pytest.approx(0.1)
+
+
+def test_a_pause_begins_the_time_again() -> None:
+    at = [0.0] * 5 + [0.45] + [0.0] * 5 + [0.45]
+    ticks = [(state(t, q), command(0.5)) for t, q in zip(times(), at, strict=False)]
+    assert trip_time(guards(), ticks) == (INF, "")
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_pushed_out_of_its_limits_trips_the_limit_guard(side: float) -> None:
+    out = [(state(t, 1.25 * side), command(1.25 * side, effort=0.5 * side)) for t in times()]
+    after, text = trip_time(guards(), out)
+    assert after == pytest.approx(0.06)
+    assert text == (
+        f"limit guard: elbow is at {1.25 * side:.2f} rad, 0.25 beyond its limit of {side:.2f}, and pushed outward with "
+        "0.5 N·m; the command is beyond it, or is the homing offset of elbow wrong?"
+    )
+
+
+def test_a_joint_out_of_its_limits_that_is_pulled_in_does_not() -> None:
+    """As an arm that hangs in its stop with a calibration that is a little off, and is walked up from there."""
+    assert trip_time(guards(), [(state(t, 1.3), command(1.2)) for t in times()]) == (INF, "")
+    assert trip_time(guards(), [(state(t, 1.19), command(1.3)) for t in times()]) == (INF, "")
+
+
+def test_a_joint_that_races_trips_the_speed_guard() -> None:
+    after, text = trip_time(guards(), [(state(t, 0.0, -6.0), command()) for t in times()])
+    assert after == pytest.approx(0.02)
+    assert text.startswith("speed guard: elbow turns at -6.0 rad/s, its limit is 5.0; ")
+    once = [(state(t, 0.0, 6.0 if i % 2 else 4.0), command()) for i, t in enumerate(times())]
+    assert trip_time(guards(), once) == (INF, "")
+
+
+@pytest.mark.parametrize("position", [NAN, INF, -INF])
+def test_what_is_not_known_is_not_judged(position: float) -> None:
+    assert trip_time(guards(), [(state(t, position, NAN), command(0.5)) for t in times()]) == (INF, "")
+
+
+def test_a_silent_joint_is_left_to_the_safety_status() -> None:
+    ticks = [(state(t, 0.0, age=PERIOD * i + 0.021), command(0.5)) for i, t in enumerate(times())]
+    assert trip_time(guards(), ticks) == (INF, "")
+
+
+def test_a_clock_that_jumps_is_no_time_in_which_a_joint_was_pressed() -> None:
+    jumps = [5.0, 1e6, 3.0, 3.0, NAN, 2e6]
+    ticks = [(state(t), command(0.5)) for t in jumps]
+    assert trip_time(guards(following_time=0.12), ticks) == (INF, "")
+
+
+def test_infinite_bounds_watch_nothing() -> None:
+    off = np.full(3, INF)
+    blind = guards(following_effort=off, limit_margin=off, speed_limit=off)
+    assert trip_time(blind, [(state(t, 7.0, 99.0), command(9.0)) for t in times()]) == (INF, "")
+    free = guards(lower=-off, upper=off)
+    assert trip_time(free, [(state(t, 7.0), command(7.1)) for t in times()]) == (INF, "")
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_any_joint(joint: int) -> None:
+    ticks = [(state(t, 0.3, joint=joint), command(0.6, joint=joint)) for t in times()]
+    assert rig.JOINTS[joint] in trip_time(guards(), ticks)[1]
+
+
+def test_two_suspicious_joints_have_times_of_their_own() -> None:
+    def both(t: float, i: int) -> tuple[MITState, MITCommand]:
+        wanted = command(0.5, joint=0).position + (0.5 if i >= 3 else 0.0) * np.array([0.0, 0.0, 1.0])
+        return state(t, 0.0), replace(command(), position=wanted)
+
+    after, text = trip_time(guards(), [both(t, i) for i, t in enumerate(times())])
+    assert (round(after, 6), "shoulder" in text) == (0.1, True)
+
+
+def test_a_batch_is_watched_as_each_of_its_robots() -> None:
+    rng = np.random.default_rng(0)
+    steps = [(0.01 * i, 0.4 * rng.normal(size=(5, 3)).cumsum(0), 3.0 * rng.normal(size=(5, 3))) for i in range(40)]
+    watching = guards(following_time=0.03, speed_time=0.01, limit_time=0.02)
+    together: GuardMemory | None = None
+    apart: list[GuardMemory | None] = [None] * 5
+    trips = 0
+    still = np.repeat(rng.normal(size=(5, 1)), 3, axis=1)
+    for time, noise, velocity in steps:
+        position = still + 0.001 * noise
+        wanted = MITCommand(position * 0.5, *np.zeros((2, 5, 3)), np.full((5, 3), 30.0), np.ones((5, 3)))
+        seen = MITState(
+            time, position, velocity, *np.zeros((2, 5, 3)), np.tile([1.0, 0, 0, 0], (5, 1)), *np.zeros((2, 5, 3))
+        )
+        together = watching.watch(together, seen, wanted)
+        tripped = np.broadcast_to(watching.tripped(together), 5)
+        for i in range(5):
+            alone = replace(healthy_state(position[i], time), joint_velocity=velocity[i])
+            one = MITCommand(*(getattr(wanted, name)[i] for name in COMMAND_FIELDS))
+            apart[i] = watching.watch(apart[i], alone, one)
+            assert bool(watching.tripped(apart[i])) == bool(tripped[i])
+            assert watching.problem(together, seen, wanted, i) == watching.problem(apart[i], alone, one)
+        trips += int(tripped.sum())
+    assert trips > 20
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"lower": np.zeros(2)}, "Guards.lower: is "),
+        ({"upper": np.array([1.0, NAN, 1.0])}, "Guards.upper: is "),
+        ({"speed_limit": np.array([1.0, 0.0, 1.0])}, "Guards.speed_limit: is "),
+        ({"following_time": -0.1}, "Guards.following_time: is -0.1, expected a finite number >= 0"),
+        ({"following_progress": 0.0}, "Guards.following_progress: is 0.0, expected a finite number > 0"),
+    ],
+)
+def test_invalid_parameters_are_named(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(FieldError) as caught:
+        guards(**changes)
+    assert str(caught.value).startswith(message)
+
+
+# --- in the supervisor ---
+
+
+def guarded(**changes: Any) -> rig.Run:
+    return rig.Run(replace(rig.supervisor(), guards=guards(**changes)))
+
+
+def test_guards_of_other_joints_are_refused() -> None:
+    with pytest.raises(FieldError, match=r"^Supervisor\.guards: joints are a, b, c, expected shoulder, elbow, wrist"):
+        replace(rig.supervisor(), guards=guards(joints=("a", "b", "c")))
+
+
+@pytest.mark.parametrize("remote", [False, True])
+def test_a_trip_is_a_fault_of_the_controller_and_damping_in_that_tick(remote: bool) -> None:
+    run = guarded()
+    run.walk(Intent.DAMP, Intent.LOAD_A, Intent.START_REMOTE if remote else Intent.START_LOCOMOTION)
+    outputs: list[TickOutput] = []
+    for _ in range(20):
+        held = RemoteCommand(rig.command(0.6, stiffness=np.full(3, 40.0)), run.time) if remote else None
+        outputs.append(run.step(position=(0.9, 0.9, 0.9), remote=held))
+    first = next(i for i, output in enumerate(outputs) if output.faults)
+    assert first == (5 if remote else 4), "0.1 s after the tick that began to press"
+    (fault,) = outputs[first].faults
+    name = "remote_policy_controller" if remote else "rl_policy_controller"
+    assert (fault.controller, fault.fallback, fault.is_bug) == (name, "damping_controller", False)
+    assert fault.message.startswith("following guard: shoulder does not follow: ")
+    assert outputs[first].control_mode.mode is Mode.DAMPING
+    assert outputs[first].command.damping.tolist() == rig.DAMPING_KD
+    assert fault.message in outputs[first].control_mode.status_message
+    assert not outputs[first].command.stiffness.any()
+    assert {output.control_mode.mode for output in outputs[first:]} == {Mode.DAMPING}, "nothing recovers by itself"
+    assert run.memory.guards is None
+
+
+def test_nothing_is_watched_where_nothing_pushes() -> None:
+    run = guarded()
+    for intents in ((), (Intent.DAMP,)):
+        run.step(*intents)
+        for _ in range(20):
+            output = run.step(position=(5.0, -5.0, 5.0))
+            assert not output.faults
+            assert run.memory.guards is None
+
+
+def test_a_joint_that_is_pressed_across_a_change_of_controllers_has_one_time() -> None:
+    """The guards watch the joint, not the controller: START does not begin the time again."""
+    run = guarded(following_time=0.2, following_effort=np.full(3, 1.0))
+    run.step(Intent.DAMP, position=(0.9, 0.9, 0.9))
+    run.step(Intent.LOAD_A, position=(0.9, 0.9, 0.9))
+    seen = [run.step(position=(0.9, 0.9, 0.9)) for _ in range(4)]
+    assert seen[-1].standby is not None
+    assert seen[-1].standby.is_finished
+    before = run.memory.guards
+    assert before is not None
+    assert before.held.max() > 0.0
+    run.step(Intent.START_LOCOMOTION, position=(0.9, 0.9, 0.9))
+    assert run.memory.guards is not None
+    assert run.memory.guards.held.max() > before.held.max()
+
+
+def test_a_policy_s_answer_is_told_with_the_fault() -> None:
+    run = guarded(speed_time=0.0)
+    run.walk(Intent.DAMP, Intent.LOAD_A)
+    given = TickInput(replace(rig.state(run.time), joint_velocity=np.full(3, 9.0)), (), (Intent.START_LOCOMOTION,))
+    _, output = run.supervisor.step(run.memory, given)
+    assert output.faults[0].message.startswith("speed guard: shoulder turns at 9.0 rad/s")
+    assert output.policy_step is not None
+    again = run.supervisor.step(run.memory, given)[1]
+    assert fingerprint(output) == fingerprint(again)
+
+
+def test_a_state_of_another_width_is_the_controllers_fault_not_a_bug() -> None:
+    run = guarded()
+    run.walk(Intent.DAMP, Intent.LOAD_A)
+    output = run.step(position=(0.0, 0.0))
+    assert not any(fault.is_bug for fault in output.faults)

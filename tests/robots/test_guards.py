@@ -1,0 +1,111 @@
+"""The guards of a robot: derived from its limits, or as its description gives them; and as a header keeps them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from humanoid_sim.controllers.guards import Guards
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.guards import GuardRecord, guards_of
+from humanoid_sim.robots.schema import FollowingGuard, GuardSettings, RobotDescription, SpeedGuard
+from humanoid_sim.testing import fingerprint
+
+LITE = load_robot("lite")
+BIPED = load_robot("lite_biped")
+ELBOW = LITE.joint_names.index("left_elbow_pitch")
+ROLL = LITE.joint_names.index("left_wrist_roll")
+
+
+def of(robot: RobotDescription) -> Guards:
+    guards = guards_of(robot)
+    assert guards is not None
+    return guards
+
+
+def test_the_defaults_follow_from_the_limits() -> None:
+    arms = of(LITE)
+    assert arms.following_effort[[ELBOW, ROLL]].tolist() == pytest.approx([11.2, 3.2])
+    assert (arms.following_time, arms.following_progress, arms.limit_time, arms.speed_time) == (0.15, 0.02, 0.1, 0.02)
+    assert arms.limit_margin.tolist() == [0.15] * 14
+    assert arms.speed_limit[ELBOW] == pytest.approx(2.35619 / 0.1)
+    assert arms.speed_limit[LITE.joint_names.index("left_shoulder_roll")] == 33.0, "its motor turns no faster"
+
+
+def test_legs_are_given_more_time() -> None:
+    legs = of(BIPED)
+    assert legs.following_time == 0.6
+    assert legs.speed_limit[BIPED.joint_names.index("left_knee_pitch")] == pytest.approx(2.35619 / 0.05)
+    assert legs.speed_limit[BIPED.joint_names.index("left_ankle_roll")] == 15.0
+
+
+def test_a_joint_without_limits_and_motor_is_watched_by_what_is_known() -> None:
+    bare = replace(LITE.joints[0], lower=-np.inf, upper=np.inf, effort_limit=np.inf, motor=None)
+    robot = replace(LITE, joints=(bare, *LITE.joints[1:]))
+    guards = of(robot)
+    assert np.isinf([guards.following_effort[0], guards.speed_limit[0]]).all()
+    assert np.isfinite(guards.following_effort[1:]).all()
+
+
+def test_the_description_decides() -> None:
+    settings = GuardSettings(
+        following=FollowingGuard(effort_share=0.5, time=1.0), limit=None, speed=SpeedGuard(limit=(3.0,) * 14)
+    )
+    guards = of(replace(LITE, guards=settings))
+    assert guards.following_effort[ELBOW] == 7.0
+    assert guards.following_time == 1.0
+    assert np.isinf(guards.limit_margin).all()
+    assert guards.speed_limit.tolist() == [3.0] * 14
+    assert guards_of(replace(LITE, guards=GuardSettings(following=None, limit=None, speed=None))) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            "guards: {following: {effort_share: 0}}",
+            "guards.following.effort_share: is 0.0, expected a finite number > 0",
+        ),
+        ("guards: {limit: {margin: -1}}", "guards.limit.margin: is -1.0, expected a finite number > 0"),
+        ("guards: {speed: {limit: [1, 2]}}", "guards.speed.limit: has 2 values, expected 14, one per joint"),
+        ("guards: {speed: {limit: 3}}", "guards.speed.limit: is 3, expected a list"),
+        ("guards: {force: null}", "guards: unknown field 'force'; known: following, limit, speed"),
+    ],
+)
+def test_bad_parameters_are_one_line(tmp_path: Path, text: str, expected: str) -> None:
+    shipped = Path(LITE.folder, "lite.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text(shipped.replace("../mjcf/lite.xml", str(LITE.mjcf_path)) + f"\n{text}\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_robot(path)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value) == f"{path}: {expected}"
+
+
+def test_a_yaml_turns_a_guard_off(tmp_path: Path) -> None:
+    shipped = Path(LITE.folder, "lite.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    text = shipped.replace("../mjcf/lite.xml", str(LITE.mjcf_path))
+    path.write_text(f"{text}\nguards: {{following: null}}\n", encoding="utf-8")
+    assert np.isinf(of(load_robot(path)).following_effort).all()
+
+
+def test_a_header_s_document_gives_the_same_guards_again() -> None:
+    for robot in (LITE, BIPED, replace(LITE, guards=GuardSettings(following=None))):
+        guards = of(robot)
+        text = msgspec.json.encode(GuardRecord.of(guards))
+        again = msgspec.json.decode(text, type=GuardRecord).on(robot)
+        assert fingerprint(again) == fingerprint(guards)
+    with pytest.raises(FieldError, match="expected 14 numbers, one per joint"):
+        GuardRecord.of(of(load_robot("lite_neck"))).on(LITE)
+
+
+def test_a_description_says_of_its_guards_what_is_not_the_default() -> None:
+    assert "guards" not in LITE.to_json(), "digests of baselines are those of before there were guards"
+    other = replace(LITE, guards=GuardSettings(limit=None))
+    assert RobotDescription.from_json(other.to_json(), other.folder) == other
