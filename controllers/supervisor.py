@@ -69,7 +69,7 @@ class Supervisor:
     joints: tuple[str, ...]
     controllers: Mapping[str, Controller]
     """By name; `zero_torque_controller` and `damping_controller` are required, the others are as available."""
-    guards: Guards | None = None
+    guards: Guards | None = field(default=None, kw_only=True)
     """What watches the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing does."""
     _zero: MITCommand = field(init=False, repr=False)
 

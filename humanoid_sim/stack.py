@@ -116,7 +116,7 @@ def build_supervisor(
             damping=np.array(passive.damping),
             damping_scalar=passive.damping_scalar,
         )
-    return Supervisor(joints, controllers, _chosen(guards, description))
+    return Supervisor(joints, controllers, guards=_chosen(guards, description))
 
 
 def _chosen(guards: ChosenGuards, description: RobotDescription) -> Guards | None:
