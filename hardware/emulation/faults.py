@@ -50,6 +50,7 @@ FAULTS: Mapping[str, FaultInfo] = MappingProxyType(
         "over_voltage": FaultInfo("motor", "the supply voltage rises to that", "V", 61.0, 0.0, 100.0),
         "overcurrent": FaultInfo("motor", "the phase current is beyond what the driver takes"),
         "stalled": FaultInfo("motor", "the joint is jammed, and the firmware's overload protection trips"),
+        "blocked": FaultInfo("motor", "the joint is jammed, and no motor notices"),
         "encoder_fault": FaultInfo("motor", "the motor's magnetic encoder reports a fault"),
         "encoder_jump": FaultInfo(
             "motor", "the angle that the encoder reads jumps by that, with no fault bit", "rad", 1.0

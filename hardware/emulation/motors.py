@@ -177,6 +177,8 @@ class Motors:
             case "stalled":
                 conditions.overloaded = True
                 self.plant.jam(motor, True)
+            case "blocked":
+                self.plant.jam(motor, True)
             case "encoder_fault":
                 conditions.encoder_fault = True
             case "encoder_jump":
@@ -200,6 +202,8 @@ class Motors:
                 conditions.overcurrent = False
             case "stalled":
                 conditions.overloaded = False
+                self.plant.jam(motor, False)
+            case "blocked":
                 self.plant.jam(motor, False)
             case "encoder_fault":
                 conditions.encoder_fault = False

@@ -14,6 +14,7 @@ from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.schema import GuardSettings
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
 
@@ -169,7 +170,8 @@ def test_a_bad_remote_command_is_refused_and_the_robot_is_not_moved_by_it() -> N
 
 def test_joints_that_swing_into_their_stops_stay_within_the_space() -> None:
     """Full effort along each joint's velocity, undamped: what no other command drives further; `ask` checks it."""
-    env = ModesEnv(hasty(), remote=True)
+    unguarded = GuardSettings(following=None, limit=None, speed=None)
+    env = ModesEnv(msgspec.structs.replace(hasty(), guards=unguarded), remote=True)
     operator = Operator(env)
     operator.ask(Intent.DAMP, 100)
     operator.ask(Intent.LOAD_A, 100)

@@ -284,6 +284,7 @@ def test_a_simulation_that_becomes_unstable_is_no_success(run: Play, make_robot:
         joint = document["joints"][0]
         joint["effort_limit"] = 1e12
         document["standby_controller_a"]["target_stiffness"][0] = 9e5
+        document["guards"] = {"following": None, "limit": None, "speed": None}  # which would damp it in time
 
     result = run("--robot", make_robot(change=throw), "--script", "damp; load_a; hold 1", *PLACEHOLDER)
     assert result.status == 1

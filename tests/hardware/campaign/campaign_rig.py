@@ -6,11 +6,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import can
 from drive_rig import Clock, Drive, driven, quick_lite
 
 from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.session.realtime import punctual_threads, real_time
 
@@ -71,11 +73,13 @@ class Diary:
 
 
 @contextmanager
-def emulated(address: str, clock: Clock = time.monotonic) -> Iterator[tuple[VirtualMotors, Diary]]:
+def emulated(
+    address: str, clock: Clock = time.monotonic, settings: EmulationSettings | None = None
+) -> Iterator[tuple[VirtualMotors, Diary]]:
     """Motors of the Lite, on a thread that other programs on this computer do not hold up, where that is permitted."""
     diary = Diary(clock)
     with punctual_threads(behind=10):
-        motors = VirtualMotors(quick_lite(), [address], told=diary, clock=clock)
+        motors = VirtualMotors(quick_lite(), [address], settings=settings, told=diary, clock=clock)
     with motors:
         yield motors, diary
 
@@ -91,14 +95,27 @@ class Campaign:
 
 
 @contextmanager
-def campaign(slowness: float = 1.0, address: str = "virtual:campaign") -> Iterator[Campaign]:
-    """Motors and a robot in ZERO_TORQUE, as punctual as `play`; all of it in slow motion by that factor."""
+def campaign(
+    slowness: float = 1.0,
+    address: str = "virtual:campaign",
+    *,
+    settings: EmulationSettings | None = None,
+    **taken_for: Any,
+) -> Iterator[Campaign]:
+    """Motors and a robot in ZERO_TORQUE, as punctual as `play`; all of it in slow motion by that factor.
+
+    Args:
+        slowness: that factor.
+        address: of the channel.
+        settings: how the motors are.
+        taken_for: what the host takes them for, see `driven`.
+    """
     sent: list[Sent] = []
 
     def clock() -> float:
         return time.monotonic() / slowness
 
-    with emulated(address, clock) as (motors, diary):
+    with emulated(address, clock, settings) as (motors, diary):
 
         def open_watched(channel: BusAddress) -> can.BusABC:
             return WatchedBus(motors.open_bus(channel), sent, clock)
@@ -111,6 +128,7 @@ def campaign(slowness: float = 1.0, address: str = "virtual:campaign") -> Iterat
                 open_bus=open_watched,
                 truth=lambda: motors.truth,
                 before_closing=motors.clear_faults,  # so that the motors confirm that they are disabled
+                **taken_for,
             ) as drive,
         ):
             yield Campaign(drive, motors, sent, diary)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from types import MappingProxyType
 
 import can
 import numpy as np
@@ -152,11 +153,13 @@ class _Ticks:
 
 
 class _Holder:
-    """A remote source that is never late: hold the pose in which it was first asked."""
+    """A remote source that is never late: hold the standby pose, but for some joints."""
 
-    def __init__(self, description: RobotDescription) -> None:
+    def __init__(self, description: RobotDescription, elsewhere: Mapping[str, float]) -> None:
         n = description.joint_count
         pose = np.array(description.standby_controller_a.pose_segments[-1])
+        for name, position in elsewhere.items():
+            pose[description.joint_names.index(name)] = position
         self._command = MITCommand(pose, np.zeros(n), np.zeros(n), np.full(n, 50.0), np.full(n, 2.0))
         self.clock: Callable[[], float] = lambda: 0.0
 
@@ -218,28 +221,34 @@ def driven(
     open_bus: Callable[[BusAddress], can.BusABC] = open_python_can,
     truth: Callable[[], PlantTruth] | None = None,
     before_closing: Callable[[], None] = lambda: None,
+    description: RobotDescription | None = None,
+    calibration: Mapping[str, float] = MappingProxyType({}),
+    elsewhere: Mapping[str, float] = MappingProxyType({}),
 ) -> Iterator[Drive]:
     """A robot that is activated, in ZERO_TORQUE.
 
     Args:
         address: of its channel.
+        description: what the host takes the robot for; None: what it is.
+        calibration: homing offsets, rad, that are not 0.
+        elsewhere: joints that REMOTE sends elsewhere than to the standby pose, rad.
         clock: s, the robot's.
         open_bus: opens the channel.
         truth: what is really so, if anybody knows.
         before_closing: is called before the robot is closed.
     """
-    description = quick_lite()
+    description = quick_lite() if description is None else description
     robot = HardwareRobot(
         description,
         [address],
-        calibration=dict.fromkeys(description.joint_names, 0.0),
+        calibration={**dict.fromkeys(description.joint_names, 0.0), **calibration},
         control_period=PERIOD,
         can_timeout=CAN_TIMEOUT,
         clock=clock,
         open_bus=open_bus,
     )
     timed = _Timed(robot, clock)
-    sink, remote = _Ticks(timed, truth), _Holder(description)
+    sink, remote = _Ticks(timed, truth), _Holder(description, elsewhere)
     session = Session(
         timed,
         build_supervisor(description, PERIOD, sample_policy(), remote=True),

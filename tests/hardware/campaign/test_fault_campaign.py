@@ -78,7 +78,8 @@ CASES = {
 
 
 def test_every_fault_has_a_case() -> None:
-    assert {case.fault.kind for case in CASES.values() if case.fault is not None} == set(FAULTS)
+    no_flag = {"blocked"}  # only the joints' motion shows it: `test_guard_campaign`
+    assert {case.fault.kind for case in CASES.values() if case.fault is not None} == set(FAULTS) - no_flag
 
 
 @pytest.mark.slow
