@@ -38,7 +38,7 @@ class DoctorConfig:
     """Velocity command vx,vy,wz in m/s, m/s and rad/s. Default: forward, turning and backward."""
     seconds: float = 4.0
     """Length of the first, brief trials; the best are then tried for longer."""
-    pairs: int = 1200
+    pairs: int = 6000
     """At most so many pairs of changes are tried where one change is not enough; 0: single changes only."""
     budget: float = 120.0
     """Wall time in s for the whole search; pairs are tried while there is time, the best first. Single changes are

@@ -88,11 +88,13 @@ def singles(contract: PolicyContract, robot: RobotFacts) -> tuple[Hypothesis, ..
 def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
     """Every two of some single edits together, most promising first; two of the same cause exclude each other.
 
+    What is promising together has one promising half: the other may stand anywhere.
+
     Args:
         contract: the present one.
         promising: single edits, best first.
     """
-    ranked = sorted(combinations(range(len(promising)), 2), key=sum)
+    ranked = sorted(combinations(range(len(promising)), 2), key=lambda both: (both[0] + 1) * (both[1] + 1))
     for i, j in ranked:
         first, second = promising[i].edits[0], promising[j].edits[0]
         if first.cause == second.cause:

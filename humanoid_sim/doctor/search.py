@@ -1,4 +1,8 @@
-"""The search: every single edit briefly, the best of them at length, then pairs of the promising ones likewise.
+"""The search: every single edit briefly, the best of them at length, then pairs likewise.
+
+Where no single edit makes a run in which there is nothing to notice, every two of them are tried, at a glance: of two
+mistakes either cure alone may change nothing, or make it worse, so its rank says nothing, but half a second under the
+right pair differs from all the others. The best of those are then tried briefly.
 
 At the end the best are tried less one part of what they change, so that no right value is altered along with a wrong
 one.
@@ -8,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
 import numpy as np
@@ -33,8 +37,15 @@ _WORTH = 0.15
 """Share of the cost that a second change must save: two changes explain anything a little better than one."""
 _LONGER = 0.05
 """Share of the time that it must keep the robot up for longer instead, and not less."""
-_PAIRS = 1200
+_PAIRS = 6000
+"""More than any contract has."""
+_GLANCE = 0.125
+"""Share of a brief trial's time."""
+_PROMOTED_GLANCES = 150
+"""Pairs that are tried briefly."""
 _PROMOTED_PAIRS = 8
+_NOTICED = 1.0
+"""A part of the quality from which on an onlooker notices something."""
 _LEADERS = 12
 """Causes whose best edits are tried in pairs where one change keeps the robot up already."""
 _SPARED = 3
@@ -57,6 +68,11 @@ class Plan:
     """At most so many pairs are tried; 0: none."""
     budget: float | None = None
     """s of wall time: pairs are tried until so much is used up; None: until they have all been tried."""
+
+    @property
+    def glance(self) -> tuple[Trial, ...]:
+        """Of pairs, where there are many."""
+        return tuple(replace(trial, seconds=_GLANCE * trial.seconds) for trial in self.brief)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +98,12 @@ class Verdict:
     def cost(self) -> float:
         """Mean cost of the trials, smaller is better."""
         return sum(outcome.quality.cost for outcome in self.outcomes) / len(self.outcomes)
+
+    @property
+    def is_inconspicuous(self) -> bool:
+        """Whether it was never lost, and an onlooker would have noticed nothing."""
+        parts = (part for outcome in self.outcomes for part in outcome.quality.parts.values())
+        return self.stays_up and all(part <= _NOTICED for part in parts)
 
     @property
     def doubtful_cost(self) -> float:
@@ -210,11 +232,17 @@ class _Search:
         promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
         chosen = [unchanged, *_with_rivals(promising[:_PROMOTED], ranking)]
         self._stage("the best of them", chosen, plan.thorough, ranking)
-        together = Ranking()
-        wanted = _pairs(contract, changed, ranking, plan.pairs)
+        wanted, together = _pairs(contract, changed, ranking, plan.pairs), Ranking()
         ranking.pairs_known = len(wanted)
-        self._stage("pairs of changes", wanted, plan.brief, together, reserve=self._wall(_PROMOTED_PAIRS))
-        ranking.pairs_tried = len(together.verdicts)
+        at_length = self._wall(_PROMOTED_PAIRS, plan.thorough)
+        if len(wanted) > _PROMOTED_GLANCES:
+            seen, briefly = Ranking(), self._wall(_PROMOTED_GLANCES, plan.brief)
+            self._stage("pairs at a glance", wanted, plan.glance, seen, reserve=briefly + at_length)
+            ranking.pairs_tried = len(seen.verdicts)
+            glanced = sorted(seen.verdicts.values(), key=lambda verdict: verdict.order)
+            wanted = [verdict.hypothesis for verdict in glanced[:_PROMOTED_GLANCES]]
+        self._stage("pairs of changes", wanted, plan.brief, together, reserve=at_length)
+        ranking.pairs_tried = max(ranking.pairs_tried, len(together.verdicts))
         best = [verdict.hypothesis for verdict in together.best()[:_PROMOTED_PAIRS]]
         self._stage("the best pairs", best, plan.thorough, ranking)
         self._spare()
@@ -248,9 +276,9 @@ class _Search:
         """Wall time so far, s."""
         return time.perf_counter() - self._start
 
-    def _wall(self, count: int) -> float:
-        """Wall time of so many hypotheses at length, s, by what the trials so far have taken."""
-        return count * sum(trial.seconds for trial in self._plan.thorough) * self._elapsed / max(self._simulated, 1e-3)
+    def _wall(self, count: int, trials: tuple[Trial, ...]) -> float:
+        """Wall time of so many hypotheses in some trials, s, by what the trials so far have taken."""
+        return count * sum(trial.seconds for trial in trials) * self._elapsed / max(self._simulated, 1e-3)
 
     def _expect(self, unchanged: Hypothesis, count: int) -> None:
         """Work out from the first trial how long single changes take: the robot is built by then, so run it again."""
@@ -286,17 +314,17 @@ def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypo
 def _pairs(
     contract: PolicyContract, everything: Sequence[Hypothesis], ranking: Ranking, count: int
 ) -> list[Hypothesis]:
-    """The pairs worth trying, most promising first: none if nothing is wrong, all if nothing keeps the robot up.
+    """The pairs worth trying, most promising first: none if nothing is wrong.
 
-    Where one change does, those of it with every other, and those of the leading causes among themselves, because what
-    keeps the robot up need not be one of the two mistakes.
+    Where one change leaves nothing to notice, those of it with every other, and those of the leading causes among
+    themselves. Else all, also where one change keeps the robot up: it need not be one of the two mistakes.
     """
     best = ranking.best()[0]
     if best.stays_up and not best.hypothesis.edits:
         return []
     ranked = sorted(everything, key=lambda hypothesis: ranking.verdicts[hypothesis.name].order)
     found: Iterable[Hypothesis]
-    if best.stays_up:
+    if best.is_inconspicuous:
         others = (hypothesis for hypothesis in ranked if hypothesis is not best.hypothesis)
         with_best = (pair for other in others for pair in pairs(contract, [best.hypothesis, other]))
         leaders = [verdict.hypothesis for verdict in ranking.best() if len(verdict.hypothesis.edits) == 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -27,6 +28,8 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 __all__ = ["Outcome", "Trial", "TrialRunner"]
 
+_ROBOTS = 64
+"""Simulated robots that are kept: each takes about 1 MB, and pairs of changes need thousands."""
 _TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)
 """s, longest first. Where damping is stable the longest gives the figures of the shortest, and costs a tenth."""
 _STABLE = 1.5
@@ -65,7 +68,10 @@ class TrialRunner:
     """Tries contracts on an examined policy. Simulated robots are kept and used again. Not thread-safe."""
 
     examined: ExaminedPolicy
-    _robots: dict[tuple[object, ...], MujocoRobot] = field(default_factory=dict)
+    _robots: OrderedDict[tuple[object, ...], MujocoRobot] = field(default_factory=OrderedDict)
+    """The latest to be used last."""
+    _stable: dict[tuple[object, ...], bool] = field(default_factory=dict)
+    """Of each robot, damping and physics step, whether they go together."""
 
     def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
         """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome."""
@@ -99,19 +105,26 @@ class TrialRunner:
 
     def _robot(self, contract: PolicyContract, trial: Trial) -> MujocoRobot:
         """A simulation of the robot in the contract's default pose, with a physics step that suits its damping."""
-        pose = contract.default_joint_pos[np.argsort(contract.joint_names)].tobytes()
+        order = np.argsort(contract.joint_names)
+        built = contract.default_joint_pos[order].tobytes(), _physics_key(contract)
+        damped = *built, contract.joint_damping[order].tobytes()
         for timestep in _TIMESTEPS:
             try:
                 steps_per_period(contract.policy_dt, timestep)
             except InputError:
                 continue
+            if not self._stable.get((*damped, timestep), True):
+                continue
             observed = contract.anchor_body, contract.velocity_points
-            key = (pose, contract.policy_dt, observed, _physics_key(contract), trial.yaw, timestep)
-            robot = self._robots.get(key)
-            if robot is None:
-                robot = self._robots[key] = self._build(contract, trial, timestep)
-            order = [contract.joint_names.index(name) for name in robot.joints]
-            if robot.stability.measure(contract.joint_damping[order]).eigenvalue <= _STABLE:
+            key = (*built, contract.policy_dt, observed, trial.yaw, timestep)
+            robot = self._robots.pop(key, None) or self._build(contract, trial, timestep)
+            self._robots[key] = robot
+            if len(self._robots) > _ROBOTS:
+                self._robots.popitem(last=False)
+            if (*damped, timestep) not in self._stable:
+                gains = contract.joint_damping[[contract.joint_names.index(name) for name in robot.joints]]
+                self._stable[*damped, timestep] = not robot.stability.exceeds(gains, _STABLE)
+            if self._stable[*damped, timestep]:
                 return robot
         raise InputError("its damping is unstable in simulation")
 

@@ -76,17 +76,36 @@ class DampingStability:
 
     def measure(self, damping: npt.ArrayLike) -> DampingMeasure:
         """Measure a K_d: shape (n,) or scalar, N·m·s/rad. Infinite at the largest if it is beyond all measure."""
-        gains = np.broadcast_to(np.asarray(damping, dtype=np.float64), (self._description.joint_count,))
-        root = np.sqrt(gains)
-        # √K_d M⁻¹ √K_d is symmetric and has the eigenvalues of M⁻¹ K_d.
-        with np.errstate(over="ignore", invalid="ignore"):
-            symmetric = root[:, None] * self._inverse_mass * root
+        symmetric = self._symmetric(damping)
         if not (np.abs(symmetric) < _MEASURABLE).all():  # NaN too
+            gains = np.broadcast_to(damping, (self._description.joint_count,))
             return DampingMeasure(math.inf, self._description.joint_names[int(np.argmax(gains))])
         values, vectors = np.linalg.eigh(symmetric)
         worst = int(np.argmax(values[:, -1]))
         joint = int(np.argmax(np.abs(vectors[worst, :, -1])))
         return DampingMeasure(self._timestep * float(values[worst, -1]), self._description.joint_names[joint])
+
+    def exceeds(self, damping: npt.ArrayLike, limit: float) -> bool:
+        """Whether the eigenvalue under a K_d, as `measure` takes it, is above a limit.
+
+        The entries bound it, and most often tell: the linear algebra of small matrices waits for threads of its own,
+        which takes 50 times as long where the processors are busy.
+        """
+        symmetric = np.abs(self._symmetric(damping))
+        if not (symmetric < _MEASURABLE).all():
+            return True
+        if self._timestep * np.einsum("pii->pi", symmetric).max(initial=0.0) > limit:
+            return True
+        doubtful = self._timestep * symmetric.sum(axis=2).max(axis=1, initial=0.0) > limit
+        values = np.linalg.eigvalsh(self._symmetric(damping)[doubtful])
+        return bool((self._timestep * values > limit).any())
+
+    def _symmetric(self, damping: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Of each pose √K_d M⁻¹ √K_d, which is symmetric and has the eigenvalues of M⁻¹ K_d."""
+        root = np.sqrt(np.broadcast_to(np.asarray(damping, dtype=np.float64), (self._description.joint_count,)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            symmetric: npt.NDArray[np.float64] = root[:, None] * self._inverse_mass * root
+        return symmetric
 
     def check(self, damping: npt.ArrayLike, what: str) -> str:
         """A warning about a K_d, or '' if it is stable without oscillation; `what` says whose it is.
@@ -95,9 +114,9 @@ class DampingStability:
             InputError: it is unstable at this physics step; the message names the joint, and a step that works, if
                 there is one.
         """
-        measure = self.measure(damping)
-        if measure.eigenvalue <= WARNED_ABOVE:
+        if not self.exceeds(damping, WARNED_ABOVE):
             return ""
+        measure = self.measure(damping)
         message = (
             f"{what}: dt·M⁻¹·K_d reaches {_shown(measure.eigenvalue)} at {measure.joint} with a physics step of "
             f"{self._timestep:g} s"
