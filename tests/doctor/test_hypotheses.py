@@ -182,8 +182,10 @@ def test_pairs_are_of_two_causes_and_begin_with_the_most_promising() -> None:
     found = list(pairs(contract, ranked))
     assert len(found) > len(ranked)
     assert all(len(pair.edits) == len(set(pair.causes)) == 2 for pair in found)
-    places = [sum(next(i for i, h in enumerate(ranked) if h.edits[0] is edit) for edit in pair.edits) for pair in found]
-    assert places == sorted(places)
+    place = {hypothesis.name: i for i, hypothesis in enumerate(ranked, 1)}
+    products = [place[pair.edits[0].name] * place[pair.edits[1].name] for pair in found]
+    assert products == sorted(products)
+    assert max(place[edit.name] for pair in found[: 3 * len(ranked)] for edit in pair.edits) == len(ranked)
 
 
 def test_two_mistakes_are_undone_by_a_pair() -> None:

@@ -215,6 +215,32 @@ def test_two_mistakes_are_found_though_a_third_change_keeps_the_robot_up(examine
     assert names(examine(wrong, judge))[0] == "anchor body torso + reference aligned"
 
 
+def test_two_mistakes_are_found_though_either_cure_alone_is_worse_and_a_third_change_keeps_the_robot_up(
+    examine: Callable[..., Ranking],
+) -> None:
+    right = tracker()
+    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
+    halves = (set_fields(anchor_body="torso")(wrong), set_fields(align_reference=True)(wrong))
+    softer = set_fields(joint_stiffness=0.5 * wrong.joint_stiffness)(wrong)
+
+    def judge(contract: PolicyContract) -> tuple[float, float]:
+        if any(same_contract(contract, half) for half in halves):
+            return 0.1, 9.0  # no other change is as bad
+        if same_contract(contract, softer):
+            return 1.0, 4.0
+        return right_only(right)(contract)
+
+    result = examine(wrong, judge, pairs=6000)
+    assert names(result)[0] == "anchor body torso + reference aligned"
+    assert result.pairs_tried == result.pairs_known > 1000
+
+
+def test_where_one_change_leaves_nothing_to_notice_few_pairs_are_tried(examine: Callable[..., Ranking]) -> None:
+    right = tracker()
+    result = examine(set_fields(anchor_body="pelvis")(right), right_only(right))
+    assert 50 < result.pairs_known <= 160
+
+
 def test_a_right_value_is_not_altered_along_with_a_wrong_one(examine: Callable[..., Ranking]) -> None:
     wrong = replace(tracker(), observation=["command", "base_ang_vel", "joint_pos", "joint_vel"])
     found = {h.name: h for h in singles(wrong, FACTS)}

@@ -47,6 +47,23 @@ def test_it_is_linear_in_step_and_gain() -> None:
     assert stability(robot, 0.0005).measure(np.full(14, 4.0)).eigenvalue == pytest.approx(2 * one, rel=1e-9)
 
 
+def test_exceeding_a_limit_is_what_the_measure_says() -> None:
+    robot = load_robot("lite")
+    measured = stability(robot, 0.0005)
+    rng = np.random.default_rng(3)
+    seen = []
+    for _ in range(40):
+        damping = rng.uniform(0.0, 8.0, 14)
+        eigenvalue = measured.measure(damping).eigenvalue
+        for limit in (0.5 * eigenvalue, 0.999 * eigenvalue, 1.001 * eigenvalue, 3.0 * eigenvalue, 1.0):
+            assert measured.exceeds(damping, limit) is (eigenvalue > limit)
+            seen.append(eigenvalue > limit)
+    assert 80 <= sum(seen) < 200
+    assert measured.exceeds(0.0, 1.0) is False
+    assert measured.exceeds(1e200, 1.0) is True
+    assert measured.exceeds(np.nan, 1.0) is True
+
+
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])
 def test_the_lite_at_half_a_millisecond(name: str) -> None:
     """Its working gains are far from the limit; the passive 5.0 is stable, and close enough to be mentioned."""
