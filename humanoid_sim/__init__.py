@@ -1,6 +1,24 @@
 """Run, test and deploy humanoid policies: one control stack in MuJoCo, on emulated motors and on the robot."""
 
-from humanoid_sim.envs.registration import register_with_gymnasium
+import sys
+from types import TracebackType
+
+
+def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
+    from humanoid_sim.errors import was_interrupted  # noqa: PLC0415 - before it nothing is loaded
+
+    if not was_interrupted(error):
+        sys.__excepthook__(kind, error, traceback)
+        return
+    if sys.stderr is not None:
+        print("interrupted", file=sys.stderr)
+    sys.exit(130)  # 128 + SIGINT, as shells have it
+
+
+if getattr(sys, "argv", [])[:1] == ["-m"]:  # what Python has there while it looks for `-m humanoid_sim.…`
+    sys.excepthook = _told_in_a_line  # Ctrl-C while everything loads
+
+from humanoid_sim.envs.registration import register_with_gymnasium  # noqa: E402 - what takes time to load comes after
 
 __version__ = "0.1.0"
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import errno
 import importlib
+import io
 import os
 import sys
 from collections.abc import Callable, Sequence
 from enum import IntEnum
+from functools import partial
 
-from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.errors import InputError, RobotError, was_interrupted
 
 __all__ = ["VERBS", "ExitStatus", "complain", "load_program", "main", "mute_output", "run_program"]
 
@@ -61,6 +64,7 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
 
     An output that cannot be written is one line and status 1; a reader that has left it (`| head`) is status 1 alone.
     """
+    _make_outputs_safe()
     if sys.stdout is None:  # as Python has it where the descriptor was closed (`>&-`)
         complain("error: standard output is closed, expected somewhere to write to, such as /dev/null")
         return ExitStatus.BAD_INPUT
@@ -70,7 +74,9 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
     except (InputError, RobotError) as error:
         complain(f"error: {error}")
         status = ExitStatus.BAD_INPUT
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, ImportError) as error:
+        if not was_interrupted(error):
+            raise
         complain("interrupted")
         status = ExitStatus.INTERRUPTED
     except OSError as error:
@@ -85,6 +91,46 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
         complain(f"error: standard output cannot be written: {problem.strerror}")
     mute_output()
     return status or ExitStatus.FAILED
+
+
+def _make_outputs_safe() -> None:
+    """Have every character printed somehow, and keep a closed descriptor's number from the files that are opened next.
+
+    What a library writes to standard error would otherwise end up in a recording.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:  # the lowest that is free is this one
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+    codecs.register_error(_PLAIN, _plain)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
+            stream.reconfigure(errors=_PLAIN)
+
+
+_PLAIN = "humanoid_sim.plain"
+_SPELLED = {
+    "→": "->",
+    "≤": "<=",
+    "≥": ">=",
+    "±": "+-",
+    "·": "*",
+    "°": " deg",
+    "µ": "u",
+    "²": "^2",
+    "…": "...",
+    "█": "#",
+}
+"""Characters that this package prints, for outputs whose encoding lacks them."""
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """In the place of characters that an encoding lacks: how they are spelled, or a question mark."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    missing = error.object[error.start : error.end]
+    return "".join(_SPELLED.get(character, "?") for character in missing), error.end
 
 
 def complain(message: str) -> None:
@@ -129,7 +175,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if verb not in VERBS:
         complain(f"error: unknown verb '{verb}'; known: {', '.join(VERBS)}")
         return ExitStatus.BAD_INPUT
-    return run_program(load_program(verb), rest)
+    return run_program(partial(_run_verb, verb), rest)
+
+
+def _run_verb(verb: str, arguments: Sequence[str] | None) -> int:
+    """Load a verb's program and run it."""
+    return load_program(verb)(arguments)
 
 
 def load_program(verb: str) -> Callable[[Sequence[str] | None], int]:

@@ -17,6 +17,7 @@ __all__ = [
     "known_names",
     "one_line",
     "reason_of",
+    "was_interrupted",
 ]
 
 
@@ -59,3 +60,10 @@ def one_line(text: str) -> str:
 def reason_of(error: BaseException) -> str:
     """What another package's exception says, as part of a line; its type where it says nothing."""
     return one_line(str(error)) or type(error).__name__
+
+
+def was_interrupted(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is what ended something: a library that was loading may have made it an error of its own."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None

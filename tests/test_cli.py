@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
@@ -146,3 +147,62 @@ def test_a_closed_output_is_one_line() -> None:
 def test_any_other_failure_of_the_system_is_a_bug() -> None:
     with pytest.raises(FileNotFoundError):
         failing(FileNotFoundError(2, "No such file or directory"))
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1:strict", "ascii:surrogateescape"])
+def test_characters_that_the_output_lacks_are_spelled(encoding: str) -> None:
+    code = "from humanoid_sim.cli import run_program; run_program(lambda _: print('A → B ≤ 5 K_d 中 \\udc80') or 0)"
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "A -> B <= 5 K_d ? ?\n", "")
+
+
+def test_with_a_closed_standard_error_no_file_takes_its_number(tmp_path: Path) -> None:
+    """What a library writes there would end up in the file."""
+    path = tmp_path / "file"
+    program = f"lambda _: open({str(path)!r}, 'w').fileno() < 3 or os.write(2, b'a banner') and 0"
+    run = shell("2>&- <&-", program.replace("os.", "__import__('os')."))
+    assert run.returncode == 0
+    assert path.read_bytes() == b""
+
+
+LATE = "raise ImportError('initialization failed') from KeyboardInterrupt()"
+"""What a library written in C makes of Ctrl-C while it loads."""
+
+
+def test_ctrl_c_while_a_library_loads_is_one_line_and_status_130(capsys: pytest.CaptureFixture[str]) -> None:
+    error = ImportError("initialization failed")
+    error.__cause__ = KeyboardInterrupt()
+    assert failing(error) == 130
+    assert capsys.readouterr() == ("", "interrupted\n")
+    with pytest.raises(ImportError):
+        failing(ImportError("no module"))
+
+
+@pytest.mark.parametrize("raised", ["raise KeyboardInterrupt", LATE])
+def test_ctrl_c_while_a_program_loads_is_one_line(raised: str, tmp_path: Path) -> None:
+    """`mcap` is one of the packages that `record` imports before it begins."""
+    (tmp_path / "mcap.py").write_text(f"{raised}\n", encoding="utf-8")
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
+    run = subprocess.run(
+        [sys.executable, "-m", "humanoid_sim.record", "info", "x.mcap"],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.stderr == "interrupted\n"
+    assert run.returncode == 130
+
+
+def test_testing_is_no_program_and_without_its_extra_says_what_to_install(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "humanoid_sim.testing"]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr.count("\n")) == (2, 1)
+    assert run.stderr.startswith("error: humanoid_sim.testing: is no program")
+    (tmp_path / "hypothesis.py").write_text("raise ImportError\n", encoding="utf-8")
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
+    environment = {**os.environ, "PYTHONPATH": path}
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr.count("\n")) == (2, 1)
+    assert run.stderr.startswith("error: humanoid_sim.testing needs the package 'hypothesis'")

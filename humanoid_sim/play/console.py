@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+from humanoid_sim.cli import mute_output
 from humanoid_sim.messages import Event, EventKind, Mode, SessionHeader, TickRecord
 from humanoid_sim.session.sinks import WorkerSink
 
-__all__ = ["MODE_STYLES", "ConsoleSink"]
+__all__ = ["MODE_STYLES", "ConsoleSink", "PlayConsole"]
 
 MODE_STYLES = {
     Mode.ZERO_TORQUE: "bright_black",
@@ -21,6 +23,21 @@ MODE_STYLES = {
     Mode.LOCOMOTION: "green",
     Mode.REMOTE: "magenta",
 }
+
+
+class PlayConsole(Console):
+    """Standard output; a reader that leaves (`| head -1`) neither ends nor fails a run."""
+
+    def __init__(self) -> None:
+        # The channel `virtual:b` and the colon after its name are no emoji.
+        super().__init__(highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty())
+        self.is_unread = False
+        """Its reader has left."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nowhere from here on."""
+        self.is_unread = True
+        mute_output()
 
 
 class ConsoleSink(WorkerSink):

@@ -14,6 +14,7 @@ from rich.text import Text
 from humanoid_sim.cli import ExitStatus, complain, mute_output
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.play.assembly import Run, assemble
+from humanoid_sim.play.console import PlayConsole
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan, make_plan
 from humanoid_sim.play.played_robot import BringUp
@@ -39,7 +40,7 @@ def play(config: PlayConfig) -> int:
     Raises:
         InputError: before anything moves.
     """
-    output, console = sys.stdout, _new_console()
+    output, console = sys.stdout, PlayConsole()
     config = with_recorded_options(config)
     plan = make_plan(config)
     with ExitStack() as left:
@@ -60,7 +61,7 @@ def play(config: PlayConfig) -> int:
                 operator.close()
             if run.console.error is not None or run.console.is_alive:
                 mute_output()  # what is printed from here on would fail as well, or wait as that thread does
-                console = _new_console()  # that thread may hold the lock of the other one
+                console = PlayConsole()  # that thread may hold the lock of the other one
         problems = _problems(run, result)
         summary = summarise(run, result)
     if run.plan.outputs.summary is not None:  # before anything is printed: whoever reads that may leave early
@@ -81,11 +82,6 @@ def play(config: PlayConfig) -> int:
     return ExitStatus.of(not (problems or went_wrong))
 
 
-def _new_console() -> Console:
-    # The channel `virtual:b` and the colon after its name are no emoji.
-    return Console(highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty())
-
-
 def _introduce(console: Console, plan: Plan) -> None:
     if plan.policy.warning:
         console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
@@ -100,7 +96,7 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
     parts = (
         ("recording", run.recorder and run.recorder.error),
         ("final table", run.monitor.error),
-        ("console", None if isinstance(run.console.error, (BrokenPipeError, SystemExit)) else run.console.error),
+        ("console", run.console.error),
         ("gravity compensation", run.gravity and run.gravity.error),
         ("robot", run.plan.setup.failure()),
     )
@@ -118,8 +114,6 @@ def _printing(problems: list[str]) -> Iterator[None]:
     """An output that fails keeps no file from being written."""
     try:
         yield
-    except SystemExit:  # rich's way out where the reader of a pipe has left
-        mute_output()
     except OSError as error:
         problems.append(f"standard output cannot be written: {error.strerror}")
         mute_output()
@@ -198,6 +192,8 @@ def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
             _print_verdict(robot, console)
         raise RobotError(str(error).partition("\n")[0].rstrip(": ")) from None
     _print_checks(robot, console)
+    if asks and isinstance(console, PlayConsole) and console.is_unread:
+        raise InputError("--yes: is needed where the question cannot be read (nobody reads standard output)")
     if config.dry_run:
         console.print("dry run: everything but enabling was done; no motor was enabled", markup=False)
         _print_verdict(robot, console)

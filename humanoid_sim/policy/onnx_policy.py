@@ -64,7 +64,7 @@ class OnnxModel:
         options.intra_op_num_threads = 1
         options.inter_op_num_threads = 1
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
-        options.log_severity_level = 4  # what it would log reaches the user through the exception
+        options.log_severity_level = _SILENT  # what it would log reaches the user through the exception
         try:
             source = str(path) if graph is None else graph
             session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
@@ -85,6 +85,10 @@ class OnnxModel:
         return values
 
 
+_SILENT = 4
+"""ONNX Runtime's severity of what it prints: fatal errors only."""
+
+
 def _onnxruntime() -> Any:
     """ONNX Runtime, imported when it is first needed, because it is heavy and may be missing.
 
@@ -94,6 +98,7 @@ def _onnxruntime() -> Any:
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime  # noqa: PLC0415 - see above
 
+    onnxruntime.set_default_logger_severity(_SILENT)  # it would warn of a graphics card that it does not find
     return onnxruntime
 
 

@@ -22,12 +22,18 @@ is the same as a class, for rules and properties of one's own; the strategies ma
 `docs/testing.md` shows both, and says what is checked.
 """
 
+import sys
+
 try:
     import hypothesis as _hypothesis  # noqa: F401
 except ImportError:
     from humanoid_sim.errors import MissingPackageError
 
-    raise MissingPackageError("hypothesis", "testing", "humanoid_sim.testing") from None
+    _missing = MissingPackageError("hypothesis", "testing", "humanoid_sim.testing")
+    if sys.argv[:1] == ["-m"]:  # what Python has there while `python -m humanoid_sim.testing` looks for the program
+        print(f"error: {_missing}", file=sys.stderr)
+        sys.exit(2)
+    raise _missing from None
 
 from humanoid_sim.testing.checks import SafetyViolationError, fingerprint
 from humanoid_sim.testing.fuzz import DEFAULT_SETTINGS, fuzz_controller, fuzz_stack, robot_stack

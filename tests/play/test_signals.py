@@ -18,7 +18,11 @@ from result import Document
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.play.console import PlayConsole
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.run import bring_up
 from humanoid_sim.recording.reader import open_recording
 
 SCRIPT = "damp; load_a; wait; start_locomotion; hold 60"
@@ -199,6 +203,36 @@ def test_a_reader_that_leaves_does_not_stop_the_run(folder: Path, quick: str) ->
     assert events == ["ending: script finished"]
     assert ticks[-1].output.quit
     assert (folder / "s.json").is_file()
+
+
+def test_a_reader_that_is_gone_before_anything_is_printed_does_not_keep_a_run_from_running(
+    folder: Path, quick: str
+) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    options = ["--viewer", "none", "--record", "r.mcap", "--robot", quick, "--script", "damp; hold 0.2"]
+    command = [sys.executable, "-m", "humanoid_sim.play", *options]
+    run = subprocess.run(command, cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (run.returncode, run.stderr) == (0, "")
+    ticks, _ = recorded(folder)
+    assert ticks[-1].output.quit
+
+
+def test_a_question_that_nobody_reads_enables_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Asking:
+        question = "Enable?"
+
+        def prepare(self) -> None: ...
+
+        def checks(self) -> list[tuple[str, str, str]]:
+            return [("ok", "can0", "all there")]
+
+    console = PlayConsole()
+    console.is_unread = True
+    monkeypatch.setattr("sys.stdin", type("Terminal", (), {"isatty": lambda _: True})())
+    with pytest.raises(InputError, match="--yes: is needed where the question cannot be read"):
+        bring_up(Asking(), PlayConfig(hardware="can0"), console)
 
 
 def test_ctrl_c_while_everything_loads_is_one_line(
