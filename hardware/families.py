@@ -12,6 +12,8 @@ from types import MappingProxyType
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.motors import FrameEncoder, MotorGroup, MotorLink, Rescue, SessionTerms
 from humanoid_sim.hardware.robstride.session import RobstrideEncoder, RobstrideSession
+from humanoid_sim.hardware.sito.frames import SitoEncoder, rescue_frames
+from humanoid_sim.hardware.sito.session import SitoSession
 from humanoid_sim.mit import FloatArray
 
 __all__ = ["DRIVERS", "Driver"]
@@ -30,7 +32,8 @@ class Driver:
 
 DRIVERS: Mapping[str, Driver] = MappingProxyType(
     {
-        # in the order in which they are asked whether a frame is theirs: Robstride's identifiers have no mark
+        # In the order in which they are asked whether a frame is theirs: Robstride's identifiers have no mark.
+        "sito": Driver(SitoSession, SitoEncoder, rescue_frames),
         "robstride": Driver(RobstrideSession, RobstrideEncoder),
     }
 )

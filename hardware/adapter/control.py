@@ -179,6 +179,7 @@ class CommandEncoder:
         families = [FAMILIES[model.family] for model in wiring.model]
         self._stiffness_doubt = np.array([family.stiffness_doubt for family in families])
         self._damping_doubt = np.array([family.damping_doubt for family in families])
+        self._gains_apart = np.array([family.gains_apart for family in families])
         self._saturated: npt.NDArray[np.int64] = np.zeros((len(COMMAND_FIELDS), wiring.count), dtype=np.int64)
         self._bounded: npt.NDArray[np.int64] = np.zeros(wiring.count, dtype=np.int64)
 
@@ -195,6 +196,9 @@ class CommandEncoder:
         position = bounded_position(limited, state.position, state.velocity, limit, self._lead)
         self._saturated[2] += effort != command.effort
         self._bounded += position != command.position
+        # Without K_p the position says nothing, unless a lost frame has left the motor its old K_p: then, stay there.
+        is_free = self._gains_apart & (command.stiffness == 0.0) & np.isfinite(state.position)
+        position = np.where(is_free, state.position, position)
         values = np.array(
             [
                 tracker.to_motor(position),

@@ -11,15 +11,13 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.guardian.guardian import SOURCE, Guardian, can_share
 from humanoid_sim.hardware.guardian.plan import GuardedMotor, GuardianPlan
-from humanoid_sim.robots.motors import FAMILIES
 
 __all__ = ["guarded_joints", "start_guardian"]
 
 
 def guarded_joints(settings: AdapterSettings) -> tuple[int, ...]:
     """Joints whose motors execute their last command for ever when their host falls silent."""
-    wiring = settings.wiring
-    return tuple(i for i in range(wiring.count) if not FAMILIES[wiring.model[i].family].has_timeout)
+    return settings.wiring.endless
 
 
 def _plan(settings: AdapterSettings) -> GuardianPlan:

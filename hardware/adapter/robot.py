@@ -61,6 +61,7 @@ class HardwareRobot:
         clock: Callable[[], float] = system_time.monotonic,
         host_id: int = DEFAULT_HOST_ID,
         can_timeout: float = CAN_TIMEOUT,
+        allow_no_timeout: bool = False,
         imu: Imu | None = None,
         dry_run: bool = False,
         accepted_firmware: Collection[str] = (),
@@ -76,6 +77,7 @@ class HardwareRobot:
             clock: s, monotonic; the robot's own clock counts from now.
             host_id: this host's id on the bus.
             can_timeout: s without a command after which the motors stop by themselves.
+            allow_no_timeout: whether motors may be driven that nothing stops when this program dies.
             imu: where orientation comes from; without one the state is that of a base upright and at rest.
             dry_run: never enable: `activate` verifies everything and then refuses.
             accepted_firmware: versions that no document mentions and an operator accepts all the same.
@@ -92,6 +94,7 @@ class HardwareRobot:
             control_period=control_period,
             host_id=host_id,
             can_timeout=can_timeout,
+            allow_no_timeout=allow_no_timeout,
         )
         self._imu = imu
         self._dry_run = dry_run

@@ -14,7 +14,7 @@ from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.parameters import CanTimeout
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.motors import MOTORS
+from humanoid_sim.robots.motors import FAMILIES, MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["AdapterSettings", "Wiring", "make_settings", "make_wiring"]
@@ -38,6 +38,11 @@ class Wiring(MotorGroup):
     """Shape (n,), rad/s, the end of the motor's velocity range; infinite where nobody knows how fast it can turn."""
     position_range: FloatArray
     """Shape (n,), rad, motor frame, the end of what its frames can say of a position, beyond which a report wraps."""
+
+    @property
+    def endless(self) -> tuple[int, ...]:
+        """Joints whose motors execute their last command for ever when their host falls silent."""
+        return tuple(i for i, model in enumerate(self.model) if not FAMILIES[model.family].has_timeout)
 
 
 def make_wiring(
@@ -135,6 +140,7 @@ def make_settings(
     control_period: float | None,
     host_id: int,
     can_timeout: float,
+    allow_no_timeout: bool,
 ) -> AdapterSettings:
     """Settings for a robot; the arguments are those of `HardwareRobot`.
 
@@ -154,13 +160,20 @@ def make_settings(
             f"CAN timeout: is {can_timeout:g} s, expected more than the control period of {period:g} s, and at most "
             f"{longest:g} s: motors without a timeout execute their last command for ever"
         )
+    wiring = make_wiring(description, len(addresses), calibration)
+    endless = ", ".join(wiring.names[i] for i in wiring.endless)
+    if endless and not allow_no_timeout:
+        raise InputError(
+            f"{description.name}: motors that execute their last command for ever when this program or its computer "
+            f"dies, for no timeout of theirs is known: {endless}; --allow-no-timeout accepts that"
+        )
     damping = description.damping_controller
     values = np.array(damping.damping or (damping.damping_scalar,) * description.joint_count)
     values.setflags(write=False)
     return AdapterSettings(
         name=name,
         addresses=addresses,
-        wiring=make_wiring(description, len(addresses), calibration),
+        wiring=wiring,
         host_id=host_id,
         control_period=period,
         can_timeout=can_timeout,

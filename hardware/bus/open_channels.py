@@ -83,6 +83,8 @@ class OpenChannels:
             RobotError: with everything that is wrong; no channel is open then.
         """
         checks.refuse()
+        self.clock = clock
+        """s, the robot's."""
         self.opened = clock()
         self.sources = tuple(str(address) for address in addresses)
         opened: list[Channel] = []

@@ -121,6 +121,7 @@ _SIMULATION_ONLY = (
 )
 _HARDWARE_ONLY = (
     "accept_firmware",
+    "allow_no_timeout",
     "allow_script",
     "calibration",
     "can_timeout",

@@ -67,6 +67,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             calibration=offsets,
             control_period=control_period,
             imu=imu,
+            allow_no_timeout=config.allow_no_timeout,
             dry_run=config.dry_run,
             host_id=config.host_id,
             can_timeout=config.can_timeout,

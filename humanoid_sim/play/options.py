@@ -28,7 +28,7 @@ class PlayConfig:
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
     with the same motion or command. Options override the recording's."""
     robot: str = DEFAULT_ROBOT
-    """A shipped robot (lite, lite_neck, lite_biped), or the path of a robot's YAML file or of an MJCF."""
+    """A shipped robot (lite, lite_neck, lite_biped, lite_sito), or the path of a robot's YAML file or of an MJCF."""
     imu_site: str | None = None
     """Site or body of the robot's MJCF that is its IMU, in simulation. Default: the robot's; of an MJCF its gyro's."""
     command: str = "0,0,0"
@@ -43,6 +43,8 @@ class PlayConfig:
     calibration: str | None = None
     """The real robot's calibration. Default: calibration.yaml in this folder; none where the motors' own zeros are the
     joints', as those of emulated motors are."""
+    allow_no_timeout: bool = False
+    """On hardware: drive motors too that nothing stops when this program or its computer dies, such as Sito's."""
     dry_run: bool = False
     """On hardware: do everything but enable the motors, print what was checked, and end."""
     yes: bool = False

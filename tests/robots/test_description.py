@@ -257,20 +257,18 @@ def test_a_binary_file(tmp_path: Path) -> None:
 def test_a_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         load_robot(tmp_path)
-    assert (
-        str(caught.value)
-        == f"{tmp_path}: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck"
-    )
+    accepted = "a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck, lite_sito"
+    assert str(caught.value) == f"{tmp_path}: is a folder, expected {accepted}"
 
 
 def test_an_unknown_name_lists_the_shipped_robots() -> None:
     with pytest.raises(InputError) as caught:
         load_robot("lit")
-    assert str(caught.value) == "unknown robot 'lit': neither a file nor one of: lite, lite_biped, lite_neck"
+    assert str(caught.value) == "unknown robot 'lit': neither a file nor one of: lite, lite_biped, lite_neck, lite_sito"
 
 
 def test_shipped_robots() -> None:
-    assert shipped_robots() == ("lite", "lite_biped", "lite_neck")
+    assert shipped_robots() == ("lite", "lite_biped", "lite_neck", "lite_sito")
 
 
 def test_a_path_is_a_robot_of_the_same_form(tmp_path: Path, document: Document) -> None:

@@ -1,0 +1,341 @@
+"""What a session does with a robot's Sito motors: listen, enable, watch and disable them.
+
+The protocol has no question and no answer. A motor says nothing before it is enabled, and then by its own clock;
+whether it took what it was told shows in its feedback only.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.bus.open_channels import OpenChannels
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.motors import (
+    NEVER,
+    ChannelNotes,
+    Finding,
+    MotorFigures,
+    MotorGroup,
+    Note,
+    Readings,
+    SessionTerms,
+    check_intruders,
+)
+from humanoid_sim.hardware.sito.codec import (
+    FROM_MOTOR,
+    LARGEST_INTERVAL,
+    Feedback,
+    Malformed,
+    MessageType,
+    Mode,
+    PositionFeedback,
+    SelectMode,
+    decode,
+    encode,
+    split_identifier,
+)
+from humanoid_sim.hardware.sito.frames import limp_frames, reset_frames
+from humanoid_sim.messages import SafetyFlag
+
+__all__ = ["SitoSession", "SitoSlot"]
+
+_LISTENING = 0.3
+"""s in which a motor that is enabled, or another host, would be heard: feedback comes every 255 ms at the latest."""
+_FIRST_FEEDBACK = 0.5
+"""s at most from enabling to the first feedback of both kinds."""
+_WATCH = 0.1
+"""s in which feedback is watched before anything is commanded."""
+_STRAY_EFFORT = 0.5
+"""N·m that a motor without gains or current may report: noise of the current's measurement, and no more."""
+_ROUND = 0.02
+"""s between two rounds of frames while feedback is awaited."""
+_RESETS = 3
+"""Rounds of resets: none is acknowledged."""
+_SILENCE = 1.0
+"""s at most in which feedback must end after a reset."""
+_SIGN = 0.3
+"""s at most in which a motor that is enabled sends feedback: on a busy computer it is noticed late."""
+_POLL = 0.001
+"""s"""
+_TYPES = frozenset(int(kind) for kind in MessageType)
+
+
+class _Motion(NamedTuple):
+    """Feedback 1."""
+
+    time: float
+    """s, robot's clock."""
+    value: Feedback
+
+
+class _Place(NamedTuple):
+    """Feedback 2."""
+
+    time: float
+    """s, robot's clock."""
+    value: PositionFeedback
+
+
+@dataclass(slots=True)
+class SitoSlot:
+    """What was heard of one motor. Written by one receiver thread, whole objects at a time."""
+
+    motor: int
+    feedback: _Motion | None = None
+    position: _Place | None = None
+    invalid: Note = NEVER
+    invalid_frames: int = 0
+    reports: int = 0
+    """Frames of feedback 1 and 2."""
+    largest_effort: float = 0.0
+    """N·m, of feedback since enabling began."""
+    commanded: int = 0
+
+    @property
+    def heard(self) -> float:
+        """s, robot's clock, when the older of the latest two frames came; -infinity before both have."""
+        if self.feedback is None or self.position is None:
+            return -np.inf
+        return min(self.feedback.time, self.position.time)
+
+
+class SitoSession:
+    """See `MotorLink`."""
+
+    knows_positions = False
+
+    def __init__(
+        self,
+        line: OpenChannels,
+        motors: MotorGroup,
+        terms: SessionTerms,
+    ) -> None:
+        """Nothing is sent yet.
+
+        Args:
+            line: open.
+            motors: the robot's of this family; maybe none, where it only tells what strangers are heard.
+            terms: the session's.
+        """
+        self._line = line
+        self.motors = motors
+        self.uids: Mapping[str, bytes] = {}
+        self.notes = tuple(ChannelNotes() for _ in line.channels)
+        self.slots = tuple(SitoSlot(i) for i in range(motors.count))
+        self.interval = min(max(round(1000.0 * terms.control_period), 1), LARGEST_INTERVAL)
+        """ms between two frames of one kind of feedback."""
+        self._by_address = {(motors.channel[i], motors.motor_id[i]): slot for i, slot in enumerate(self.slots)}
+        self._enabled: set[int] = set()
+
+    # --- receiver threads
+
+    def receive(self, channel: int, frame: Frame, time: float) -> bool:
+        """See `MotorLink`: whether the identifier is a Sito's."""
+        parts = split_identifier(frame)
+        if parts is None:
+            return False
+        device_id, kind = parts
+        notes, slot = self.notes[channel], self._by_address.get((channel, device_id))
+        if slot is None:
+            notes.strangers["frame of no motor of this robot"] += 1
+        elif kind in FROM_MOTOR:
+            self._take(notes, slot, frame, time)
+        elif kind in _TYPES:
+            notes.intrusions += 1
+            name = MessageType(kind).name.lower().replace("_", " ")
+            notes.intruder = Note(time, f"another host sends '{name}' to motor {device_id}")
+        else:
+            notes.strangers["unknown message type"] += 1
+        return True
+
+    def _take(self, notes: ChannelNotes, slot: SitoSlot, frame: Frame, time: float) -> None:
+        match decode(frame, self.motors.model[slot.motor]):
+            case Feedback() as feedback:
+                slot.feedback = _Motion(time, feedback)
+                slot.reports += 1
+                slot.largest_effort = max(slot.largest_effort, abs(feedback.effort))
+            case PositionFeedback() as position:
+                slot.position = _Place(time, position)
+                slot.reports += 1
+            case Malformed(reason=reason):
+                slot.invalid_frames += 1
+                slot.invalid = Note(time, reason)
+            case _:
+                notes.strangers["feedback of a kind that was not asked for"] += 1
+
+    # --- activation
+
+    def _send(self, motor: int, frames: Iterable[Frame]) -> None:
+        channel = self._line.channels[self.motors.channel[motor]]
+        channel.send([(None, frame) for frame in frames])
+
+    def _limp(self, motor: int) -> tuple[Frame, ...]:
+        place = self.slots[motor].position
+        position = 0.0 if place is None else place.value.position
+        return limp_frames(self.motors.motor_id[motor], self.motors.model[motor], position)
+
+    def _wait(self, duration: float, condition: Callable[[], bool] = lambda: False) -> None:
+        """Wait for something, s at most, robot's clock."""
+        clock = self._line.clock
+        end = clock() + duration
+        while not condition() and clock() < end:
+            time.sleep(_POLL)
+
+    def examine(self, checks: CheckList) -> None:
+        """See `MotorLink`: listens only, for there is nothing to ask.
+
+        Raises:
+            RobotError: another master drives these motors.
+        """
+        before = [slot.reports for slot in self.slots]
+        self._wait(_LISTENING)
+        check_intruders(self._line.sources, self.notes, checks)
+        checks.refuse()
+        for slot, count in zip(self.slots, before, strict=True):
+            motor = slot.motor
+            where = f"motor {self.motors.motor_id[motor]} on {self._line.sources[self.motors.channel[motor]]}"
+            checks.passed(self.motors.names[motor], f"{where}, {self.motors.model[motor].name}: it cannot be asked")
+            if slot.reports > count:
+                checks.warn(self.motors.names[motor], "sends feedback: another program left it enabled; it is stopped")
+
+    def make_ready(self, checks: CheckList) -> None:
+        """See `MotorLink`: makes them limp and disables them."""
+        for i in self._reset(range(self.motors.count)):
+            checks.warn(self.motors.names[i], "goes on sending feedback after a reset: whether it obeyed is not known")
+
+    def counted(self) -> Mapping[int, float | None]:
+        """See `MotorLink`: no such question."""
+        return {}
+
+    def start(self, checks: CheckList) -> None:
+        """See `MotorLink`: feedback begins with enabling."""
+
+    def enable(self, checks: CheckList) -> None:
+        """See `MotorLink`: zero gains and zero current before selecting MIT mode and directly after it.
+
+        Whether a disabled motor takes gains is not known, so the first feedback is watched: one that reports torque is
+        a problem, and so is one that stays silent.
+        """
+        intervals = (self.interval, self.interval, 0)
+        for slot in self.slots:
+            slot.feedback = slot.position = None
+            slot.largest_effort = 0.0
+        for i in range(self.motors.count):
+            device_id, model = self.motors.motor_id[i], self.motors.model[i]
+            limp = limp_frames(device_id, model)
+            self._enabled.add(i)
+            self._send(i, [*limp, encode(SelectMode(device_id, Mode.MIT, intervals), model), *limp])
+        self._stay_limp(max(_FIRST_FEEDBACK, 0.005 * self.interval), until_all_are_heard=True)
+        self._stay_limp(_WATCH, until_all_are_heard=False)
+        for slot in self.slots:
+            name = self.motors.names[slot.motor]
+            if not np.isfinite(slot.heard):
+                kinds = " and ".join(
+                    kind for kind, heard in (("velocity", slot.feedback), ("position", slot.position)) if heard is None
+                )
+                checks.problem(name, f"sends no {kinds} after it was enabled: is it there, with supply and this id?")
+            elif slot.largest_effort > _STRAY_EFFORT:
+                checks.problem(
+                    name,
+                    f"reports {slot.largest_effort:.2f} N·m although it was told zero gains and zero current: it does "
+                    "not take them while it is disabled, or it is told by somebody else; it is disabled again",
+                )
+            else:
+                checks.passed(name, f"enabled, limp, feedback every {self.interval} ms")
+
+    def _stay_limp(self, duration: float, *, until_all_are_heard: bool) -> None:
+        """Repeat what makes all motors limp for a time, s, robot's clock: no frame of it is acknowledged."""
+        end = self._line.clock() + duration
+        while self._line.clock() < end:
+            if until_all_are_heard and all(np.isfinite(slot.heard) for slot in self.slots):
+                return
+            self._wait(_ROUND)
+            for i in range(self.motors.count):
+                self._send(i, self._limp(i))
+
+    def stop(self, motors: Iterable[int]) -> tuple[int, ...]:
+        """See `MotorLink`. Nothing confirms a reset: what counts is that feedback which came before ends.
+
+        It proves nothing where the motor was silent before, or the channel is down.
+        """
+        motors = list(motors)
+        doubtful = {i for i in motors if i in self._enabled and not self._is_sending(i)}
+        left = set(self._reset(motors))
+        for i in motors:
+            channel = self._line.channels[self.motors.channel[i]]
+            if i in self._enabled and (i in doubtful or channel.down or not channel.flush(0.0)):
+                left.add(i)
+            if i not in left:
+                self._enabled.discard(i)
+        return tuple(sorted(left))
+
+    def _is_sending(self, motor: int) -> bool:
+        """Whether feedback comes."""
+        before = self.slots[motor].reports
+        self._wait(max(_SIGN, 0.003 * self.interval), lambda: self.slots[motor].reports > before)
+        return self.slots[motor].reports > before
+
+    def _reset(self, motors: Iterable[int]) -> tuple[int, ...]:
+        """Make motors limp and disable them; those whose feedback goes on."""
+        motors = list(motors)
+        for number in range(_RESETS):
+            if number:
+                self._wait(0.001 * self.interval)
+            for i in motors:
+                self._send(i, reset_frames(self.motors.motor_id[i], self.motors.model[i]))
+        for channel in {self.motors.channel[i] for i in motors}:
+            self._line.channels[channel].flush(_SILENCE)
+        end, quiet = self._line.clock() + _SILENCE, 0.003 * self.interval
+        left = motors
+        while left and self._line.clock() < end:
+            before = {i: self.slots[i].reports for i in left}
+            self._wait(quiet)
+            left = [i for i in left if self.slots[i].reports > before[i]]
+        return tuple(left)
+
+    def state_text(self, motor: int) -> str:
+        """See `MotorLink`."""
+        return "sends feedback" if self._is_sending(motor) else "no feedback"
+
+    # --- control
+
+    def begin(self) -> None:
+        """See `MotorLink`."""
+
+    def readings(self) -> Readings:
+        """See `MotorLink`: position and velocity come in two frames, and the older one gives the time."""
+        return Readings(*np.array([_row(slot) for slot in self.slots]).reshape(-1, 5).T)
+
+    def findings(self, motor: int, recent: float) -> Iterator[Finding]:
+        """See `MotorLink`: no frame that reports a fault is known."""
+        slot = self.slots[motor]
+        if slot.invalid.time >= recent:
+            yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", self.motors.names[motor]
+
+    def count_commands(self) -> None:
+        """See `MotorLink`."""
+        for slot in self.slots:
+            slot.commanded += 1
+
+    def figures(self, motor: int) -> MotorFigures:
+        """See `MotorLink`."""
+        slot = self.slots[motor]
+        return MotorFigures(slot.commanded, None, slot.reports, slot.invalid_frames)
+
+    def finish(self) -> None:
+        """See `MotorLink`: what waits to be sent is no longer wanted."""
+        self._line.forget_queues()
+
+
+def _row(slot: SitoSlot) -> tuple[float, ...]:
+    feedback, position = slot.feedback, slot.position
+    if feedback is None or position is None:
+        return (np.nan,) * 5
+    heard = min(feedback.time, position.time)
+    return heard, position.value.position, feedback.value.velocity, feedback.value.effort, np.nan

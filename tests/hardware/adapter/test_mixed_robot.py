@@ -1,0 +1,226 @@
+"""Motors of two families on one robot and one bus: ten Robstride and four Sito, emulated."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import can
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError, RobotError
+from humanoid_sim.hardware.adapter.control import CommandEncoder
+from humanoid_sim.hardware.adapter.joint_tracking import JointTracker
+from humanoid_sim.hardware.adapter.robot import HardwareRobot
+from humanoid_sim.hardware.adapter.wiring import make_wiring
+from humanoid_sim.hardware.bus.address import frame_of, message_of
+from humanoid_sim.hardware.emulation.emulator import Emulator
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.motors import Readings
+from humanoid_sim.hardware.sito import session
+from humanoid_sim.hardware.sito.codec import Command, Gains, HostMessage, Mode, Reset, SelectMode, decode, encode
+from humanoid_sim.messages import SafetyFlag
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
+from humanoid_sim.session.realtime import punctual_threads
+
+ROBOT = load_robot("lite_sito")
+ZEROS = dict.fromkeys(ROBOT.joint_names, 0.0)
+WRISTS = (5, 6, 12, 13)
+TA50 = MOTORS["TA40-50"]
+SLOWNESS = 2.0
+"""Everything in slow motion, so that a busy machine keeps up."""
+_numbers = itertools.count()
+
+
+def slow_clock() -> float:
+    return time.monotonic() / SLOWNESS
+
+
+@pytest.fixture(autouse=True)
+def short_listening(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "_LISTENING", 0.05)
+
+
+@contextmanager
+def rig(
+    settings: EmulationSettings | None = None, before: Callable[[VirtualMotors], None] = lambda _: None
+) -> Iterator[tuple[HardwareRobot, VirtualMotors, list[str]]]:
+    told: list[str] = []
+    channel = f"virtual:mixed-{next(_numbers)}"
+    with punctual_threads(behind=10):
+        motors = VirtualMotors(
+            ROBOT, [channel], settings=settings, told=lambda _, text: told.append(text), clock=slow_clock
+        )
+    with motors:
+        before(motors)
+        robot = HardwareRobot(
+            ROBOT, [channel], calibration=ZEROS, open_bus=motors.open_bus, allow_no_timeout=True, clock=slow_clock
+        )
+        try:
+            yield robot, motors, told
+        finally:
+            motors.clear_faults()
+            robot.close()
+
+
+def hold(robot: HardwareRobot, seconds: float, stiffness: float = 0.0) -> None:
+    target = np.array(ROBOT.initial_position) + 0.1
+    command = MITCommand(target, np.zeros(14), np.zeros(14), np.full(14, stiffness), np.full(14, 2.0))
+    for _ in range(round(seconds / 0.02)):
+        robot.write(command)
+        time.sleep(0.02 * SLOWNESS)
+
+
+def test_it_is_refused_without_leave_to_drive_motors_that_nothing_stops() -> None:
+    with pytest.raises(InputError) as caught:
+        HardwareRobot(ROBOT, ["virtual:a"], calibration=ZEROS)
+    assert str(caught.value) == (
+        "lite_sito: motors that execute their last command for ever when this program or its computer dies, for no "
+        "timeout of theirs is known: left_wrist_roll, left_wrist_pitch, right_wrist_roll, right_wrist_pitch; "
+        "--allow-no-timeout accepts that"
+    )
+
+
+def test_from_limp_to_holding_to_disabled() -> None:
+    with rig() as (robot, motors, told):
+        robot.prepare()
+        state, statuses = robot.read()
+        assert np.isnan(state.joint_position[list(WRISTS)]).all(), "they tell nothing before they are enabled"
+        assert np.isfinite(np.delete(state.joint_position, WRISTS)).all()
+        assert told == []
+        assert {status.flags for status in statuses} == {SafetyFlag.MOTOR_FAULT}
+        robot.activate()
+        assert len(told) == 14
+        assert set(told[:4]) == {f"{ROBOT.joint_names[i]}: enabled" for i in WRISTS}, "first those that nothing stops"
+        hold(robot, 0.3, 50.0)
+        state, statuses = robot.read()
+        assert all(status.is_ok for status in statuses), statuses
+        assert (state.joint_age < 0.1).all()
+        assert np.abs(state.joint_position - motors.truth.joint_position).max() < 0.02
+        assert np.abs(motors.truth.joint_effort).max() > 0.5
+        figures = robot.statistics
+        assert figures.acknowledged == figures.commanded == 10 * 15
+        assert figures.unconfirmed == 4 * 15
+        assert "60 commands to motors that answer none" in figures.lines()[0]
+        robot.close()
+        assert len([text for text in told if text.endswith((": disabled", "stopped, in reset mode"))]) == 14
+
+
+@pytest.mark.slow
+def test_one_that_is_silent_after_enabling_is_a_problem_and_nothing_stays_enabled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(session, "_FIRST_FEEDBACK", 0.1)
+    with rig(before=lambda motors: motors.inject(Fault("unplugged", ("left_wrist_roll",)))) as (robot, _, told):
+        time.sleep(0.02)
+        with pytest.raises(RobotError) as caught:
+            robot.activate()
+        assert "left_wrist_roll: sends no velocity and position after it was enabled: is it" in str(caught.value)
+        assert "left_wrist_roll: does not confirm that it is disabled" in str(caught.value)
+        enabled = [text for text in told if text.endswith(": enabled")]
+        assert len(enabled) == 3, "the other wrists, limp, and no Robstride"
+        assert len([text for text in told if text.endswith(": disabled")]) == 3
+        with pytest.raises(
+            RobotError, match=r"not confirmed to be disabled: left_wrist_roll \(no feedback\)\. Not all"
+        ):
+            robot.close()
+
+
+def test_zero_gains_and_zero_current_come_before_enabling_and_in_the_first_frame_after() -> None:
+    """The motor ignores gains until it is enabled, and its last host left it stiff: it is let go in the next frame."""
+
+    def leave_stiff(motors: VirtualMotors) -> None:
+        def change(emulator: Emulator) -> None:
+            state = emulator.motors.states[5]
+            emulator.motors.states[5] = replace(state, gains=Gains(16, 20.0, 1.0), command=Command(16, 0.5, 0.0, 0.0))
+
+        motors.call(change)
+
+    with rig(EmulationSettings(sito_deaf_until_enabled=True), leave_stiff) as (robot, motors, _):
+        with can.Bus(interface="virtual", channel=motors.addresses[0].channel) as listener:
+            robot.activate()
+            heard = [decode(frame_of(message), TA50) for message in iter(lambda: listener.recv(0.0), None)]
+        sent = [message for message in heard if isinstance(message, HostMessage) and message.device_id == 16]
+        (enabling,) = (i for i, message in enumerate(sent) if isinstance(message, SelectMode))
+        limp = [Gains(16, 0.0, 0.0), Gains(16, 0.0, 0.0), Command(16, 0.0, 0.0, 0.0)]
+        assert sent[enabling] == SelectMode(16, Mode.MIT, (20, 20, 0))
+        assert sent[enabling - 3 : enabling] == sent[enabling + 1 : enabling + 4] == limp
+        assert all(message in limp or isinstance(message, Reset) for message in sent[:enabling])
+        later = [message for message in sent[enabling + 4 :] if isinstance(message, Gains)]
+        assert later
+        assert all(message == limp[0] for message in later), "until the loop commands"
+
+
+@pytest.mark.slow
+def test_torque_that_nobody_asked_for_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motor on which gains have no effect, as far as its feedback tells."""
+    monkeypatch.setattr(session, "_STRAY_EFFORT", -1.0)
+    with rig() as (robot, _, told):
+        with pytest.raises(RobotError, match=r"left_wrist_roll: reports 0\.00 N·m although it was told zero gains"):
+            robot.activate()
+        assert len([text for text in told if text.endswith(": disabled")]) == 4
+
+
+@pytest.mark.slow
+def test_a_silent_wrist_is_heard_of_and_does_not_confirm_that_it_is_disabled() -> None:
+    with rig() as (robot, motors, _):
+        robot.activate()
+        motors.inject(Fault("silent", ("right_wrist_pitch",)))
+        hold(robot, 0.3)
+        _, statuses = robot.read()
+        assert [(status.flags, status.message) for status in statuses] == [
+            (SafetyFlag.RX_TIMEOUT, "silent: right_wrist_pitch")
+        ]
+        with pytest.raises(
+            RobotError, match=r"not confirmed to be disabled: right_wrist_pitch \(no feedback\)\. Not all"
+        ):
+            robot.close()
+
+
+def test_another_host_that_commands_a_sito_is_an_intruder_and_a_strangers_frames_are_none() -> None:
+    with rig() as (robot, motors, _):
+        robot.activate()
+        with motors.open_bus(motors.addresses[0]) as bus:
+            bus.send(message_of(encode(Command(99, 0.0, 0.0, 0.0), TA50)))
+            hold(robot, 0.1)
+            assert all(status.is_ok for status in robot.read()[1])
+            bus.send(message_of(encode(Gains(17, 0.0, 1.0), TA50)))
+            hold(robot, 0.04)
+        _, (status,) = robot.read()
+        assert (status.flags, status.message) == (SafetyFlag.INVALID_FRAME, "another host sends 'gains' to motor 17")
+        (channel,) = robot.statistics.channels
+        assert (channel.intrusions, dict(channel.strangers)) == (1, {"frame of no motor of this robot": 1})
+
+
+def test_what_a_damping_command_says_of_a_position_is_where_the_joint_is() -> None:
+    """Were the frame with the gains lost, the old K_p would meet the new command's position."""
+    wiring = make_wiring(ROBOT, 1, ZEROS)
+    tracker = JointTracker(wiring, np.zeros(14))
+    joints = tracker.update(Readings(np.zeros(14), np.full(14, 0.25), *np.zeros((3, 14))))
+    encoder = CommandEncoder(wiring, 1, 0.04)
+    (batch,) = encoder.encode(MITCommand(*np.zeros((4, 14)), np.full(14, 2.0)), joints, tracker)
+    commands = [c for c in (decode(frame, TA50) for _, frame in batch) if isinstance(c, Command)]
+    assert [command.position for command in commands] == pytest.approx([0.25] * 4, abs=1e-4)
+
+
+def test_torque_is_bounded_for_the_strongest_reading_of_the_gains() -> None:
+    """688.58 where the library has 500: the same frame may mean 1.38 times the K_p."""
+    wiring = make_wiring(ROBOT, 1, ZEROS)
+    tracker = JointTracker(wiring, np.zeros(14))
+    joints = tracker.update(Readings(*np.zeros((5, 14))))
+    encoder = CommandEncoder(wiring, 1, 0.04)
+    stiff = MITCommand(np.full(14, 0.4), *np.zeros((2, 14)), np.full(14, 50.0), np.zeros(14))
+    (batch,) = encoder.encode(stiff, joints, tracker)
+    reach = [abs(c.position) for c in (decode(frame, TA50) for _, frame in batch) if isinstance(c, Command)]
+    assert reach == pytest.approx([4.0 / (50.0 * 688.58 / 500.0)] * 4, abs=1e-4)
+    assert {ROBOT.joint_names[i] for i in WRISTS} <= set(encoder.bounded)
+    assert math.isinf(wiring.fastest[5])
