@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from humanoid_sim.hardware.adapter import guarding
+from humanoid_sim.hardware.adapter import guarding, wiring
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.guardian.plan import GuardianPlan
@@ -41,7 +41,7 @@ def _rescue(motors: MotorGroup, damping: FloatArray) -> list[Rescue]:
 
 def without_timeout(set_attribute: Callable[[object, str, object], None]) -> None:
     """Let the adapter take the Lite's motors for ones that go on for ever."""
-    set_attribute(guarding, "FAMILIES", {**FAMILIES, "robstride": replace(FAMILIES["robstride"], has_timeout=False)})
+    set_attribute(wiring, "FAMILIES", {**FAMILIES, "robstride": replace(FAMILIES["robstride"], has_timeout=False)})
     driver = replace(DRIVERS["robstride"], rescue=_rescue)
     set_attribute(guarding, "DRIVERS", MappingProxyType({**DRIVERS, "robstride": driver}))
     set_attribute(guarding, "GuardianPlan", partial(GuardianPlan, damping_time=DAMPING_TIME))
@@ -49,7 +49,8 @@ def without_timeout(set_attribute: Callable[[object, str, object], None]) -> Non
 
 def make_robot(channel: str) -> HardwareRobot:
     description = load_robot("lite")
-    return HardwareRobot(description, [channel], calibration=dict.fromkeys(description.joint_names, 0.0))
+    offsets = dict.fromkeys(description.joint_names, 0.0)
+    return HardwareRobot(description, [channel], calibration=offsets, allow_no_timeout=True)
 
 
 def hold(robot: HardwareRobot) -> None:
