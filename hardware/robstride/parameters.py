@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from types import MappingProxyType
 
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.robots.motors import MOTORS
+from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 __all__ = [
     "PARAMETERS",
@@ -24,7 +24,9 @@ __all__ = [
     "Parameter",
     "ParameterType",
     "RunMode",
+    "check_value",
     "default_value",
+    "depends_on_model",
     "fault_word",
     "find_parameter",
     "pack_value",
@@ -64,6 +66,9 @@ class Parameter:
     default: float | None = None
     """Of a motor as it comes; none where the documents do not say, or models differ (`default_value`)."""
     meaning: str = ""
+    accepted: tuple[float, float] | frozenset[int] | None = None
+    """What the documents allow: lowest and highest value, or the only ones; none where they do not say, or models
+    differ (`check_value`)."""
 
     def is_same(self, value: float, other: float) -> bool:
         """Whether two values are one to the motor: 12.1 and the float32 next to it are. NaN is not even itself."""
@@ -95,86 +100,6 @@ def unpack_value(kind: ParameterType, payload: bytes) -> int | float:
     """
     value: int | float = struct.unpack_from(kind.value, payload)[0]
     return value
-
-
-_U8, _U16, _U32, _F32 = ParameterType.U8, ParameterType.U16, ParameterType.U32, ParameterType.F32
-
-
-def _parameters() -> tuple[Parameter, ...]:
-    return (
-        Parameter(0x7005, "run_mode", _U8, "", True, 0, "0 operation (MIT), 1 PP, 2 velocity, 3 current, 5 CSP"),
-        Parameter(0x7006, "iq_ref", _F32, "A", True, 0.0, "current of current mode"),
-        Parameter(0x700A, "spd_ref", _F32, "rad/s", True, 0.0, "velocity of velocity mode"),
-        Parameter(0x700B, "limit_torque", _F32, "N·m", True, None, "torque limit"),
-        Parameter(0x7010, "cur_kp", _F32, "", True, 0.17, "current loop"),
-        Parameter(0x7011, "cur_ki", _F32, "", True, 0.012, "current loop"),
-        Parameter(0x7014, "cur_filter_gain", _F32, "", True, 0.1, "current filter, 0 to 1"),
-        Parameter(0x7016, "loc_ref", _F32, "rad", True, 0.0, "position of the position modes"),
-        Parameter(0x7017, "limit_spd", _F32, "rad/s", True, None, "velocity limit of CSP mode"),
-        Parameter(0x7018, "limit_cur", _F32, "A", True, None, "current limit of the velocity and position modes"),
-        Parameter(0x7019, "mechPos", _F32, "rad", False, None, "position of the output, with its turns"),
-        Parameter(0x701A, "iqf", _F32, "A", False, None, "filtered current"),
-        Parameter(0x701B, "mechVel", _F32, "rad/s", False, None, "velocity of the output"),
-        Parameter(0x701C, "VBUS", _F32, "V", False, None, "supply voltage"),
-        Parameter(0x701E, "loc_kp", _F32, "", True, None, "position loop"),
-        Parameter(0x701F, "spd_kp", _F32, "", True, 6.0, "velocity loop"),
-        Parameter(0x7020, "spd_ki", _F32, "", True, 0.02, "velocity loop"),
-        Parameter(0x7021, "spd_filter_gain", _F32, "", True, 0.1, "velocity filter"),
-        Parameter(0x7022, "acc_rad", _F32, "rad/s²", True, None, "acceleration of velocity mode"),
-        Parameter(0x7024, "vel_max", _F32, "rad/s", True, 10.0, "velocity of PP mode"),
-        Parameter(0x7025, "acc_set", _F32, "rad/s²", True, 10.0, "acceleration of PP mode"),
-        Parameter(0x7026, "EPScan_time", _U16, "", True, 1, "report interval: 10 ms + 5 ms for each above 1"),
-        Parameter(
-            0x7028, "canTimeout", _U32, "50 µs", True, 0, "without a command for so long the motor stops; 0: never"
-        ),
-        Parameter(0x7029, "zero_sta", _U8, "", True, 0, "position at power-on: 0 in 0 to 2π, 1 in -π to π"),
-        Parameter(0x702A, "damper", _U8, "", True, None, "newer firmware, not rs-05"),
-        Parameter(0x702B, "add_offset", _F32, "rad", True, None, "newer firmware: shifts zero at the next power-on"),
-        Parameter(0x702C, "alveolous_open", _U8, "", True, None, "newer firmware"),
-        Parameter(0x702D, "iq_test", _U8, "", True, None, "newer firmware"),
-        Parameter(0x702E, "dcc_set", _F32, "", True, None, "newer firmware"),
-    )
-
-
-PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _parameters()})
-"""By the manuals' names."""
-PARAMETERS_BY_INDEX: Mapping[int, Parameter] = MappingProxyType({p.index: p for p in PARAMETERS.values()})
-
-_OTHER_DEFAULTS: Mapping[str, Mapping[str, float]] = {
-    "rs-00": {"limit_cur": 16.0},
-    "rs-03": {"loc_kp": 60.0},
-    "rs-04": {"loc_kp": 60.0, "acc_rad": 15.0},
-}
-"""By model, where its defaults are not those of the others."""
-
-
-def default_value(parameter: Parameter, model: str) -> float | None:
-    """What a motor of this model has as it comes; none where the documents do not say.
-
-    The limits are the data sheet's: the rs-02's table of parameters has 14 N·m and 16 A, copied from the rs-00's it
-    seems.
-    """
-    motor = MOTORS[model]
-    limits = {"limit_torque": motor.peak_torque, "limit_cur": motor.peak_current, "loc_kp": 40.0, "acc_rad": 20.0}
-    return {**limits, **_OTHER_DEFAULTS.get(model, {})}.get(parameter.name, parameter.default)
-
-
-def find_parameter(name_or_index: str) -> Parameter:
-    """A parameter by its name in any case, or by its index such as `0x7019`.
-
-    Raises:
-        InputError: there is none; the message lists those that exist.
-    """
-    text = name_or_index.strip()
-    for parameter in PARAMETERS.values():
-        if text.lower() in (parameter.name.lower(), f"0x{parameter.index:04x}", str(parameter.index)):
-            return parameter
-    raise InputError(known_names("parameter", name_or_index, PARAMETERS))
-
-
-def fault_word(model: str) -> Parameter:
-    """The 32-bit fault word (`FaultBit`) as a parameter: it shows overvoltage, which no status does."""
-    return Parameter(0x3023 if model == "rs-04" else 0x3022, "fault_word", _U32, "", False)
 
 
 class RunMode(IntEnum):
@@ -211,6 +136,155 @@ class CanTimeout:
     def to_seconds(cls, ticks: int) -> float:
         """The time of a number of ticks, s."""
         return ticks * cls.TICK
+
+
+_MODES = frozenset(int(mode) for mode in RunMode)
+_SWITCH = frozenset({0, 1})
+_U8, _U16, _U32, _F32 = ParameterType.U8, ParameterType.U16, ParameterType.U32, ParameterType.F32
+
+
+def _parameters() -> tuple[Parameter, ...]:
+    return (
+        Parameter(
+            0x7005, "run_mode", _U8, "", True, 0, "0 operation (MIT), 1 PP, 2 velocity, 3 current, 5 CSP", _MODES
+        ),
+        Parameter(0x7006, "iq_ref", _F32, "A", True, 0.0, "current of current mode"),
+        Parameter(0x700A, "spd_ref", _F32, "rad/s", True, 0.0, "velocity of velocity mode"),
+        Parameter(0x700B, "limit_torque", _F32, "N·m", True, None, "torque limit"),
+        Parameter(0x7010, "cur_kp", _F32, "", True, 0.17, "current loop"),
+        Parameter(0x7011, "cur_ki", _F32, "", True, 0.012, "current loop"),
+        Parameter(0x7014, "cur_filter_gain", _F32, "", True, 0.1, "current filter, 0 to 1", (0.0, 1.0)),
+        Parameter(0x7016, "loc_ref", _F32, "rad", True, 0.0, "position of the position modes"),
+        Parameter(0x7017, "limit_spd", _F32, "rad/s", True, None, "velocity limit of CSP mode"),
+        Parameter(0x7018, "limit_cur", _F32, "A", True, None, "current limit of the velocity and position modes"),
+        Parameter(0x7019, "mechPos", _F32, "rad", False, None, "position of the output, with its turns"),
+        Parameter(0x701A, "iqf", _F32, "A", False, None, "filtered current"),
+        Parameter(0x701B, "mechVel", _F32, "rad/s", False, None, "velocity of the output"),
+        Parameter(0x701C, "VBUS", _F32, "V", False, None, "supply voltage"),
+        Parameter(0x701E, "loc_kp", _F32, "", True, None, "position loop"),
+        Parameter(0x701F, "spd_kp", _F32, "", True, 6.0, "velocity loop"),
+        Parameter(0x7020, "spd_ki", _F32, "", True, 0.02, "velocity loop"),
+        Parameter(0x7021, "spd_filter_gain", _F32, "", True, 0.1, "velocity filter"),
+        Parameter(0x7022, "acc_rad", _F32, "rad/s²", True, None, "acceleration of velocity mode"),
+        Parameter(0x7024, "vel_max", _F32, "rad/s", True, 10.0, "velocity of PP mode"),
+        Parameter(0x7025, "acc_set", _F32, "rad/s²", True, 10.0, "acceleration of PP mode"),
+        Parameter(
+            0x7026, "EPScan_time", _U16, "", True, 1, "report interval: 10 ms + 5 ms for each above 1", (1, 0xFFFF)
+        ),
+        Parameter(
+            0x7028,
+            "canTimeout",
+            _U32,
+            "50 µs",
+            True,
+            0,
+            "without a command for so long the motor stops; 0: never",
+            (0, CanTimeout.LONGEST),
+        ),
+        Parameter(0x7029, "zero_sta", _U8, "", True, 0, "position at power-on: 0 in 0 to 2π, 1 in -π to π", _SWITCH),
+        # 1 takes a protection away and gives nothing: nobody says that it makes a motor brake after its CAN timeout.
+        Parameter(
+            0x702A, "damper", _U8, "", True, 0, "0: resists fast turning without power; not rs-05", frozenset({0})
+        ),
+        Parameter(0x702B, "add_offset", _F32, "rad", True, None, "newer firmware: shifts zero at the next power-on"),
+        Parameter(0x702C, "alveolous_open", _U8, "", True, None, "newer firmware: 1 compensates cogging", _SWITCH),
+        Parameter(
+            0x702D, "iq_test", _U8, "", True, None, "newer firmware: 1 calibrates more exactly at power-on", _SWITCH
+        ),
+        Parameter(0x702E, "dcc_set", _F32, "rad/s²", True, None, "newer firmware: deceleration of PP mode"),
+    )
+
+
+PARAMETERS: Mapping[str, Parameter] = MappingProxyType({parameter.name: parameter for parameter in _parameters()})
+"""By the manuals' names."""
+PARAMETERS_BY_INDEX: Mapping[int, Parameter] = MappingProxyType({p.index: p for p in PARAMETERS.values()})
+
+_OTHER_DEFAULTS: Mapping[str, Mapping[str, float]] = {
+    "rs-00": {"limit_cur": 16.0},
+    "rs-03": {"loc_kp": 60.0},
+    "rs-04": {"loc_kp": 60.0, "acc_rad": 15.0},
+}
+"""By model, where its defaults are not those of the others."""
+
+
+def default_value(parameter: Parameter, model: str) -> float | None:
+    """What a motor of this model has as it comes; none where the documents do not say.
+
+    The limits are the data sheet's: the rs-02's table of parameters has 14 N·m and 16 A, copied from the rs-00's it
+    seems.
+    """
+    motor = MOTORS[model]
+    limits = {"limit_torque": motor.peak_torque, "limit_cur": motor.peak_current, "loc_kp": 40.0, "acc_rad": 20.0}
+    return {**limits, **_OTHER_DEFAULTS.get(model, {})}.get(parameter.name, parameter.default)
+
+
+_BY_MODEL: Mapping[str, Callable[[MotorModel], tuple[float, float]]] = MappingProxyType(
+    {
+        "iq_ref": lambda motor: (-motor.peak_current, motor.peak_current),
+        "spd_ref": lambda motor: (-motor.velocity, motor.velocity),
+        "limit_torque": lambda motor: (0.0, motor.peak_torque),
+        "limit_spd": lambda motor: (0.0, motor.no_load_velocity),
+        # The rs-00's table of parameters has 16 A, its data sheet a peak of 15.5.
+        "limit_cur": lambda motor: (
+            0.0,
+            max(motor.peak_current, _OTHER_DEFAULTS.get(motor.name, {}).get("limit_cur", 0.0)),
+        ),
+    }
+)
+"""By parameter: what the data sheet of a model allows."""
+_MODELS = tuple(motor for motor in MOTORS.values() if motor.family == "robstride")
+
+
+def depends_on_model(parameter: Parameter) -> bool:
+    """Whether what is accepted is the motor's model's."""
+    return parameter.name in _BY_MODEL
+
+
+def check_value(parameter: Parameter, value: float, model: MotorModel | None = None) -> None:
+    """Refuse a value that the documents do not allow.
+
+    Args:
+        parameter: which.
+        value: in its own unit.
+        model: of the motor; None while it is not known: what no model allows is refused.
+
+    Raises:
+        InputError: naming the value and what is accepted.
+    """
+    try:
+        pack_value(parameter.type, value)
+    except FieldError as error:
+        raise InputError(f"{parameter.name}: {str(error).partition(': ')[2]}") from None
+    accepted, whose = parameter.accepted, ""
+    if parameter.name in _BY_MODEL:
+        ranges = [_BY_MODEL[parameter.name](motor) for motor in (_MODELS if model is None else (model,))]
+        accepted = min(low for low, _ in ranges), max(high for _, high in ranges)
+        whose = " for any model" if model is None else f" for an {model.name}"
+    if isinstance(accepted, frozenset):
+        if value not in accepted:
+            expected = ", ".join(str(choice) for choice in sorted(accepted))
+            raise InputError(f"{parameter.name}: is {value:g}, expected {expected}")
+    elif accepted is not None and not accepted[0] <= value <= accepted[1]:
+        unit = f" {parameter.unit}".rstrip() if parameter.type.is_float else ""
+        raise InputError(f"{parameter.name}: is {value:g}, expected {accepted[0]:g} to {accepted[1]:g}{unit}{whose}")
+
+
+def find_parameter(name_or_index: str) -> Parameter:
+    """A parameter by its name in any case, or by its index such as `0x7019`.
+
+    Raises:
+        InputError: there is none; the message lists those that exist.
+    """
+    text = name_or_index.strip()
+    for parameter in PARAMETERS.values():
+        if text.lower() in (parameter.name.lower(), f"0x{parameter.index:04x}", str(parameter.index)):
+            return parameter
+    raise InputError(known_names("parameter", name_or_index, PARAMETERS))
+
+
+def fault_word(model: str) -> Parameter:
+    """The 32-bit fault word (`FaultBit`) as a parameter: it shows overvoltage, which no status does."""
+    return Parameter(0x3023 if model == "rs-04" else 0x3022, "fault_word", _U32, "", False)
 
 
 def report_interval(scan_time: int) -> float:

@@ -104,6 +104,9 @@ class Set:
     """In the parameter's own unit."""
     type: ParameterKind | None = None
     """Type of the value, for an index without a name."""
+    model: str | None = None
+    """Such as rs-02, for values whose range is the model's. Default: as its firmware's version tells. A motor whose
+    firmware does not know that question takes it for a stop."""
     host_id: int = 0xFD
     """Our own id on the bus."""
 

@@ -5,15 +5,19 @@ from __future__ import annotations
 from typing import assert_never
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.fields import MotorMode
+from humanoid_sim.hardware.robstride.firmware import model_name
+from humanoid_sim.hardware.robstride.identification import read_versions
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import SaveParameters
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
     Parameter,
     ParameterType,
+    check_value,
+    depends_on_model,
     find_parameter,
-    pack_value,
 )
 from humanoid_sim.hardware.tools.bench import (
     command_motor,
@@ -25,6 +29,7 @@ from humanoid_sim.hardware.tools.bench import (
     write_value,
 )
 from humanoid_sim.hardware.tools.options import Get, Param, Save, Set
+from humanoid_sim.robots.motors import MotorModel, motor_model
 
 __all__ = ["param"]
 
@@ -85,12 +90,12 @@ def _set(config: Set) -> int:
     parameter = _parameter(config.name, config.type)
     if not parameter.is_writable:
         raise InputError(f"{parameter.name}: is read only")
-    try:
-        pack_value(parameter.type, config.value)
-    except FieldError as error:
-        raise InputError(f"{parameter.name}: {str(error).partition(': ')[2]}") from None
+    known = None if config.model is None else motor_model(config.model)
+    check_value(parameter, config.value, known)
     with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
         before = read_value(channels, parameter)
+        if known is None and depends_on_model(parameter):
+            check_value(parameter, config.value, _model(channels, parameter))
         write_value(channels, parameter, config.value)
         after = read_value(channels, parameter)
         sample = channels.table.slots[0].sample  # what the write was answered with
@@ -99,6 +104,15 @@ def _set(config: Set) -> int:
     if sample is not None and sample.status.mode is MotorMode.RUN:
         print(f"motor {config.motor_id} is enabled")
     return 0
+
+
+def _model(channels: RobstrideLink, parameter: Parameter) -> MotorModel:
+    """The motor's model, as its firmware's version tells."""
+    version = read_versions(channels.requests, [0]).get(0)
+    name = None if version is None else model_name(version)
+    if name is None:
+        raise InputError(f"--model: is needed for {parameter.name}, as the motor does not tell its own; such as rs-02")
+    return motor_model(name)
 
 
 def _save(config: Save) -> int:

@@ -1,7 +1,9 @@
 """What keeps a control loop punctual on a common Linux: each measure is taken where it is permitted, and reported.
 
 - The garbage collector is frozen: what exists when the loop begins is never traversed again (a full collection of a
-  process with MuJoCo and ONNX Runtime loaded takes longer than a tick at 200 Hz).
+  process with MuJoCo and ONNX Runtime loaded takes longer than a tick at 200 Hz). Nor is there a full collection of
+  what has come since: whichever thread it falls to holds the interpreter's lock meanwhile, 10 ms in a loop whose
+  sinks had kept enough to start one. Young objects are collected as ever, in smaller portions.
 - The interpreter hands over between threads ten times as often as it would: otherwise a thread that computes (a
   recorder that compresses) keeps the control thread waiting for 5 ms.
 - The control thread, and every thread that is started from it while the measures last (those of the buses), run under
@@ -27,6 +29,11 @@ _PRIORITY = 50
 """Of 1 to 99: before everything ordinary, behind the kernel's own threads for interrupts and timers."""
 _SWITCH_INTERVAL = 0.0005
 """s"""
+_MIDDLE = 5
+"""Collections of the youngest objects between two of the middle generation, which takes about 0.4 ms then; 10 by
+default."""
+_NEVER = 1 << 30
+"""Collections of the middle generation between two full ones."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
 _STATUS = Path("/proc/self/status")
@@ -59,6 +66,8 @@ def _frozen_collector(undo: contextlib.ExitStack) -> str:
     gc.collect()
     gc.freeze()
     undo.callback(gc.unfreeze)
+    undo.callback(gc.set_threshold, *gc.get_threshold())
+    gc.set_threshold(gc.get_threshold()[0], _MIDDLE, _NEVER)
     return "garbage collector frozen"
 
 

@@ -5,6 +5,7 @@ import os
 import resource
 import sys
 import threading
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ def locked_kilobytes() -> int:
 
 
 def test_every_measure_says_what_it_got_and_is_taken_back() -> None:
-    interval, policy = sys.getswitchinterval(), os.sched_getscheduler(0)
+    interval, policy, thresholds = sys.getswitchinterval(), os.sched_getscheduler(0), gc.get_threshold()
     with real_time() as lines:
         collector, switches, fifo, memory = lines
         assert collector == "garbage collector frozen"
@@ -31,9 +32,42 @@ def test_every_measure_says_what_it_got_and_is_taken_back() -> None:
         assert (os.sched_getscheduler(0) == os.SCHED_FIFO) == (fifo == "SCHED_FIFO, priority 50")
         assert (locked_kilobytes() > 0) == (memory == "memory locked")
     assert gc.get_freeze_count() == 0
+    assert gc.get_threshold() == thresholds
     assert sys.getswitchinterval() == interval
     assert os.sched_getscheduler(0) == policy
     assert locked_kilobytes() == 0
+
+
+def test_no_full_collection_stops_the_loop_however_much_is_kept() -> None:
+    generations: list[int] = []
+
+    def note(phase: str, info: dict[str, int]) -> None:
+        if phase == "start":
+            generations.append(info["generation"])
+
+    gc.callbacks.append(note)
+    try:
+        with real_time():
+            generations.clear()
+            kept = [[i] for i in range(500_000)]  # many times what starts one by default
+            cycles = [weakref.ref(_cycle()) for _ in range(2000)]
+            seen = set(generations)
+    finally:
+        gc.callbacks.remove(note)
+    assert len(kept) == 500_000
+    assert seen == {0, 1}
+    assert sum(cycle() is None for cycle in cycles) > 500, "young garbage goes as ever"
+
+
+class _Node:
+    """An object that holds itself."""
+
+    def __init__(self) -> None:
+        self.own = self
+
+
+def _cycle() -> _Node:
+    return _Node()
 
 
 def test_what_is_not_permitted_is_said_with_what_would_permit_it(monkeypatch: pytest.MonkeyPatch) -> None:

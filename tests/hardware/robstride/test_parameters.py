@@ -13,7 +13,9 @@ from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS_BY_INDEX,
     CanTimeout,
     ParameterType,
+    check_value,
     default_value,
+    depends_on_model,
     fault_word,
     find_parameter,
     pack_value,
@@ -77,7 +79,7 @@ def test_defaults_differ_by_model() -> None:
     assert default_value(PARAMETERS["limit_torque"], "rs-04") == 120.0
     assert default_value(PARAMETERS["limit_cur"], "rs-00") == 16.0
     assert default_value(PARAMETERS["canTimeout"], "rs-00") == 0
-    assert default_value(PARAMETERS["damper"], "rs-00") is None
+    assert default_value(PARAMETERS["damper"], "rs-00") == 0
     for model in MOTORS.values():
         assert default_value(PARAMETERS["limit_torque"], model.name) == model.peak_torque
 
@@ -101,3 +103,25 @@ def test_can_timeout_ticks() -> None:
 def test_report_interval() -> None:
     assert report_interval(1) == pytest.approx(0.010)
     assert report_interval(3) == pytest.approx(0.020)
+
+
+def test_every_model_accepts_its_own_defaults_and_its_limits() -> None:
+    for name, motor in MOTORS.items():
+        if motor.family != "robstride":
+            continue
+        for parameter in PARAMETERS.values():
+            default = default_value(parameter, name)
+            if default is not None:
+                check_value(parameter, default, motor)
+        for value in (0.0, motor.peak_torque):
+            check_value(PARAMETERS["limit_torque"], value, motor)
+        for value in (-0.01, 1.001 * motor.peak_torque):
+            with pytest.raises(
+                InputError, match=rf"^limit_torque: is .*, expected 0 to {motor.peak_torque:g} N·m for an {name}$"
+            ):
+                check_value(PARAMETERS["limit_torque"], value, motor)
+
+
+def test_what_depends_on_the_model_is_the_limits_and_set_points() -> None:
+    found = [name for name, parameter in PARAMETERS.items() if depends_on_model(parameter)]
+    assert found == ["iq_ref", "spd_ref", "limit_torque", "limit_spd", "limit_cur"]

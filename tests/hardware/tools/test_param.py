@@ -61,9 +61,23 @@ def test_a_value_is_written_verified_and_said(run: Run, values: Values) -> None:
 
 
 def test_a_value_that_the_motor_does_not_take_is_an_error(run: Run) -> None:
-    status, _, complained = run("param", "set", _CHANNEL, "12", "run_mode", "9")
+    status, _, complained = run("param", "set", _CHANNEL, "15", "0x3017", "1", "--type", "f32")
     assert status == 2
-    assert complained == f"error: motor 12 on {_CHANNEL}: run_mode reads 0 after 9 was written\n"
+    assert complained.startswith(f"error: motor 15 on {_CHANNEL}: 0x3017 reads ")
+    assert complained.endswith(" after 1 was written\n")
+
+
+@pytest.mark.parametrize(
+    ("motor", "value", "peak"), [("15", "5.6", "5.5 N·m for an rs-05"), ("12", "14.5", "14 N·m for an rs-00")]
+)
+def test_a_torque_limit_is_within_the_models_peak(run: Run, values: Values, motor: str, value: str, peak: str) -> None:
+    before = values(motor, "limit_torque")
+    status, _, complained = run("param", "set", _CHANNEL, motor, "limit_torque", value)
+    assert (status, complained) == (2, f"error: limit_torque: is {value}, expected 0 to {peak}\n")
+    assert values(motor, "limit_torque") == before
+    status, _, complained = run("param", "set", _CHANNEL, motor, "limit_torque", value, "--model", "rs-02")
+    assert (status, complained) == (0, "")  # whoever knows better says so
+    run("param", "set", _CHANNEL, motor, "limit_torque", before[1]["limit_torque"])
 
 
 def test_saving_keeps_values_beyond_power_off(run: Run, motors: VirtualMotors) -> None:
@@ -84,6 +98,14 @@ def test_status_3_where_the_motor_is_silent(run: Run) -> None:
         (("set", "mechPos", "1"), "mechPos: is read only"),
         (("set", "zero_sta", "0.5"), "zero_sta: is 0.5, expected a whole number of type u8"),
         (("set", "limit_torque", "nan"), "limit_torque: is nan, expected a finite float32"),
+        (("set", "limit_torque", "-5"), "limit_torque: is -5, expected 0 to 120 N·m for any model"),
+        (("set", "limit_torque", "18", "--model", "rs-02"), "limit_torque: is 18, expected 0 to 17 N·m for an rs-02"),
+        (("set", "limit_torque", "1", "--model", "rs-22"), "unknown motor model 'rs-22'; known: "),
+        (("set", "canTimeout", "1e9"), "canTimeout: is 1e+09, expected 0 to 100000"),
+        (("set", "run_mode", "9"), "run_mode: is 9, expected 0, 1, 2, 3, 5"),
+        (("set", "EPScan_time", "0"), "EPScan_time: is 0, expected 1 to 65535"),
+        (("set", "cur_filter_gain", "1.5"), "cur_filter_gain: is 1.5, expected 0 to 1"),
+        (("set", "damper", "1"), "damper: is 1, expected 0"),
         (("get", "speed"), "unknown parameter 'speed'; known: run_mode"),
         (("get", "0x3022"), "--type: is needed for 0x3022, which has no name here"),
         (("get", "0x13022", "--type", "u8"), "parameter: is 0x13022, expected an index of 0 to 0xFFFF"),
