@@ -17,6 +17,7 @@ __all__ = [
     "Rule",
     "choose_intent",
     "describe_safety",
+    "granted_intent",
     "merge_safety",
     "transition",
 ]
@@ -118,6 +119,15 @@ def choose_intent(intents: Sequence[Intent]) -> tuple[Intent | None, tuple[Inten
         return None, ()
     chosen = next((wanted for wanted in (Intent.DAMP, Intent.QUIT) if wanted in intents), intents[0])
     return chosen, tuple(dict.fromkeys(intent for intent in intents if intent is not chosen))
+
+
+def granted_intent(intents: Sequence[Intent], refusals: Sequence[str]) -> Intent | None:
+    """The intent of a tick that took effect, given those that came and the refusals of its output; None if none did.
+
+    Every intent but the chosen one is refused; one refusal more is that of the chosen one.
+    """
+    chosen, superseded = choose_intent(intents)
+    return None if len(refusals) > len(superseded) else chosen
 
 
 def transition(

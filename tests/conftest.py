@@ -10,12 +10,13 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 # Test modules are imported by file (importlib mode), which leaves sys.path alone; strategies and rigs need a name.
-sys.path.append(str(Path(__file__).parent / "controllers"))
+sys.path += [str(Path(__file__).parent / name) for name in ("controllers", "session")]
 
 # dm_control settles PyOpenGL's platform for the whole process when it is imported; the tests of drawing want OSMesa.
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
@@ -97,6 +98,17 @@ def no_leaks() -> Iterator[None]:
             leaks = _leaks(*before)
     if leaks:
         pytest.fail(f"left open: {', '.join(leaks)}", pytrace=False)
+
+
+@pytest.fixture
+def local(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """A `LocalSession`: feed and intake of this process, driven tick by tick."""
+    from local_session import LocalSession  # noqa: PLC0415 - most tests need none of what it imports
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    session = LocalSession()
+    with session.stack:
+        yield session
 
 
 @pytest.fixture

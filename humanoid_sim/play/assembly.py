@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from rich.console import Console
@@ -14,6 +14,7 @@ from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
 from humanoid_sim.play.conflicts import shows_window
 from humanoid_sim.play.console import ConsoleSink
+from humanoid_sim.play.local_ends import LocalEnds
 from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
@@ -22,8 +23,6 @@ from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.session.control_socket import ControlSocket
-from humanoid_sim.session.gravity_source import GravitySource
 from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.monitor import RunMonitor
@@ -32,13 +31,10 @@ from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script
 from humanoid_sim.session.session import SafetyFilter, Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import IntentSource, RemoteInbox, RemoteSource, VelocityCommand
+from humanoid_sim.session.sources import IntentSource
 from humanoid_sim.stack import run_header
 
-__all__ = ["Operator", "Run", "assemble"]
-
-
-Operator = Keyboard | ControlSocket
+__all__ = ["Run", "assemble"]
 
 _STANDSTILL = 0.1
 """s without a tick after which a loop that drives motors stood still: their CAN timeout."""
@@ -52,14 +48,20 @@ class Run:
     session: Session
     monitor: RunMonitor
     console: ConsoleSink
-    operators: tuple[Operator, ...]
+    ends: LocalEnds
+    keyboard: Keyboard | None = None
     tracking: TrackingErrors | None = None
     anchor: AnchorErrors | None = None
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
-    gravity: GravitySource | None = None
     interruption: Interruption | None = None
     """Of a loop that drives motors."""
+
+    def close(self) -> None:
+        """Let go of the terminal, and of what others on the machine reach the run by."""
+        if self.keyboard is not None:
+            self.keyboard.close()
+        self.ends.close()
 
 
 def assemble(plan: Plan, console: Console) -> Run:
@@ -77,24 +79,31 @@ def assemble(plan: Plan, console: Console) -> Run:
         tracking,
         anchor=anchor,
         base=setup.base,
-        tell=lambda event: _tell(event, shown, recorder),
+        tell=lambda event: _tell(event, shown, recorder, ends.feed),
     )
     video = None
     if plan.outputs.video is not None:
         ghost = ReferenceGhost.of(description, policy.loaded.contract, policy.loaded.reference)
         video = VideoSink(plan.outputs.video, setup.model, ghost=ghost)
-    gravity, remote = _remote(plan)
     viewer = NativeViewerSink(setup.model) if shows_window(config) else None
-    # The last one is closed first: what the monitor finds in the last ticks still reaches console and recording.
-    sinks: list[Sink] = [sink for sink in (shown, gravity, recorder, video, viewer, monitor) if sink is not None]
-
+    header = _header(plan)
     reactivation = Reactivation(lambda: _warnings(setup.bring_up))
-    operators = _open_operators(
-        config.manual,
-        plan.velocity if policy.walks else None,
+    ends = LocalEnds(
+        plan,
+        header,
         reactivation,
-        lambda text: shown.event(Event(plan.clock(), text)),
+        show=lambda text: shown.event(Event(plan.clock(), text)),
+        note=lambda text: session.event(text),  # noqa: PLW0108 - there is no session yet
     )
+    try:
+        keyboard = _keyboard(plan, reactivation, shown)
+    except InputError:
+        ends.close()
+        raise
+    operators = (ends.intents,) if keyboard is None else (ends.intents, keyboard)
+    # The last one is closed first: what the monitor finds in the last ticks still reaches console, recording and feed.
+    chosen = (ends.feed, shown, recorder, video, viewer, monitor, ends.intents, ends.data, ends.front_ends)
+    sinks: list[Sink] = [sink for sink in chosen if sink is not None]
     script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
     is_hardware = config.hardware is not None
     interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
@@ -110,19 +119,19 @@ def assemble(plan: Plan, console: Console) -> Run:
             duration=config.duration,
             punctual=is_hardware,
         ),
-        header=_header(plan),
+        header=header,
         intents=intents,
-        remote=remote,
+        remote=plan.injector.remote(ends.inbox),
         sinks=sinks,
         safety_filter=safety,
-        externs=(plan.velocity,) if policy.walks else (),
+        externs=(ends.data, plan.velocity) if policy.walks else (ends.data,),
         qpos=lambda: setup.qpos(session.state),
         mode_listener=setup.mode_listener,
         reactivation=reactivation,
         interruption=interruption,
     )
     plan.clock.session = session
-    return Run(plan, session, monitor, shown, operators, tracking, anchor, recorder, video, gravity, interruption)
+    return Run(plan, session, monitor, shown, ends, keyboard, tracking, anchor, recorder, video, interruption)
 
 
 def _tell(event: Event, *sinks: Sink | None) -> None:
@@ -136,14 +145,6 @@ def _warnings(bring_up: BringUp | None) -> tuple[str, ...]:
     """The warnings of a real robot's latest check list, one line each."""
     checks = () if bring_up is None else bring_up.checks()
     return tuple(f"{subject}: {text}" for verdict, subject, text in checks if verdict == "warning")
-
-
-def _remote(plan: Plan) -> tuple[GravitySource | None, RemoteSource | None]:
-    """Who sends remote commands, and where they come in."""
-    if plan.config.remote == "none":
-        return None, None
-    inbox = RemoteInbox(plan.description.joint_names, plan.clock)
-    return GravitySource(plan.description, inbox, plan.config.gravity_form), plan.injector.remote(inbox)
 
 
 def _errors(policy: PolicyChoice, description: RobotDescription) -> tuple[TrackingErrors | None, AnchorErrors | None]:
@@ -175,23 +176,17 @@ def _header(plan: Plan) -> SessionHeader:
             "checks": None if bring_up is None else [": ".join(check) for check in bring_up.checks()],
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
-        remote=config.remote != "none",
+        remote=True,
         action_limit=config.action_limit,
     )
 
 
-def _open_operators(
-    manual: bool, velocity: VelocityCommand | None, reactivation: Reactivation, tell: Callable[[str], None]
-) -> tuple[Operator, ...]:
-    """The control socket, and the keyboard if somebody sits at it: both or, raising `InputError`, none."""
-    socket = ControlSocket(reactivation)
-    if not manual:
-        return (socket,)
-    try:
-        return socket, Keyboard(velocity, reactivation=reactivation, tell=tell)
-    except InputError:
-        socket.close()
-        raise
+def _keyboard(plan: Plan, reactivation: Reactivation, shown: ConsoleSink) -> Keyboard | None:
+    """The keyboard, if somebody sits at it. Raises `InputError` if there is no terminal."""
+    if not plan.config.manual:
+        return None
+    velocity = plan.velocity if plan.policy.walks else None
+    return Keyboard(velocity, reactivation=reactivation, tell=lambda text: shown.event(Event(plan.clock(), text)))
 
 
 def _drive(

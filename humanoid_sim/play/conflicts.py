@@ -13,12 +13,10 @@ from pathlib import Path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
-from humanoid_sim.messages import Intent
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.inject import Injection
-from humanoid_sim.session.script import ScriptStep
 
 __all__ = [
     "Outputs",
@@ -31,25 +29,16 @@ __all__ = [
 _RUNS = Path("runs")
 
 
-def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections: Sequence[Injection]) -> None:
-    """Refuse options that this version does not have yet, and those that exclude each other.
+def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> None:
+    """Refuse options that exclude each other.
 
     Args:
         config: the options.
-        steps: of --script; empty without it.
         injections: of --inject.
 
     Raises:
         InputError: naming the option.
     """
-    missing = {
-        "--gamepad": (config.gamepad, "the gamepad reader"),
-        "--viewer web": (config.viewer == "web", "the browser console"),
-        "--remote dds": (config.remote == "dds", "the DDS bridge"),
-    }
-    for option, (wanted, part) in missing.items():
-        if wanted:
-            raise InputError(f"{option}: needs {part}, which this version does not have yet")
     _refuse_hardware_conflicts(config)
     if config.manual and config.script is not None:
         raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
@@ -71,11 +60,8 @@ def refuse_conflicts(config: PlayConfig, steps: Sequence[ScriptStep], injections
     _refuse_policy_seconds(config)
     if config.manual and not (sys.stdin and sys.stdin.isatty()):
         raise InputError("--manual: standard input is no terminal, expected one to read keys from")
-    if config.remote == "none":
-        if any(step.intent is Intent.START_REMOTE for step in steps):
-            raise InputError("--script: has start_remote, which needs a source of commands: use --remote gravity")
-        if any(injection.kind == "silent_remote" for injection in injections):
-            raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
+    if config.remote == "none" and any(injection.kind == "silent_remote" for injection in injections):
+        raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
 
 
 def _refuse_policy_seconds(config: PlayConfig) -> None:

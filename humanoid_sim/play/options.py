@@ -61,18 +61,23 @@ class PlayConfig:
     """IMU of a real robot: none, or microstrain:PORT, or microstrain:PORT@BAUD. Emulated motors bring their own."""
     imu_mounting: str = "0,1,0,0"
     """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
-    viewer: Literal["auto", "none", "native", "web"] = "auto"
-    """A window to watch; auto opens one where there is a display, but none on hardware. The browser console (web) is
-    not in this version."""
+    viewer: Literal["auto", "none", "native"] = "auto"
+    """A window to watch; auto opens one where there is a display, but none on hardware."""
+    console: bool = False
+    """Start the browser console (not in this version)."""
     record: str = "auto"
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False
     """Replace files named by --record, --video, --snapshot or --summary that exist."""
     gamepad: bool = False
     """Drive the FSM with a gamepad (not in this version)."""
-    remote: Literal["none", "gravity", "dds"] = "none"
-    """Source of remote commands for REMOTE; gravity compensates gravity, from a thread and a model of its own. DDS is
-    not in this version."""
+    dds: bool = False
+    """Start the DDS bridge (not in this version)."""
+    foxglove: bool = False
+    """Start a server for Foxglove (not in this version)."""
+    remote: Literal["none", "gravity"] = "none"
+    """Producer of commands for REMOTE that is started too; gravity compensates gravity, as a process with a model of
+    its own."""
     gravity_form: Literal["effort", "pd"] = "effort"
     """How gravity compensation commands: as feed-forward effort, or as a PD position offset."""
     duration: float | None = None

@@ -12,6 +12,8 @@ from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
+from humanoid_sim.frontends import Wanted
+from humanoid_sim.messages import Intent
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.play.conflicts import (
     Outputs,
@@ -20,6 +22,7 @@ from humanoid_sim.play.conflicts import (
     refuse_without_effect,
     shows_window,
 )
+from humanoid_sim.play.front_ends import wanted_front_ends
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy
@@ -72,6 +75,8 @@ class Plan:
     injector: Injector
     clock: RobotClock
     outputs: Outputs
+    front_ends: tuple[Wanted, ...]
+    """That are started with it."""
     notices: tuple[str, ...]
     """What an operator should know, one line each."""
 
@@ -87,7 +92,8 @@ def make_plan(config: PlayConfig) -> Plan:
     """
     injections = parse_injections(config.inject)
     steps: Sequence[ScriptStep] | None = None if config.script is None else parse_script(config.script)
-    refuse_conflicts(config, steps or (), injections)
+    refuse_conflicts(config, injections)
+    front_ends = wanted_front_ends(config)
     description = with_imu(load_robot(config.robot), config.imu_site)
     clock = RobotClock()
     injector = Injector(injections, clock)
@@ -101,8 +107,8 @@ def make_plan(config: PlayConfig) -> Plan:
             description,
             control_period,
             policy.loaded,
-            remote=config.remote != "none",
-            live={**setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]},
+            remote=True,
+            live={**contract.live_inputs, **setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]},
             action_limit=config.action_limit,
         )
         warnings = setup.check_policy(contract)
@@ -110,7 +116,7 @@ def make_plan(config: PlayConfig) -> Plan:
             steps = parse_script(_automatic_script(config, policy.motion_frames))
         velocity = VelocityCommand(parse_velocity(config.command, contract.command_ranges), contract.command_ranges)
         golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""
-        drivers = _who_drives(config, steps, walks=policy.walks)
+        drivers = (*_who_drives(config, steps, walks=policy.walks), *_who_feeds(config, steps, contract))
         texts = (notice, *setup.notices, *warnings, *assumptions(contract), golden, *drivers)
         return Plan(
             config=config,
@@ -125,6 +131,7 @@ def make_plan(config: PlayConfig) -> Plan:
             injector=injector,
             clock=clock,
             outputs=Outputs() if config.dry_run else choose_outputs(config, _inputs(config, policy)),
+            front_ends=() if config.dry_run else front_ends,
             notices=tuple(text for text in texts if text),
         )
     except BaseException:
@@ -195,13 +202,24 @@ def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks
     return ("waits for an operator in another terminal: python -m humanoid_sim.mode damp, load_a, start_locomotion",)
 
 
+def _who_feeds(config: PlayConfig, steps: Sequence[ScriptStep] | None, contract: PolicyContract) -> tuple[str, ...]:
+    """What has to come from other programs, and does not come from one that this run starts."""
+    notices = []
+    if config.remote == "none" and any(step.intent is Intent.START_REMOTE for step in steps or ()):
+        notices.append("nothing that this run starts sends commands for REMOTE: it damps until a producer attaches")
+    if contract.live_inputs:
+        names = ", ".join(contract.live_inputs)
+        notices.append(f"the policy observes {names}, which a program has to send: docs/front-ends.md says how")
+    return tuple(notices)
+
+
 def _realtime(config: PlayConfig) -> bool:
     """Whether somebody, or a thread or a bus that lives in real time, takes part."""
     if config.hardware is not None:
         return True
     if config.pace != "auto":
         return config.pace == "realtime"
-    return config.manual or config.remote != "none" or shows_window(config)
+    return config.manual or bool(wanted_front_ends(config)) or shows_window(config)
 
 
 _OPEN_END = 10.0

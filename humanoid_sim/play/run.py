@@ -57,8 +57,7 @@ def play(config: PlayConfig) -> int:
         except RobotError as error:  # it could not be activated, although it could be prepared
             raise RobotError(flattened(str(error))) from None
         finally:
-            for operator in run.operators:
-                operator.close()
+            run.close()
             if run.console.error is not None or run.console.is_alive:
                 mute_output()  # what is printed from here on would fail as well, or wait as that thread does
                 console = PlayConsole()  # that thread may hold the lock of the other one
@@ -97,7 +96,7 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         ("recording", run.recorder and run.recorder.error),
         ("final table", run.monitor.error),
         ("console", run.console.error),
-        ("gravity compensation", run.gravity and run.gravity.error),
+        ("front ends", run.ends.front_ends.error),
         ("robot", run.plan.setup.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from types import FrameType
 
 from humanoid_sim.play.assembly import Run
-from humanoid_sim.session.keyboard import Keyboard
 
 __all__ = ["handled_signals"]
 
@@ -25,7 +24,7 @@ def handled_signals(run: Run) -> Iterator[list[int]]:
     """
     received: list[int] = []
     before: dict[int, signal.Handlers | int | Callable[[int, FrameType | None], object] | None] = {}
-    keyboards = [operator for operator in run.operators if isinstance(operator, Keyboard)]
+    keyboards = [] if run.keyboard is None else [run.keyboard]
     interruption = run.interruption
 
     def end(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler

@@ -10,7 +10,7 @@ from mcap.writer import Writer
 
 from humanoid_sim.messages import SessionHeader
 
-__all__ = ["DOCUMENTS", "EARLIER_FORMAT", "SESSION", "HeaderError", "parse_header", "write_header"]
+__all__ = ["DOCUMENTS", "EARLIER_FORMAT", "SESSION", "HeaderError", "header_metadata", "parse_header", "write_header"]
 
 SESSION = "humanoid_sim.session"
 """Metadata record with the header's own fields and a digest; the last part, so where it is the header is whole."""
@@ -31,8 +31,14 @@ def write_header(writer: Writer, header: SessionHeader) -> None:
     """Write the attachments, the documents and the fields, in this order."""
     for name, data in header.attachments.items():
         writer.add_attachment(header.start_time_ns, header.start_time_ns, name, "application/octet-stream", data)
-    documents = dict(header.documents)
+    session, documents = header_metadata(header)
     writer.add_metadata(DOCUMENTS, documents)
+    writer.add_metadata(SESSION, session)
+
+
+def header_metadata(header: SessionHeader) -> tuple[dict[str, str], dict[str, str]]:
+    """The fields and the documents of a header as `parse_header` takes them; the attachments go beside them."""
+    documents = dict(header.documents)
     session = {
         "format": _FORMAT,
         "robot": header.robot,
@@ -42,7 +48,7 @@ def write_header(writer: Writer, header: SessionHeader) -> None:
         "observation_terms": json.dumps(header.observation_terms),
         "attachments": json.dumps(list(header.attachments)),
     }
-    writer.add_metadata(SESSION, session | {"digest": _digest(session, documents)})
+    return session | {"digest": _digest(session, documents)}, documents
 
 
 def parse_header(

@@ -160,6 +160,10 @@ class Session:
         """The mode of the last tick; ZERO_TORQUE before the first."""
         return Mode.ZERO_TORQUE if self._output is None else self._output.control_mode.mode
 
+    def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
+        """Hand something that happened outside the ticks to the sinks, now; may be called from any thread."""
+        self._sinks.event(text, kind)
+
     def request_stop(self, reason: str) -> None:
         """End the run through DAMPING. May be called from a signal handler; a second call does not wait for rest."""
         if self._stop_reason:
@@ -290,13 +294,14 @@ class Session:
     def _decide(self, intents: tuple[Intent, ...] | None) -> tuple[TickInput, TickOutput]:
         """Read, collect and step: what the tick takes in, and what the control stack makes of it."""
         state, safety = self._robot.read()
+        self._state = state
+        chosen = self._collect() if intents is None else intents  # before any data: no flood keeps a DAMP waiting
         if self._externs:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
             state = replace(state, extern={**state.extern, **live})
         if self._live is not None:
             state = self._live.heard(state)
         self._state = state
-        chosen = self._collect() if intents is None else intents
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None
         tick_input = TickInput(state, self._safety_filter(safety), chosen, remote)
         self._memory, self._output = self._supervisor.step(self._memory, tick_input)

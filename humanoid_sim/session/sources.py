@@ -16,6 +16,7 @@ from humanoid_sim.messages import Intent, RemoteCommand, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand
 
 __all__ = [
+    "KEYBOARD",
     "VELOCITY_KEYS",
     "ExternSource",
     "IntentQueue",
@@ -94,8 +95,13 @@ class RemoteInbox:
         self.accepted = 0
         self.rejected = 0
 
-    def put(self, joint_names: Sequence[str], command: MITCommand) -> None:
-        """Accept a command; its arrival time is now, whatever its sender's clock says.
+    def put(self, joint_names: Sequence[str], command: MITCommand, arrival_time: float | None = None) -> None:
+        """Accept a command.
+
+        Args:
+            joint_names: the robot's, in its order.
+            command: shape (n,).
+            arrival_time: s, robot's clock; None: now.
 
         Raises:
             FieldError: if the joint names or their order differ, or the command is not one finite value per joint and
@@ -105,7 +111,7 @@ class RemoteInbox:
         if problem:
             self.rejected += 1
             raise FieldError(problem)
-        self._latest = RemoteCommand(command, self._clock())
+        self._latest = RemoteCommand(command, self._clock() if arrival_time is None else arrival_time)
         self.accepted += 1
 
     def latest(self) -> RemoteCommand | None:
@@ -176,27 +182,37 @@ _VELOCITY_AXES = (
 """Of a command: name, unit, largest magnitude of a policy that does not say what it knows, and what else it may be."""
 
 
+KEYBOARD = "keyboard"
+"""Owner of a velocity that was set in this process."""
+
+
 class VelocityCommand:
-    """An `ExternSource` that holds one command until it is changed. Another thread may change it."""
+    """An `ExternSource` with one owner: whoever last changed the command deliberately.
+
+    What the keyboard set holds until it is changed; what a producer outside set, as long as it is repeated. Another
+    thread may press keys.
+    """
 
     def __init__(self, command: FloatArray, ranges: FloatArray | None = None) -> None:
         """Start with a command.
 
         Args:
             command: shape (3,), vx and vy in m/s, yaw rate in rad/s, heading frame.
-            ranges: shape (3, 2), to which changes are clipped; None: none.
+            ranges: shape (3, 2), to which changes are clipped; None: to what `parse_velocity` accepts.
         """
-        self._ranges = ranges
-        self._value = np.array(command, dtype=np.float64)
-        self._extern = {VELOCITY_COMMAND: Extern(self._value, 0.0)}
+        widest = [(-largest, largest) for _, _, largest, _ in _VELOCITY_AXES]
+        self._ranges = np.array(widest if ranges is None else ranges, dtype=np.float64)
+        self._extern = {VELOCITY_COMMAND: Extern(np.array(command, dtype=np.float64), 0.0)}
+        self.owner: object = ""
+        """Who changed it last: a producer, or `KEYBOARD`; falsy where nobody did, or that producer fell silent."""
 
     @property
     def command(self) -> FloatArray:
         """Shape (3,)."""
-        return self._value
+        return self._extern[VELOCITY_COMMAND].value
 
     def latest(self) -> Mapping[str, Extern]:
-        """The command; it holds until it is changed, and so it never grows too old."""
+        """The command. One that was set here never grows too old."""
         return self._extern
 
     def press(self, key: str) -> None:
@@ -204,8 +220,35 @@ class VelocityCommand:
         change = VELOCITY_KEYS.get(key)
         if change is None:
             return
-        value = self._value + change if any(change) else np.zeros(3)
-        if self._ranges is not None:
-            value = np.clip(value, self._ranges[:, 0], self._ranges[:, 1])
-        self._value = np.round(value, 6)
-        self._extern = {VELOCITY_COMMAND: Extern(self._value, 0.0)}
+        value = self.command + change if any(change) else np.zeros(3)
+        self.owner = KEYBOARD
+        self._set(value, 0.0, math.inf)
+
+    def offer(
+        self, owner: object, value: FloatArray, arrival_time: float, *, timeout: float, deliberate: bool
+    ) -> object:
+        """Take the command of a producer, if the velocity is its own, or becomes so now; who owns it.
+
+        Args:
+            owner: the producer.
+            value: shape (3,), finite.
+            arrival_time: s, robot's clock.
+            timeout: s after which the command is zero.
+            deliberate: somebody changed it just now. A stick at rest is not: it claims nothing.
+        """
+        if deliberate:
+            self.owner = owner
+        if self.owner == owner:
+            self._set(value, arrival_time, timeout)
+        return self.owner
+
+    def expire(self, time: float) -> None:
+        """Zero the command of a producer that fell silent; `time` in s, robot's clock."""
+        held = self._extern[VELOCITY_COMMAND]
+        if not max(time - held.arrival_time, 0.0) <= held.timeout:
+            self.owner = ""
+            self._extern = {VELOCITY_COMMAND: Extern(np.zeros(3), 0.0)}
+
+    def _set(self, value: FloatArray, arrival_time: float, timeout: float) -> None:
+        bounded = np.clip(value, self._ranges[:, 0], self._ranges[:, 1])
+        self._extern = {VELOCITY_COMMAND: Extern(np.round(bounded, 6), arrival_time, timeout)}

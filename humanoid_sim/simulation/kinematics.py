@@ -67,13 +67,13 @@ class ForwardKinematics:
 class GravityTorque:
     """Gravity compensation: `effort = clip(qfrc_bias, ±effort_limit)` at zero velocity. One instance per thread."""
 
-    def __init__(self, description: RobotDescription) -> None:
-        """Build the model.
+    def __init__(self, description: RobotDescription, model: mujoco.MjModel | None = None) -> None:
+        """Build the model, or take one of the robot that nobody else uses.
 
         Raises:
             InputError: see `build_model`.
         """
-        self._model = build_model(description, scene=False)
+        self._model = build_model(description, scene=False) if model is None else model
         self._data = mujoco.MjData(self._model)
         self._addresses = joint_addresses(self._model, description.joint_names)
         self._limit = description.effort_limit

@@ -17,7 +17,7 @@ from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
 
-__all__ = ["JointAddresses", "base_body", "body_ids", "build_model", "joint_addresses"]
+__all__ = ["JointAddresses", "base_body", "body_ids", "build_model", "joint_addresses", "model_bytes"]
 
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -80,6 +80,13 @@ def build_model(
     model = compile_spec(spec, description.mjcf_path)
     _set_joints(model, description)
     return model
+
+
+def model_bytes(model: mujoco.MjModel) -> bytes:
+    """The compiled model as MuJoCo stores it (`.mjb`), for the same version of MuJoCo to load."""
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
 
 
 def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddresses:

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from drive import Drive
 
+from humanoid_sim.frontends.gravity import GravityForm, gravity_command
 from humanoid_sim.messages import Intent, Mode, RemoteCommand
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.session.gravity_source import GravityForm, gravity_command
 from humanoid_sim.simulation.kinematics import GravityTorque
 
 
 class Compensation:
-    """What `GravitySource` sends, one command per tick and late by one, without its thread."""
+    """What the gravity front end sends, one command per tick and late by one, without its process."""
 
     def __init__(self, drive: Drive, form: GravityForm) -> None:
         self._drive = drive

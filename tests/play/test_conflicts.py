@@ -17,7 +17,6 @@ from humanoid_sim.play.conflicts import choose_outputs, refuse_conflicts
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.session.inject import parse_injections
-from humanoid_sim.session.script import parse_script
 
 MANUAL = "--manual: standard input is no terminal, expected one to read keys from"
 FAULTS = "expected FAULT@SECONDS with FAULT one of nan_policy, safety, silent_remote"
@@ -78,19 +77,16 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("--dry-run",), "--dry-run: means nothing without --hardware"),
     (("--calibration", "c.yaml"), "--calibration: means nothing without --hardware"),
     (("--imu", "microstrain:/dev/ttyACM0"), "--imu: means nothing without --hardware"),
-    (("--gamepad",), "--gamepad: needs the gamepad reader, which this version does not have yet"),
-    (("--viewer", "web"), "--viewer web: needs the browser console, which this version does not have yet"),
+    (("--gamepad",), "--gamepad: is not in this version; there are: gravity"),
+    (("--viewer", "web"), "--viewer: web is now --console"),
+    (("--viewer=web",), "--viewer: web is now --console"),
     (("--viewer", "native"), "--viewer native: there is no display here; use --video out.mp4 instead"),
-    (("--remote", "dds"), "--remote dds: needs the DDS bridge, which this version does not have yet"),
+    (("--remote", "dds"), "--remote: dds is now --dds"),
     (("--manual",), MANUAL),
     (("--manual", "--script", "damp"), "--manual and --script: both drive the FSM, expected at most one of them"),
     (("--script", ""), "--script: is empty, expected steps separated by ';', each one of damp, "),
     (("--script", "damp; run"), "--script: step 2 is 'run', expected one of damp, load_a, load_b, start_locomotion, "),
     (("--script", "damp; hold x"), "--script: step 2 is 'hold x', expected hold with a number of seconds >= 0"),
-    (
-        ("--script", "START_REMOTE"),
-        "--script: has start_remote, which needs a source of commands: use --remote gravity",
-    ),
     (("--inject", "fire@1"), f"--inject: is 'fire@1', {FAULTS}"),
     (("--inject", "safety"), f"--inject: is 'safety', {FAULTS}"),
     (("--inject", "safety@1", "safety@-1"), f"--inject: is 'safety@-1', {FAULTS}"),
@@ -259,13 +255,11 @@ def test_a_folder_that_cannot_be_written_to(folder: Path) -> None:
 def test_a_missing_terminal_is_noticed_before_anything_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", None)
     with pytest.raises(InputError, match=MANUAL):
-        refuse_conflicts(PlayConfig(manual=True), (), ())
+        refuse_conflicts(PlayConfig(manual=True), ())
 
 
 def test_what_remote_makes_possible_is_not_refused() -> None:
-    steps, injections = parse_script("start_remote"), parse_injections(["silent_remote@1"])
-    refuse_conflicts(PlayConfig(remote="gravity", viewer="none"), steps, injections)
-    with pytest.raises(InputError, match="--script"):
-        refuse_conflicts(PlayConfig(viewer="none"), steps, ())
+    injections = parse_injections(["silent_remote@1"])
+    refuse_conflicts(PlayConfig(remote="gravity", viewer="none"), injections)
     with pytest.raises(InputError, match="--inject"):
-        refuse_conflicts(PlayConfig(viewer="none"), (), injections)
+        refuse_conflicts(PlayConfig(viewer="none"), injections)

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +17,7 @@ from result import Result
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.client import Feed, Intake, running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import run as run_module
@@ -167,14 +172,43 @@ def test_a_safety_status_damps_in_that_very_tick(run: Play, quick: str) -> None:
     assert all(tick.output.control_mode.mode is Mode.DAMPING for tick in result.ticks[i:])
 
 
-def test_gravity_compensation_as_remote_and_its_silence(run: Play, quick: str) -> None:
-    script = "damp; load_a; wait; hold 0.1; start_remote; hold 1; damp; hold 0.1"
-    result = run(
-        "--robot", quick, "--script", script, "--remote", "gravity", "--inject", "silent_remote@1.0", *PLACEHOLDER
-    )
+def test_gravity_compensation_as_remote_until_its_process_is_killed(run: Play, quick: str) -> None:
+    answers: list[bool] = []
+
+    def operator() -> None:
+        while not (sessions := running_sessions()):
+            time.sleep(0.01)
+        with Feed(sessions[0]) as feed, Intake(sessions[0], "operator") as intake:
+
+            def ask(word: str) -> None:
+                answers.append(intake.ask(word).granted)
+
+            def wait(condition: Callable[[dict[str, Any]], Any]) -> Any:
+                while not (found := (sample := feed.latest()) and condition(feed.decode(sample))):
+                    time.sleep(0.01)
+                return found
+
+            wait(lambda tick: tick["remote"] and tick["index"] > 0)
+            ask("damp")
+            ask("load_a")
+            wait(lambda tick: tick["standby"] and tick["standby"][0]["is_finished"])
+            ask("start_remote")
+            time.sleep(0.6)
+            while not feed.status().get("owners", {}).get("REMOTE"):
+                time.sleep(0.01)
+            os.kill(feed.status()["front_ends"]["gravity"], signal.SIGKILL)
+            time.sleep(0.5)
+            ask("damp")
+            ask("quit")
+
+    thread = threading.Thread(target=operator)
+    thread.start()
+    result = run("--robot", quick, "--script", "hold 60", "--remote", "gravity", *PLACEHOLDER)
+    thread.join()
+    assert answers == [True] * 5
     assert result.status == 0
-    assert result.summary["loop"]["realtime"]  # its thread lives in real time
-    assert result.modes == ["DAMPING", "STANDBY", "REMOTE", "DAMPING"]
+    assert result.summary["loop"]["realtime"]  # its process lives in real time
+    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "REMOTE", "DAMPING"]
     remote = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.REMOTE]
     effort = {True: 0, False: 0}
     for tick in remote:
@@ -187,8 +221,11 @@ def test_gravity_compensation_as_remote_and_its_silence(run: Play, quick: str) -
             assert tick.output.command.position.tolist() == tick.input.state.joint_position.tolist()
         assert not tick.output.command.stiffness.any()
     assert min(effort.values()) > 20
-    last = max(tick.input.remote.arrival_time for tick in result.ticks if tick.input.remote)
-    assert last <= 1.0
+    events = [event.text.partition(" (")[0] for event in result.events]
+    assert "REMOTE: belongs to gravity" in events
+    assert "REMOTE: no longer belongs to gravity" in events
+    assert "front end gravity ended with status -9" in events
+    assert run_program(replay.main, ["r.mcap"]) == 0
 
 
 def test_the_affine_actuators_give_the_same_run(run: Play, quick: str) -> None:

@@ -18,6 +18,7 @@ from result import Document, Result
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.client import running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.lock import ChannelLock
@@ -30,7 +31,6 @@ from humanoid_sim.play import run as run_module
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.control_socket import running_sessions
 
 Play = Callable[..., Result]
 
@@ -134,7 +134,7 @@ def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
     statuses: list[int] = []
 
     def operator() -> None:
-        while os.getpid() not in running_sessions():
+        while os.getpid() not in [session.process for session in running_sessions()]:
             time.sleep(0.01)
         time.sleep(0.5)
         for word in ("damp", "reactivate", "quit"):

@@ -13,12 +13,12 @@ from result import Result
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.client import running_sessions
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
 from humanoid_sim.play import hardware_robot
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.control_socket import running_sessions
 
 pytestmark = pytest.mark.slow
 
@@ -45,7 +45,7 @@ def test_reactivate_leads_back_to_motion(
         return motors[0]
 
     def operator() -> None:
-        while os.getpid() not in running_sessions():
+        while os.getpid() not in [session.process for session in running_sessions()]:
             time.sleep(0.01)
         steps = ["damp", "load_a", 1.0, "fault", 0.5, "load_a", "mend", 0.3, "reactivate", "damp", "load_a", 1.0]
         for step in [*steps, "damp", 0.3, "quit"]:

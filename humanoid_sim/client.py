@@ -1,0 +1,599 @@
+"""Attach to a running session: read its feed, write to its intake. For any Python from 3.9 on that has NumPy.
+
+This file works on its own: copy it into a ROS environment, or anywhere, and import it. It imports nothing of the
+package, and everything it must know about a session (message definitions, the robot, its model) comes with the feed.
+
+    session = find_session()                    # the only one that runs; or find_session(4711)
+    with Feed(session) as feed, Intake(session, "my program") as intake:
+        tick = feed.decode(feed.latest())
+        print(tick["time"], tick["joint_position"])
+        print(intake.ask("damp").text)
+
+The feed is one shared-memory file that only the session writes. Nothing that a reader does is noticed there: a reader
+maps it read-only, takes copies, and tells by number and checksum whether a copy is whole. It is no segment of
+`multiprocessing.shared_memory`, whose resource tracker would remove it when the first reader exits.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import mmap
+import os
+import re
+import socket
+import stat
+import struct
+import tempfile
+import time
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = [
+    "Answer",
+    "Feed",
+    "Intake",
+    "Sample",
+    "SessionError",
+    "SessionInfo",
+    "find_session",
+    "monotonic_ns",
+    "running_sessions",
+    "session_folder",
+]
+
+SUFFIX = ".session"
+"""Of the file that a running session holds locked; its name is the process id."""
+FEED_MAGIC = b"hsfeed01"
+FEED_HEAD = struct.Struct("<8sQQI4xQ")
+"""The feed's first bytes: magic; offset, length and CRC-32 of its description; 1 once the session has ended."""
+ENDED_OFFSET = 32
+RING_HEAD = struct.Struct("<Q")
+"""A ring's first bytes: the number of its newest sample, counted from 1; 0 while there is none."""
+SLOT_HEAD = struct.Struct("<QQII")
+"""A slot's first bytes: its sample's number, stamp in CLOCK_MONOTONIC ns, length, and CRC-32 of all that and the bytes.
+
+Sample `n` of a ring is in slot `n` modulo the number of its slots, until the ring has gone round.
+"""
+SLOT_SUM = struct.Struct("<QQI")
+"""What the checksum begins with."""
+
+DATA_MAGIC = b"hsdat1"
+DATA_HEAD = struct.Struct("<6sBBHHIQ")
+"""A datagram of the data socket begins with: magic, kind, 0, bytes of the producer's name, bytes of the topic, the
+producer's process id, its stamp in CLOCK_MONOTONIC ns. Name, topic and float64 values follow."""
+REMOTE, VELOCITY, LIVE, HEARTBEAT = range(4)
+"""Kinds, and their topics and values. REMOTE: joint names, one a line, and the five MIT fields one after the other.
+VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; its timeout in s, and its value."""
+
+VELOCITY_TIMEOUT = 0.25
+"""s after which a velocity command that is not repeated is zero."""
+LIVE_TIMEOUT = 0.5
+"""s after which a live input that is not repeated is zero, unless its producer says otherwise."""
+_SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2.0
+"""s that a full socket is waited for: for data, and for intents."""
+_NAMES = count()
+
+
+class SessionError(Exception):
+    """No such session, one that has ended, or one that cannot be reached; one line."""
+
+
+def monotonic_ns() -> int:
+    """The clock of all stamps, ns: take it where a sample arrives from outside."""
+    return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+
+
+# Sessions.
+
+
+@dataclass(frozen=True)
+class SessionInfo:
+    """What a running session says of itself."""
+
+    process: int
+    robot: str
+    policy: str
+    folder: str
+    """Where it was started."""
+    hardware: str
+    """CAN channels; empty in simulation."""
+    feed: str
+    intents: str
+    data: str
+    file: Path = field(compare=False)
+    """Held locked by the session for as long as it lives."""
+
+    def __str__(self) -> str:
+        where = f" on {self.hardware}" if self.hardware else ""
+        return f"session {self.process} ({self.robot}{where}, policy {self.policy}, started in {self.folder})"
+
+    def is_running(self) -> bool:
+        """Whether its process still holds the lock: a process id can be reused, a lock cannot."""
+        return _is_locked(self.file)
+
+
+def session_folder() -> Path:
+    """The folder of this user's sessions, which may not exist.
+
+    Raises:
+        SessionError: it is not the user's alone.
+    """
+    base = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
+    if not base.is_absolute() or not base.is_dir():  # left over from another user, as `su` does
+        base = Path(tempfile.gettempdir())
+    folder = base / f"humanoid_sim-{os.getuid()}"
+    try:
+        status = folder.lstat()
+    except FileNotFoundError:
+        return folder
+    except OSError as error:
+        raise SessionError(f"{folder}: cannot be read: {error.strerror}") from None
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise SessionError(f"{folder}: is not a folder that only its user can enter; remove it")
+    return folder
+
+
+def running_sessions() -> list[SessionInfo]:
+    """This user's running sessions, by process id. Files that a killed session left are ignored."""
+    found = []
+    for path in session_folder().glob(f"*{SUFFIX}"):
+        info = _read_info(path) if _is_locked(path) else None
+        if info is not None:
+            found.append(info)
+    return sorted(found, key=lambda info: info.process)
+
+
+def find_session(process: int | None = None) -> SessionInfo:
+    """A running session: the one with a process id, or the only one there is.
+
+    Raises:
+        SessionError: there is none, or several and no process id.
+    """
+    sessions = running_sessions()
+    listed = "; ".join(map(str, sessions)) or "none"
+    if process is not None:
+        for info in sessions:
+            if info.process == process:
+                return info
+        raise SessionError(f"--session: {process} is no running session; running: {listed}")
+    if not sessions:
+        raise SessionError("no session is running; start one with play")
+    if len(sessions) > 1:
+        raise SessionError(f"--session: is needed where several sessions run; running: {listed}")
+    return sessions[0]
+
+
+def _is_locked(path: Path) -> bool:
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return False
+
+
+def _read_info(path: Path) -> SessionInfo | None:
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        texts = {name: str(told[name]) for name in ("robot", "policy", "folder", "hardware", "feed", "intents", "data")}
+        return SessionInfo(process=int(told["process"]), file=path, **texts)
+    except (OSError, ValueError, KeyError, TypeError):  # of another version
+        return None
+
+
+# The feed.
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One entry of a ring: a whole copy."""
+
+    number: int
+    """Counts from 1 without gaps."""
+    stamp: int
+    """CLOCK_MONOTONIC ns when the session wrote it."""
+    data: bytes
+
+    def age(self) -> float:
+        """S since it was written."""
+        return 1e-9 * (monotonic_ns() - self.stamp)
+
+
+class Feed:
+    """What a session publishes: ticks, events, a status, and once what interprets them. A context manager."""
+
+    def __init__(self, session: SessionInfo) -> None:
+        """Map the feed of a session, read-only.
+
+        Raises:
+            SessionError: it has ended, or its feed is of another version.
+        """
+        self.session = session
+        try:
+            handle = os.open(session.feed, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        except OSError as error:
+            raise SessionError(f"{session}: its feed cannot be opened: {error.strerror}") from None
+        try:
+            if os.fstat(handle).st_uid != os.getuid():
+                raise SessionError(f"{session}: its feed {session.feed} belongs to another user")
+            self._map = mmap.mmap(handle, 0, prot=mmap.PROT_READ)
+        finally:
+            os.close(handle)
+        magic, offset, length, checksum, _ = FEED_HEAD.unpack_from(self._map)
+        text = self._map[offset : offset + length]
+        if magic != FEED_MAGIC or zlib.crc32(text) != checksum:
+            self._map.close()
+            raise SessionError(f"{session}: its feed is of another version of this program")
+        told = json.loads(text)
+        self.joint_names: tuple[str, ...] = tuple(told["joint_names"])
+        self.control_period: float = told["control_period"]
+        """s"""
+        self.header: Mapping[str, Any] = told["header"]
+        """The recording's: fields (`session`) and documents by name, JSON texts: robot, contract, settings."""
+        self._definitions: Mapping[str, str] = told["definitions"]
+        self._blobs: Mapping[str, Sequence[int]] = told["blobs"]
+        self._rings: Mapping[str, Sequence[int]] = told["rings"]
+        self._decoders: dict[str, _Decoder] = {}
+
+    def __enter__(self) -> Feed:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let the memory go."""
+        self._map.close()
+
+    def is_running(self) -> bool:
+        """Whether the session goes on; a killed one does not, although nobody could write that down."""
+        return not FEED_HEAD.unpack_from(self._map)[4] and self.session.is_running()
+
+    def document(self, name: str) -> str:
+        """A document of the header: `robot`, `contract`, `settings`, `controllers`; empty if there is none."""
+        return str(self.header["documents"].get(name, ""))
+
+    def blob(self, name: str) -> bytes:
+        """A file by name: `model.mjb`, the robot's compiled MuJoCo model; the motion, as in the recording.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        offset, length = self._blobs[name]
+        return self._map[offset : offset + length]
+
+    @property
+    def blobs(self) -> tuple[str, ...]:
+        """The names of all files."""
+        return tuple(self._blobs)
+
+    def newest(self, ring: str = "tick") -> int:
+        """Number of the newest sample; 0 while there is none."""
+        return int(RING_HEAD.unpack_from(self._map, self._rings[ring][0])[0])
+
+    def latest(self, ring: str = "tick") -> Sample | None:
+        """The newest whole sample; None while there is none."""
+        for _ in range(100):
+            newest = self.newest(ring)
+            if not newest:
+                return None
+            sample = self.sample(newest, ring)
+            if sample is not None:
+                return sample
+        return None
+
+    def sample(self, number: int, ring: str = "tick") -> Sample | None:
+        """A whole copy of the sample with that number; None if it is overwritten, not there yet, or being written."""
+        offset, slots, size = self._rings[ring]
+        start = offset + 64 + (number % slots) * size
+        found, stamp, length, checksum = SLOT_HEAD.unpack_from(self._map, start)
+        if found != number or length > size - SLOT_HEAD.size:
+            return None
+        start += SLOT_HEAD.size
+        data = self._map[start : start + length]
+        if zlib.crc32(data, zlib.crc32(SLOT_SUM.pack(found, stamp, length))) != checksum:
+            return None
+        return Sample(number, stamp, data)
+
+    def since(self, number: int, ring: str = "tick") -> Iterator[Sample]:
+        """The samples after that number which are still there, oldest first."""
+        newest, slots = self.newest(ring), self._rings[ring][1]
+        for wanted in range(max(number + 1, newest - slots + 2, 1), newest + 1):
+            sample = self.sample(wanted, ring)
+            if sample is not None:
+                yield sample
+
+    def wait(self, number: int, timeout: float, ring: str = "tick") -> Sample | None:
+        """The newest sample once its number is above `number`; None after `timeout` s, or when the session has ended.
+
+        It looks several times a tick: the session wakes nobody, because that would cost its loop a system call.
+        """
+        deadline = time.monotonic() + timeout
+        pause = min(max(0.1 * self.control_period, 0.0005), 0.005)
+        while self.newest(ring) <= number:
+            if time.monotonic() >= deadline:
+                return None
+            time.sleep(pause)
+            if FEED_HEAD.unpack_from(self._map)[4]:
+                return None
+        return self.latest(ring)
+
+    def decode(self, sample: Sample, ring: str = "tick") -> dict[str, Any]:
+        """A sample of `tick` or `event` as a dict with the names of its message definition, arrays as NumPy's."""
+        decoder = self._decoders.get(ring)
+        if decoder is None:
+            decoder = self._decoders[ring] = _Decoder(self._definitions[ring])
+        return decoder(sample.data)
+
+    def status(self) -> dict[str, Any]:
+        """What is told beside ticks, twice a second: who owns REMOTE and the velocity, who was refused, the buses."""
+        sample = self.latest("status")
+        return {} if sample is None else dict(json.loads(sample.data))
+
+
+_PRIMITIVES = {
+    "bool": "?",
+    "uint8": "B",
+    "int8": "b",
+    "uint16": "H",
+    "int16": "h",
+    "uint32": "I",
+    "int32": "i",
+    "uint64": "Q",
+    "int64": "q",
+    "float32": "f",
+    "float64": "d",
+}
+_FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[(\d*)\])?\s+([a-z][a-z0-9_]*)\s*(?:#.*)?$")
+
+
+class _Decoder:
+    """Little-endian CDR by a `ros2msg` definition."""
+
+    def __init__(self, definition: str) -> None:
+        first, *others = re.split(r"^=+\nMSG: ", definition, flags=re.MULTILINE)
+        self._types = {"": self._fields(first)}
+        for text in others:
+            name, _, body = text.partition("\n")
+            self._types[name.strip()] = self._fields(body)
+
+    @staticmethod
+    def _fields(text: str) -> list[tuple[str, str, str | None]]:
+        matches = (_FIELD.match(line) for line in text.splitlines())
+        return [(match[4], match[1], match[3] if match[2] else None) for match in matches if match]
+
+    def __call__(self, message: bytes) -> dict[str, Any]:
+        try:
+            return _Cursor(message).struct("", self._types)
+        except (struct.error, ValueError, KeyError) as error:
+            raise SessionError(f"a message that does not fit its definition: {error}") from None
+
+
+class _Cursor:
+    def __init__(self, message: bytes) -> None:
+        self._data, self._offset = message[4:], 0
+
+    def struct(self, name: str, types: Mapping[str, Sequence[tuple[str, str, str | None]]]) -> dict[str, Any]:
+        return {label: self._value(kind, length, types) for label, kind, length in types[name]}
+
+    def _value(self, kind: str, length: str | None, types: Mapping[str, Any]) -> Any:
+        if length is None:
+            return self._one(kind, types)
+        number = int(length) if length else self._number("I")
+        if kind in _PRIMITIVES:
+            return self._array(_PRIMITIVES[kind], number)
+        return [self._one(kind, types) for _ in range(number)]
+
+    def _one(self, kind: str, types: Mapping[str, Any]) -> Any:
+        if kind in _PRIMITIVES:
+            return self._number(_PRIMITIVES[kind])
+        if kind != "string":
+            return self.struct(kind, types)
+        size = self._number("I")
+        start, self._offset = self._offset, self._offset + size
+        return self._data[start : self._offset - 1].decode("utf-8", "surrogatepass")
+
+    def _number(self, code: str) -> Any:
+        size = struct.calcsize(f"<{code}")
+        self._offset += -self._offset % size
+        (value,) = struct.unpack_from(f"<{code}", self._data, self._offset)
+        self._offset += size
+        return value
+
+    def _array(self, code: str, number: int) -> np.ndarray[Any, Any]:
+        import numpy as np  # noqa: PLC0415 - sending an intent needs none, and must be quick
+
+        size = struct.calcsize(f"<{code}")
+        if not number:
+            return np.zeros(0, np.dtype(f"<{code}"))
+        start = self._offset + -self._offset % size
+        self._offset = start + number * size
+        return np.frombuffer(self._data, np.dtype(f"<{code}"), number, start)
+
+
+# The intake.
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of what was asked for."""
+
+    granted: bool
+    """Neither refused nor failed."""
+    text: str
+    """One line."""
+
+
+class Intake:
+    """What a program tells a session. A context manager; use one from one thread.
+
+    Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts, and at most a few
+    reach the session in one tick: send once per tick of the feed, or at a fixed rate that is not far above.
+    """
+
+    def __init__(self, session: SessionInfo, producer: str) -> None:
+        """Connect.
+
+        Args:
+            session: that is told.
+            producer: a name for operators to read, such as `gravity`.
+
+        Raises:
+            SessionError: it cannot be reached.
+        """
+        self.session = session
+        self.producer = " ".join(producer.split())[:40] or "?"
+        self._reply = str(Path(session.intents).parent / f"{os.getpid()}-{next(_NAMES)}.reply")
+        self._intents: socket.socket | None = None
+        self._data: socket.socket | None = None
+        try:
+            self._intents = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._data = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            Path(self._reply).unlink(missing_ok=True)  # of a process that had this id before and was killed
+            self._intents.bind(self._reply)
+            os.chmod(self._reply, 0o600)
+            self._intents.connect(session.intents)
+            self._data.connect(session.data)
+        except OSError as error:
+            self.close()
+            raise SessionError(f"{session}: cannot be reached: {error.strerror or error}") from None
+        self._data.settimeout(_SEND_TIMEOUT)
+        self._name = self.producer.encode()
+        self._process = os.getpid()
+
+    def __enter__(self) -> Intake:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect."""
+        for end in (self._intents, self._data):
+            if end is not None:
+                end.close()
+        Path(self._reply).unlink(missing_ok=True)
+
+    def ask(self, word: str, timeout: float = 2.0) -> Answer:
+        """Ask for something, and wait for what became of it in the session's next tick.
+
+        Args:
+            word: `damp`, `load_a`, `load_b`, `start_locomotion`, `start_remote`, `quit`, `reactivate`, or
+                `mark TEXT`, which puts a text into the recording.
+            timeout: s; `reactivate` asks every motor for its identity and takes longer.
+
+        Raises:
+            SessionError: the session has ended or does not answer.
+        """
+        return self.answer(self.post(word), timeout)
+
+    def post(self, word: str) -> str:
+        """Ask for something without waiting; gives what `answer` takes. Raises `SessionError` as `ask` does."""
+        assert self._intents is not None
+        token = f"{next(_NAMES)}"
+        try:
+            self._intents.settimeout(_POST_TIMEOUT)
+            word = " ".join(word.splitlines())[:200]  # a mark's text is a line
+            self._intents.send("\n".join((word, f"{self.producer} ({self._process})", token)).encode())
+        except OSError as error:
+            raise SessionError(f"{self.session}: cannot be reached: {error.strerror or error}") from None
+        return token
+
+    def answer(self, token: str, timeout: float) -> Answer:
+        """The answer to what was posted last; `timeout` in s. Raises `SessionError` as `ask` does."""
+        assert self._intents is not None
+        deadline = time.monotonic() + timeout
+        try:
+            while True:
+                self._intents.settimeout(max(deadline - time.monotonic(), 1e-6))
+                verdict, _, text = self._intents.recv(4096).decode(errors="replace").partition("\n")
+                if verdict[1:] == token:  # an answer that came too late for its question is passed over
+                    return Answer(verdict[0] == "1", text)
+        except (TimeoutError, socket.timeout):  # noqa: UP041 - two types before Python 3.10
+            raise SessionError(f"{self.session}: did not answer within {timeout:g} s") from None
+        except OSError as error:
+            raise SessionError(f"{self.session}: cannot be reached: {error.strerror or error}") from None
+
+    def remote(
+        self,
+        joint_names: Sequence[str],
+        position: Sequence[float],
+        velocity: Sequence[float],
+        effort: Sequence[float],
+        stiffness: Sequence[float],
+        damping: Sequence[float],
+        *,
+        stamp: int | None = None,
+    ) -> bool:
+        """Send a command for REMOTE.
+
+        Args:
+            joint_names: the robot's, in its order (`Feed.joint_names`).
+            position: rad, one for each joint, as all five.
+            velocity: rad/s
+            effort: N·m
+            stiffness: N·m/rad
+            damping: N·m·s/rad
+            stamp: ns, when what it is made of arrived from outside (`monotonic_ns`); None: now.
+
+        Returns:
+            Whether it left; False where the session takes nothing at present.
+
+        Raises:
+            SessionError: the session has ended.
+        """
+        fields = (position, velocity, effort, stiffness, damping)
+        if any(len(values) != len(joint_names) for values in fields):
+            raise ValueError(f"expected {len(joint_names)} values in each field, one for each joint")
+        return self._send(REMOTE, "\n".join(joint_names), [x for values in fields for x in values], stamp)
+
+    def velocity(self, vx: float, vy: float, wz: float, *, deliberate: bool, stamp: int | None = None) -> bool:
+        """Send a velocity command, again and again while it is meant: after `VELOCITY_TIMEOUT` it is zero.
+
+        Args:
+            vx: m/s, forward, as `vy` in the heading frame.
+            vy: m/s, to the left.
+            wz: rad/s
+            deliberate: somebody changed it just now, and wants it to count in place of whoever else's. A stick at rest
+                is not deliberate: it claims nothing, and counts only while this producer owns the velocity.
+            stamp: see `remote`, as for returns and raises.
+        """
+        return self._send(VELOCITY, "", (vx, vy, wz, float(deliberate)), stamp)
+
+    def live(
+        self, name: str, values: Sequence[float], *, timeout: float = LIVE_TIMEOUT, stamp: int | None = None
+    ) -> bool:
+        """Send a live input that the policy observes, such as `key_pressed`; `timeout` s later it is zero."""
+        return self._send(LIVE, name, (timeout, *values), stamp)
+
+    def heartbeat(self, *, stamp: int | None = None) -> bool:
+        """Say that this producer and its device are there; a session that watches it damps 200 ms after the last."""
+        return self._send(HEARTBEAT, "", (), stamp)
+
+    def _send(self, kind: int, topic: str, values: Sequence[float], stamp: int | None) -> bool:
+        assert self._data is not None
+        name, label = self._name, topic.encode()
+        stamp = monotonic_ns() if stamp is None else int(stamp)
+        head = DATA_HEAD.pack(DATA_MAGIC, kind, 0, len(name), len(label), self._process, stamp)
+        try:
+            self._data.send(head + name + label + struct.pack(f"<{len(values)}d", *values))
+        except (TimeoutError, socket.timeout, BlockingIOError):  # noqa: UP041 - two types before Python 3.10
+            return False
+        except OSError as error:
+            raise SessionError(f"{self.session}: has ended ({error.strerror or error})") from None
+        return True

@@ -1,0 +1,57 @@
+"""Programs beside the loop: each reads a session's feed and writes to its intake, and may die at any time.
+
+A front end is a row of `FRONT_ENDS`, a module here with a `main`, and a module `humanoid_sim/<name>.py` that runs it.
+`play` starts it as a child process; anybody else starts it later with `python -m humanoid_sim.<name>`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from humanoid_sim.errors import MissingPackageError
+
+__all__ = ["FRONT_ENDS", "FrontEnd", "Wanted", "require_packages"]
+
+
+@dataclass(frozen=True, slots=True)
+class FrontEnd:
+    """What is known of a front end without importing it."""
+
+    purpose: str
+    packages: tuple[str, ...] = ()
+    """That it imports beside those that this package always needs."""
+    extra: str = ""
+    """Of this package, which installs them."""
+
+
+FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
+    {
+        "gravity": FrontEnd("gravity compensation, for REMOTE"),
+    }
+)
+"""By name, which is that of the module and of the verb."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A front end to start with a session."""
+
+    name: str
+    """In `FRONT_ENDS`."""
+    options: tuple[str, ...] = ()
+    """Of its command line; `--session` is added."""
+
+
+def require_packages(name: str) -> None:
+    """Refuse a front end whose packages are not installed, before anything is started.
+
+    Raises:
+        MissingPackageError: naming the first.
+    """
+    front_end = FRONT_ENDS[name]
+    for package in front_end.packages:
+        if importlib.util.find_spec(package) is None:
+            raise MissingPackageError(package, front_end.extra, front_end.purpose)

@@ -1,0 +1,108 @@
+"""What a front end of this package begins with: a session's feed as the package's own types, and its intake."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+
+from humanoid_sim.client import Feed, Intake, Sample, SessionError, SessionInfo, find_session
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.recording.codec import decode_event, decode_tick
+from humanoid_sim.recording.header import HeaderError, parse_header
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.session.feed import MODEL_BLOB
+from humanoid_sim.stack import recorded_contract
+
+__all__ = ["Attachment", "attached", "ready"]
+
+
+@dataclass
+class Attachment:
+    """A running session, as a front end sees it."""
+
+    session: SessionInfo
+    feed: Feed
+    intake: Intake
+
+    @cached_property
+    def header(self) -> SessionHeader:
+        """What the run is, as its recording says it. Raises `InputError` for a feed of another version."""
+        fields, documents = self.feed.header["session"], self.feed.header["documents"]
+        names = json.loads(fields["attachments"])
+        try:
+            return parse_header(fields, documents, {name: self.feed.blob(name) for name in names})
+        except HeaderError as error:
+            raise InputError(f"{self.session}: {error}") from None
+
+    @cached_property
+    def description(self) -> RobotDescription:
+        """The robot."""
+        return RobotDescription.from_json(self.header.documents["robot"])
+
+    @cached_property
+    def contract(self) -> PolicyContract | None:
+        """The policy's; None without one."""
+        return recorded_contract(self.header)
+
+    def model(self) -> mujoco.MjModel:
+        """The robot's compiled model, of which the ticks' `qpos` is: a new one each time, to do with as one likes.
+
+        Raises:
+            InputError: it was compiled by another version of MuJoCo.
+        """
+        try:
+            return mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: self.feed.blob(MODEL_BLOB)})
+        except (ValueError, mujoco.FatalError) as error:
+            raise InputError(f"{self.session}: its model cannot be loaded: {error}") from None
+
+    def latest(self) -> tuple[Sample, TickRecord] | None:
+        """The newest tick; None while there is none."""
+        sample = self.feed.latest()
+        return None if sample is None else (sample, self.record(sample))
+
+    def record(self, sample: Sample) -> TickRecord:
+        """A sample of the ring `tick`."""
+        try:
+            return decode_tick(sample.data)
+        except CdrError as error:
+            raise InputError(f"{self.session}: a tick of another version: {error}") from None
+
+    def events(self, number: int) -> Iterator[tuple[int, Event]]:
+        """Numbers and events of the ring `event` after that number, oldest first; 0 for all that are still there."""
+        for sample in self.feed.since(number, "event"):
+            yield sample.number, decode_event(sample.data)
+
+
+@contextmanager
+def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterator[Attachment]:
+    """Attach to a running session.
+
+    Args:
+        session: process id; None for the only one that runs.
+        producer: the front end's name, for operators to read.
+        niceness: by how much the control loop's other threads and processes go before this one.
+
+    Raises:
+        InputError: there is no such session.
+    """
+    try:
+        info = find_session(session)
+        with Feed(info) as feed, Intake(info, producer) as intake:
+            os.nice(niceness)
+            yield Attachment(info, feed, intake)
+    except SessionError as error:
+        raise InputError(str(error)) from None
+
+
+def ready(serves: str) -> None:
+    """Say that the front end works, and what it serves, such as an address: one line, which `play` shows too."""
+    print(serves, flush=True)

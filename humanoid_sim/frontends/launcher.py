@@ -1,0 +1,175 @@
+"""Starts front ends as child processes of a session, shows what they say, and tells when one has ended."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import selectors
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends import Wanted
+from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.session.feed import FeedWriter
+from humanoid_sim.session.sinks import Sink
+
+__all__ = ["FrontEnds"]
+
+_PERIOD = 0.1
+"""s between two looks at the children."""
+_STATUS_EVERY = 5
+"""Looks between two statuses in the feed."""
+_GRACE = 2.0
+"""s that a child gets to end after SIGTERM."""
+_MOST_BYTES = 4096
+"""That are taken from one child in one look: whatever it prints, this process spends no more on it."""
+
+
+@dataclass(slots=True)
+class _Child:
+    name: str
+    process: subprocess.Popen[bytes]
+    unfinished: bytes = b""
+    lines: list[str] = field(default_factory=list)
+
+
+class FrontEnds(Sink):
+    """A sink that takes no ticks: it lives from the start of a session to its end, on one thread for all children."""
+
+    def __init__(
+        self,
+        wanted: Sequence[Wanted],
+        feed: FeedWriter,
+        *,
+        show: Callable[[str], None],
+        note: Callable[[str], None],
+        status: Callable[[], Mapping[str, object]],
+    ) -> None:
+        """Start nothing yet.
+
+        Args:
+            wanted: what `start` starts.
+            feed: gets the status twice a second.
+            show: shows operators a line that a child printed. It is not recorded: addresses may hold secrets.
+            note: records a line.
+            status: what to tell in the feed beside ticks; JSON.
+        """
+        self._wanted = tuple(wanted)
+        self._feed = feed
+        self._show, self._note, self._status = show, note, status
+        self._children: list[_Child] = []
+        self._selector = selectors.DefaultSelector()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="front ends", daemon=True)
+        self.error: Exception | None = None
+        """Why nobody looks after the children any more; None while all is well."""
+
+    @property
+    def running(self) -> Mapping[str, int]:
+        """Names and process ids of those that run."""
+        return {child.name: child.process.pid for child in self._children if child.process.poll() is None}
+
+    def start(self, header: SessionHeader) -> None:
+        """Start them.
+
+        Raises:
+            InputError: one cannot be started.
+        """
+        try:
+            for wanted in self._wanted:
+                self._children.append(_launched(wanted))
+        except OSError as error:
+            self._end_children()
+            raise InputError(f"--{wanted.name}: cannot be started: {error.strerror}") from None
+        for child in self._children:
+            assert child.process.stdout is not None
+            os.set_blocking(child.process.stdout.fileno(), False)
+            self._selector.register(child.process.stdout, selectors.EVENT_READ, child)
+        self._thread.start()
+
+    def tick(self, record: TickRecord) -> None:
+        """Nothing: children read the feed."""
+
+    def close(self) -> None:
+        """End them: with SIGTERM, and after a while with SIGKILL."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self._end_children()
+        self._selector.close()
+
+    def _watch(self) -> None:
+        try:
+            looks = 0
+            while not self._stop.wait(_PERIOD):
+                for key, _ in self._selector.select(0):
+                    self._read(key.data)
+                if looks % _STATUS_EVERY == 0:
+                    self._feed.status(self._status())
+                looks += 1
+        except Exception as error:  # the session goes on without; its report says so
+            self.error = error
+
+    def _read(self, child: _Child) -> None:
+        stream = child.process.stdout
+        assert stream is not None
+        try:
+            data = os.read(stream.fileno(), _MOST_BYTES)
+        except BlockingIOError:
+            return
+        *lines, child.unfinished = (child.unfinished[-_MOST_BYTES:] + data).split(b"\n")
+        if not data:
+            lines = [child.unfinished] if child.unfinished else []
+            self._selector.unregister(stream)
+        for line in lines:
+            text = "".join(c if c.isprintable() else " " for c in line.decode(errors="replace")).strip()
+            if text:
+                self._show(f"{child.name}: {text}")
+        if not data:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                status = child.process.wait(_GRACE)
+                self._note(f"front end {child.name} ended with status {status}")
+
+    def _end_children(self) -> None:
+        for child in self._children:
+            child.process.terminate()
+        for child in self._children:
+            try:
+                child.process.wait(_GRACE)
+            except subprocess.TimeoutExpired:
+                child.process.kill()
+                child.process.wait()
+            if child.process.stdout is not None:
+                child.process.stdout.close()
+
+
+def _launched(wanted: Wanted) -> _Child:
+    command = [sys.executable, "-m", f"humanoid_sim.{wanted.name}", "--session", str(os.getpid()), *wanted.options]
+    with _ordinary_scheduling():
+        # A session of its own: Ctrl-C and Ctrl-Z at the terminal are for the robot's process alone.
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+    return _Child(wanted.name, process)
+
+
+@contextlib.contextmanager
+def _ordinary_scheduling() -> Iterator[None]:
+    """No SCHED_FIFO for what is started meanwhile: children inherit it, and must not compete with the loop."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    if before[0] != os.SCHED_OTHER:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        if before[0] != os.SCHED_OTHER:
+            os.sched_setscheduler(0, *before)

@@ -1,0 +1,11 @@
+"""Gravity compensation for a running session: `python -m humanoid_sim.gravity`."""
+
+import sys
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.frontends.gravity import main
+
+__all__ = ["main"]
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

@@ -1,0 +1,87 @@
+"""The two ends by which other programs take part in a run: its feed and its intake, and the front ends it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import Any
+
+from humanoid_sim.frontends.launcher import FrontEnds
+from humanoid_sim.messages import SessionHeader
+from humanoid_sim.play.plan import Plan
+from humanoid_sim.session.data_socket import DataSocket
+from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+from humanoid_sim.session.intent_socket import IntentSocket
+from humanoid_sim.session.reactivation import Reactivation
+from humanoid_sim.session.registration import Registration
+from humanoid_sim.session.sources import RemoteInbox
+from humanoid_sim.simulation.model import model_bytes
+
+__all__ = ["LocalEnds"]
+
+
+class LocalEnds:
+    """Open from here on: intents that come before the first tick wait for it."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        header: SessionHeader,
+        reactivation: Reactivation,
+        *,
+        show: Callable[[str], None],
+        note: Callable[[str], None],
+    ) -> None:
+        """Open the sockets, make the feed, and let others find the session.
+
+        Args:
+            plan: of the run.
+            header: of the run, as recorded.
+            reactivation: what `reactivate` asks for.
+            show: shows operators a line.
+            note: records a line.
+
+        Raises:
+            InputError: if one of them cannot be had; nothing stays open then.
+        """
+        self._plan = plan
+        description, policy = plan.description, plan.policy
+        contract = policy.loaded.contract
+        with ExitStack() as stack:
+            registration = Registration()
+            stack.callback(registration.close)
+            self.intents = IntentSocket(registration.intents, reactivation, note)
+            stack.callback(self.intents.close)
+            self.inbox = RemoteInbox(description.joint_names, plan.clock)
+            self.data = DataSocket(
+                registration.data,
+                self.inbox,
+                1e-3 * description.remote_policy_controller.stale_command_timeout_ms,
+                clock=plan.clock,
+                velocity=plan.velocity if policy.walks else None,
+                live=contract.live_inputs,
+                tell=note,
+            )
+            stack.callback(self.data.close)
+            self.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(plan.setup.model())})
+            stack.callback(self.feed.close)
+            self.front_ends = FrontEnds(plan.front_ends, self.feed, show=show, note=note, status=self._status)
+            registration.register(
+                robot=description.name,
+                policy=str(policy.checkpoint.source),
+                hardware=plan.config.hardware or "",
+                feed=self.feed.path,
+            )
+            self._close = stack.pop_all()
+
+    def close(self) -> None:
+        """Close whatever is still open. May be called twice."""
+        self._close.close()
+
+    def _status(self) -> Mapping[str, Any]:
+        return {
+            "owners": dict(self.data.owners),
+            "refused": list(self.data.refusals),
+            "front_ends": dict(self.front_ends.running),
+            "robot": self._plan.setup.figures(),
+        }

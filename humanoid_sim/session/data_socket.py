@@ -1,0 +1,296 @@
+"""Remote commands, velocities, live inputs and heartbeats from other programs: a Unix datagram socket.
+
+Only the newest sample of each producer counts, and a flood costs a bounded time per tick. What is accepted becomes part
+of a tick's input, so the recording holds everything that entered. `humanoid_sim.client.Intake` is the other end.
+
+A sample arrives when its producer stamped it or when it is received, whichever is earlier: what waited in a queue is as
+old as it is. A stamp in the future is refused, because such a command would stay fresh too long.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from humanoid_sim.client import DATA_HEAD, DATA_MAGIC, HEARTBEAT, LIVE, REMOTE, VELOCITY, VELOCITY_TIMEOUT, monotonic_ns
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.mit import Extern, FloatArray, MITCommand
+from humanoid_sim.session.intent_socket import listening, queue_length
+from humanoid_sim.session.ownership import Producer, Turn
+from humanoid_sim.session.sinks import Sink
+from humanoid_sim.session.sources import ExternSource, RemoteInbox, VelocityCommand
+
+__all__ = ["DataSocket"]
+
+_LONGEST = 1 << 14
+"""Bytes; a longer datagram is no message."""
+_MOST_SAMPLES = 32
+"""Samples that are looked into in one tick; each is the newest of its producer and topic."""
+_LONGEST_TIMEOUT = 5.0
+"""s that a live input may hold without being repeated."""
+_MOST_LINES = 10
+"""Lines that are told per second, and at once."""
+_MOST_REFUSALS = 256
+"""Different refusals that are remembered, so that each is told once."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    kind: int
+    producer: Producer
+    topic: str
+    values: FloatArray
+    arrival_time: float
+    """s, robot's clock."""
+
+
+class _RefusedError(Exception):
+    """Why a sample does not count."""
+
+
+class DataSocket(ExternSource, Sink):
+    """A source of live inputs that feeds an inbox and a velocity command too, and a sink that follows the mode."""
+
+    def __init__(
+        self,
+        path: Path,
+        inbox: RemoteInbox,
+        stale_timeout: float,
+        *,
+        clock: Callable[[], float],
+        velocity: VelocityCommand | None = None,
+        live: Mapping[str, int] | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Open the socket.
+
+        Args:
+            path: where it will be, in a folder that only its user can enter.
+            inbox: gets the remote commands that count.
+            stale_timeout: s after which a remote command is stale, and its producer's turn over.
+            clock: the robot's clock, s, as of the latest reading.
+            velocity: gets velocity commands; None: nothing observes one.
+            live: name and width of the live inputs that are observed.
+            tell: records a line: owners and refusals as they change.
+
+        Raises:
+            InputError: if it cannot be opened.
+        """
+        self._path = path
+        self._socket = listening(path)
+        self._most = queue_length() + 1
+        self._inbox = inbox
+        self._clock = clock
+        self._velocity = velocity
+        self._widths = dict(live or {})
+        self._tell = tell
+        self._turn = Turn(stale_timeout)
+        self._live_turns = {name: Turn(math.inf) for name in self._widths}
+        self._live: dict[str, Extern] = {}
+        self._mode = Mode.ZERO_TORQUE
+        self._entered = 0.0
+        self._newest_stamp: dict[tuple[int, Producer, str], int] = {}
+        self._told: set[tuple[str, str]] = set()
+        self._shown: dict[str, str] = {}
+        self.heartbeats: dict[str, float] = {}
+        """Arrival of the latest heartbeat by its producer's name, s, robot's clock."""
+        self._lines_left, self._refilled = float(_MOST_LINES), -math.inf
+        self.discarded = 0
+        """Samples that nobody looked into, because newer ones of their producers came with them."""
+
+    @property
+    def owners(self) -> Mapping[str, str]:
+        """Who commands at present: `REMOTE`, `velocity` and the live inputs, by name and process id; '' for nobody."""
+        return self._shown
+
+    def latest(self) -> Mapping[str, Extern]:
+        """Take in what has come since the last call; the live inputs that were ever heard."""
+        time = self._clock()
+        self._expire(time)
+        refused: list[tuple[Producer, str]] = []
+        for sample in self._drain(time):
+            try:
+                self._accept(sample)
+            except _RefusedError as refusal:
+                refused.append((sample.producer, str(refusal)))
+        self._show_owners()
+        for producer, reason in refused:
+            self._refuse(producer, reason)
+        return self._live
+
+    def tick(self, record: TickRecord) -> None:
+        """Follow the mode: with REMOTE a turn begins, and only what comes after may take it."""
+        mode = record.output.control_mode.mode
+        if mode is not self._mode:
+            self._mode, self._entered = mode, float(record.input.state.time)
+            self._turn.clear()
+            self._show_owners()
+
+    def close(self) -> None:
+        """Remove the socket. May be called twice."""
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
+
+    def _expire(self, time: float) -> None:
+        self._turn.expire(time)
+        for name, turn in self._live_turns.items():
+            heard = self._live.get(name)
+            turn.timeout = math.inf if heard is None else heard.timeout
+            turn.expire(time)
+        if self._velocity is not None:
+            self._velocity.expire(time)
+
+    def _drain(self, time: float) -> list[_Sample]:
+        """The newest sample of each producer and topic, in the order in which their producers came first."""
+        begun = monotonic_ns()
+        newest: dict[bytes, tuple[bytes, int]] = {}
+        count = 0
+        for _ in range(self._most):
+            try:
+                datagram = self._socket.recv(_LONGEST)
+            except OSError:  # nothing more
+                break
+            count += 1
+            # The stamp is the head's last field; what is before it and behind the values' own name tells senders apart.
+            head = DATA_HEAD.size
+            if len(datagram) < head or not datagram.startswith(DATA_MAGIC):
+                continue
+            name_end = head + int.from_bytes(datagram[8:10], "little") + int.from_bytes(datagram[10:12], "little")
+            newest[datagram[: head - 8] + datagram[head:name_end]] = (datagram, monotonic_ns())
+        self.discarded += count - len(newest)
+        samples = []
+        for datagram, received in list(newest.values())[:_MOST_SAMPLES]:
+            sample = self._read(datagram, received, begun, time)
+            if sample is not None:
+                samples.append(sample)
+        return samples
+
+    def _read(self, datagram: bytes, received: int, begun: int, time: float) -> _Sample | None:
+        _, kind, _, name_size, topic_size, process, stamp = DATA_HEAD.unpack_from(datagram)
+        start = DATA_HEAD.size
+        name = datagram[start : start + name_size].decode(errors="replace")
+        start += name_size
+        topic = datagram[start : start + topic_size].decode(errors="replace")
+        body = datagram[start + topic_size :]
+        producer = Producer(" ".join(name.split())[:40] or "?", process)
+        if len(body) % 8:
+            self._refuse(producer, f"a datagram of {len(datagram)} bytes, expected whole float64 values at its end")
+            return None
+        if stamp > received:
+            self._refuse(producer, "a stamp in the future, expected the time of CLOCK_MONOTONIC on this machine")
+            return None
+        key = (kind, producer, topic)
+        if stamp < self._newest_stamp.get(key, 0):  # overtaken on its way
+            return None
+        if len(self._newest_stamp) > _MOST_REFUSALS:
+            self._newest_stamp.clear()
+        self._newest_stamp[key] = stamp
+        arrival = time - 1e-9 * max(begun - stamp, 0)
+        return _Sample(kind, producer, topic, np.frombuffer(body, dtype="<f8"), arrival)
+
+    def _accept(self, sample: _Sample) -> None:
+        if sample.kind == REMOTE:
+            self._accept_remote(sample)
+        elif sample.kind == VELOCITY:
+            self._accept_velocity(sample)
+        elif sample.kind == LIVE:
+            self._accept_live(sample)
+        elif sample.kind == HEARTBEAT:
+            self.heartbeats[sample.producer.name] = sample.arrival_time
+        else:
+            raise _RefusedError(f"kind {sample.kind}, expected 0 to {HEARTBEAT}")
+
+    def _accept_remote(self, sample: _Sample) -> None:
+        age = self._clock() - sample.arrival_time
+        if age > self._turn.timeout:
+            raise _RefusedError(
+                f"a remote command that is already stale, expected one younger than {self._turn.timeout:g} s"
+            )
+        is_remote = self._mode is Mode.REMOTE
+        if is_remote and sample.arrival_time <= self._entered:
+            return  # of before REMOTE was entered: it takes no turn
+        if is_remote and self._turn.owner not in (None, sample.producer):
+            raise _RefusedError(f"REMOTE: belongs to {self._turn.owner}")
+        names = tuple(sample.topic.split("\n"))
+        if len(sample.values) != 5 * len(names):
+            raise _RefusedError(
+                f"remote command: has {len(sample.values)} values, expected 5 for each of {len(names)} joints"
+            )
+        try:
+            self._inbox.put(names, MITCommand(*sample.values.reshape(5, -1)), sample.arrival_time)
+        except FieldError as error:
+            raise _RefusedError(str(error)) from None
+        if is_remote:
+            self._turn.admit(sample.producer, sample.arrival_time)
+
+    def _accept_velocity(self, sample: _Sample) -> None:
+        if self._velocity is None:
+            raise _RefusedError("a velocity command, which the policy does not observe")
+        if len(sample.values) != 4 or not np.isfinite(sample.values).all():
+            raise _RefusedError("a velocity command that is not four finite numbers: vx, vy, wz, deliberate")
+        owner = self._velocity.offer(
+            sample.producer,
+            sample.values[:3],
+            sample.arrival_time,
+            timeout=VELOCITY_TIMEOUT,
+            deliberate=bool(sample.values[3]),
+        )
+        if owner != sample.producer and sample.values[:3].any():
+            raise _RefusedError(f"velocity: belongs to {owner or 'nobody'}, and this is not deliberate")
+
+    def _accept_live(self, sample: _Sample) -> None:
+        width = self._widths.get(sample.topic)
+        if width is None:
+            known = ", ".join(self._widths) or "none"
+            raise _RefusedError(f"live input '{sample.topic[:40]}' is not observed; the policy observes: {known}")
+        if len(sample.values) != width + 1 or not np.isfinite(sample.values).all():
+            raise _RefusedError(f"live input '{sample.topic}': expected its timeout and {width} finite values")
+        timeout = float(sample.values[0])
+        if not 0.0 < timeout <= _LONGEST_TIMEOUT:
+            raise _RefusedError(
+                f"live input '{sample.topic}': timeout is {timeout:g} s, expected 0 to {_LONGEST_TIMEOUT:g} s"
+            )
+        if not self._live_turns[sample.topic].admit(sample.producer, sample.arrival_time):
+            raise _RefusedError(f"live input '{sample.topic}': belongs to {self._live_turns[sample.topic].owner}")
+        self._live = {**self._live, sample.topic: Extern(sample.values[1:], sample.arrival_time, timeout)}
+
+    def _refuse(self, producer: Producer, reason: str) -> None:
+        """Tell a refusal, once until the owners change."""
+        if (str(producer), reason) not in self._told and len(self._told) < _MOST_REFUSALS:
+            self._told.add((str(producer), reason))
+            self._say(f"refused of {producer}: {reason}")
+
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """What was refused since the owners last changed, one line each."""
+        return tuple(f"{producer}: {reason}" for producer, reason in sorted(self._told))
+
+    def _show_owners(self) -> None:
+        """Tell owners as they change."""
+        owners = {"REMOTE": str(self._turn.owner or "")}
+        if self._velocity is not None:
+            owners["velocity"] = str(self._velocity.owner or "")
+        owners |= {name: str(turn.owner or "") for name, turn in self._live_turns.items()}
+        if owners == self._shown:
+            return
+        for name, owner in owners.items():
+            before = self._shown.get(name, "")
+            if owner != before:
+                self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer belongs to {before}")
+        self._shown = owners
+        self._told.clear()
+
+    def _say(self, text: str) -> None:
+        """Tell a line, of a bounded number per second: two producers may quarrel in every tick."""
+        time = self._clock()
+        if time > self._refilled:
+            self._lines_left = min(self._lines_left + (time - self._refilled) * _MOST_LINES, _MOST_LINES)
+        self._refilled = time
+        if self._lines_left >= 1.0:
+            self._lines_left -= 1.0
+            self._tell(text)

@@ -1,0 +1,185 @@
+"""What a session publishes to other programs on the machine: ticks, events and a status in shared memory.
+
+Written without a lock and without a system call; whoever reads (`humanoid_sim.client.Feed`) can neither hold the writer
+up nor remove what others read. A sample carries its number and a checksum, so a reader that was overtaken knows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import mmap
+import os
+import secrets
+import zlib
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+
+from humanoid_sim.client import (
+    ENDED_OFFSET,
+    FEED_HEAD,
+    FEED_MAGIC,
+    RING_HEAD,
+    SLOT_HEAD,
+    SLOT_SUM,
+    monotonic_ns,
+)
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.recording.codec import TickEncoder, encode_event
+from humanoid_sim.recording.header import header_metadata
+from humanoid_sim.ros2.definitions import EVENT, TICK, schema_text
+from humanoid_sim.session.sinks import Sink
+
+__all__ = ["MODEL_BLOB", "FeedWriter"]
+
+MODEL_BLOB = "model.mjb"
+"""The robot's compiled model; `qpos` of the ticks is its."""
+_SHARED_MEMORY = Path("/dev/shm")
+_TICKS, _EVENTS, _STATUSES = 64, 256, 4
+"""Samples that each ring holds: a reader that looks 10 times a second sees every tick of a loop at 200 Hz."""
+_EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
+"""Bytes; a longer event is cut, a longer status is left out."""
+_ROOM = 1 << 14
+"""Bytes for what a tick holds beside its numbers: texts, live inputs."""
+_PAGE = 4096
+
+
+class _Ring:
+    """A ring in the feed, of one writer."""
+
+    def __init__(self, memory: mmap.mmap, offset: int, slots: int, size: int) -> None:
+        self._memory = memory
+        self._offset = offset
+        self._slots = slots
+        self._size = size
+        self._number = 0
+
+    def put(self, data: bytes) -> bool:
+        """Make these bytes the newest sample; whether they fit."""
+        length = len(data)
+        if length > self._size - SLOT_HEAD.size:
+            return False
+        memory = self._memory
+        self._number = number = self._number + 1
+        stamp = monotonic_ns()
+        start = self._offset + 64 + (number % self._slots) * self._size
+        SLOT_HEAD.pack_into(
+            memory, start, number, stamp, length, zlib.crc32(data, zlib.crc32(SLOT_SUM.pack(number, stamp, length)))
+        )
+        start += SLOT_HEAD.size
+        memory[start : start + length] = data
+        RING_HEAD.pack_into(memory, self._offset, number)
+        return True
+
+
+class FeedWriter(Sink):
+    """Sink that publishes a run."""
+
+    def __init__(self, header: SessionHeader, blobs: Mapping[str, bytes] | None = None) -> None:
+        """Make the memory, with what interprets the run.
+
+        Args:
+            header: of the run, as recorded.
+            blobs: files by name, beside the header's attachments.
+
+        Raises:
+            InputError: it cannot be made.
+        """
+        self.left_out = 0
+        """Ticks that did not fit."""
+        self.encoded: tuple[TickRecord, bytes] | None = None
+        """The latest tick and its message, for a recorder that need not encode it again."""
+        self._encoder = TickEncoder(len(header.joint_names))
+        self._pending: deque[Event] = deque(maxlen=_EVENTS)
+        files = {**header.attachments, **(blobs or {})}
+        session, documents = header_metadata(header)
+        told = {
+            "joint_names": header.joint_names,
+            "control_period": header.control_period,
+            "header": {"session": session, "documents": documents},
+            "definitions": {"tick": schema_text(TICK), "event": schema_text(EVENT)},
+        }
+        offset = _PAGE
+        places: dict[str, tuple[int, int]] = {}
+        for name, data in files.items():
+            places[name] = (offset, len(data))
+            offset = _aligned(offset + len(data))
+        rings: dict[str, tuple[int, int, int]] = {}
+        for name, slots, size in (
+            ("tick", _TICKS, _tick_size(header)),
+            ("event", _EVENTS, _EVENT_SIZE),
+            ("status", _STATUSES, _STATUS_SIZE),
+        ):
+            rings[name] = (offset, slots, size)
+            offset = _aligned(offset + 64 + slots * size)
+        text = json.dumps({**told, "blobs": places, "rings": rings}).encode()
+        folder = _SHARED_MEMORY if os.access(_SHARED_MEMORY, os.W_OK) else Path(os.environ.get("TMPDIR", "/tmp"))
+        self.path = folder / f"humanoid_sim-{os.getuid()}-{os.getpid()}-{secrets.token_hex(8)}"
+        try:
+            handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise InputError(f"{self.path}: the feed cannot be made: {error.strerror}") from None
+        try:
+            # Taken now, whole: memory that is not there when it is written to would be a signal, not an exception.
+            os.posix_fallocate(handle, 0, offset + len(text))
+            self._memory = mmap.mmap(handle, offset + len(text))
+        except OSError as error:
+            self.path.unlink()
+            raise InputError(f"{self.path}: the feed cannot be made: {error.strerror}") from None
+        finally:
+            os.close(handle)
+        for name, (place, length) in places.items():
+            self._memory[place : place + length] = files[name]
+        self._memory[offset : offset + len(text)] = text
+        FEED_HEAD.pack_into(self._memory, 0, FEED_MAGIC, offset, len(text), zlib.crc32(text), 0)
+        self._ticks, self._events, self._statuses = (_Ring(self._memory, *place) for place in rings.values())
+        for place, slots, size in rings.values():  # every page is mapped before the loop begins
+            for at in range(place, place + 64 + slots * size, _PAGE):
+                self._memory[at] = 0
+
+    def tick(self, record: TickRecord) -> None:
+        """Publish a tick, and the events before it."""
+        message = self._encoder.encode(record)
+        self.encoded = (record, message)
+        self.left_out += not self._ticks.put(message)
+        if self._pending:
+            self._publish_events()
+
+    def event(self, event: Event) -> None:
+        """Publish an event with the next tick; may be called from any thread."""
+        self._pending.append(event)
+
+    def status(self, told: Mapping[str, object]) -> None:
+        """Publish what is told beside ticks; from one thread."""
+        self._statuses.put(json.dumps(told).encode())
+
+    def close(self) -> None:
+        """Say that the session has ended, and take the memory's name away; readers keep what they have mapped."""
+        if self._memory.closed:
+            return
+        self._publish_events()
+        self._memory[ENDED_OFFSET] = 1
+        self._memory.close()
+        with contextlib.suppress(OSError):
+            self.path.unlink()
+
+    def _publish_events(self) -> None:
+        while self._pending:
+            event = self._pending.popleft()
+            # A character takes four bytes at most.
+            text = event.text if len(event.text) <= _EVENT_SIZE // 5 else f"{event.text[: _EVENT_SIZE // 5]} …"
+            self._events.put(encode_event(Event(event.time, text, event.kind)))
+
+
+def _tick_size(header: SessionHeader) -> int:
+    """Bytes of a slot: all numbers of a tick of this robot, and room for what is beside them."""
+    joints = len(header.joint_names)
+    observation = sum(width for _, width in header.observation_terms)
+    numbers = 4 * joints + 5 * joints + (joints + 64) + 5 * joints + observation + joints
+    return _aligned(8 * numbers + _ROOM)
+
+
+def _aligned(offset: int) -> int:
+    return -(-offset // _PAGE) * _PAGE

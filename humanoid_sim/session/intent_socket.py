@@ -1,0 +1,163 @@
+"""Intents from other programs on the machine: a Unix datagram socket that only its user can reach.
+
+It carries intents, `reactivate` and marks, and nothing else, so no flood of data can keep a DAMP waiting. It is drained
+completely in every tick before anything else comes in, and everything in it is answered.
+`humanoid_sim.client.Intake.ask` is the other end.
+"""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from humanoid_sim.controllers.fsm import granted_intent
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
+from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
+from humanoid_sim.session.sinks import Sink
+from humanoid_sim.session.sources import IntentSource
+
+__all__ = ["MARK", "IntentSocket", "listening", "queue_length"]
+
+MARK = "mark"
+"""Followed by a text, puts that text into the recording."""
+_LONGEST = 1024
+"""Bytes; no message is longer."""
+_MOST_ANSWERS = 64
+"""Senders that are answered in one tick: more are a flood."""
+_QUEUE_LENGTH = Path("/proc/sys/net/unix/max_dgram_qlen")
+
+
+def queue_length() -> int:
+    """Datagrams that a Unix socket holds before its senders must wait."""
+    try:
+        return int(_QUEUE_LENGTH.read_text())
+    except (OSError, ValueError):
+        return 512
+
+
+def listening(path: Path) -> socket.socket:
+    """A non-blocking datagram socket at a path, for this user alone.
+
+    Raises:
+        InputError: if it cannot be opened.
+    """
+    end = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        end.setblocking(False)
+        path.unlink(missing_ok=True)  # of a process that had this id before and was killed
+        end.bind(str(path))
+        path.chmod(0o600)
+    except OSError as error:
+        end.close()
+        raise InputError(f"{path}: cannot listen: {error.strerror or error}") from None
+    return end
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """Who waits for an answer."""
+
+    intent: Intent | None
+    """None for `reactivate`."""
+    token: str
+    """The question's own, so that no answer is taken for that to another one."""
+    sender: str
+
+
+class IntentSocket(IntentSource, Sink):
+    """A source of intents, and a sink that learns what became of them."""
+
+    def __init__(
+        self, path: Path, reactivation: Reactivation | None = None, tell: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """Open the socket.
+
+        Args:
+            path: where it will be, in a folder that only its user can enter.
+            reactivation: what `reactivate` asks for.
+            tell: records a line: who asked for what, and marks.
+
+        Raises:
+            InputError: if it cannot be opened.
+        """
+        self._path = path
+        self._socket = listening(path)
+        self._most = queue_length() + 1
+        self._reactivation = reactivation
+        self._tell = tell
+        self._waiting: list[_Asked] = []
+        self._reactivating: list[_Asked] = []
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """All intents since the last call: whatever was in the socket when this call began, and a bounded rest."""
+        intents: list[Intent] = []
+        asking: dict[str, None] = {}
+        for _ in range(self._most):
+            try:
+                message, sender = self._socket.recvfrom(_LONGEST)
+            except OSError:  # nothing more
+                break
+            word, _, rest = message.decode(errors="replace").partition("\n")
+            who, _, token = rest.partition("\n")
+            intent = self._understood(word, who, token, sender if isinstance(sender, str) else "")
+            if intent is not None:
+                intents.append(intent)
+                asking[f"{intent.name} asked for by {who[:80] or 'somebody'}"] = None
+        for text in list(asking)[:4]:
+            self._tell(text)
+        return intents
+
+    def _understood(self, word: str, who: str, token: str, sender: str) -> Intent | None:
+        """The intent in a message; what is none is dealt with."""
+        asked = _Asked(None, token, sender)
+        if word == REACTIVATE and self._reactivation is not None:
+            self._reactivation.request()
+            self._reactivating.append(asked)
+        elif word.partition(" ")[0] == MARK:
+            self._tell(f"mark of {who[:80] or 'somebody'}: {word.partition(' ')[2]}".rstrip(": "))
+            self._answer([asked], Answer(True, "marked"))
+        else:
+            try:
+                intent = Intent(word)
+            except ValueError:
+                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, MARK])
+                self._answer([asked], Answer(False, f"'{word[:40]}' means nothing, expected one of {known}"))
+            else:
+                self._waiting.append(_Asked(intent, token, sender))
+                return intent
+        return None
+
+    def tick(self, record: TickRecord) -> None:
+        """Answer whoever asked for something that this tick decided."""
+        if self._waiting:
+            control = record.output.control_mode
+            text = f"{control.mode.name} ({control.controller_name}): {control.status_message}"
+            granted = granted_intent(record.input.intents, record.output.refusals)
+            # Whoever asked for DAMP hears whether the robot is damped, whatever else was asked for in that tick.
+            damped = [asked for asked in self._waiting if asked.intent is Intent.DAMP]
+            others = [asked for asked in self._waiting if asked.intent is not Intent.DAMP]
+            self._answer(damped, Answer(control.mode in (Mode.DAMPING, Mode.ZERO_TORQUE), text))
+            self._answer([asked for asked in others if asked.intent is granted], Answer(True, text))
+            self._answer([asked for asked in others if asked.intent is not granted], Answer(False, text))
+            self._waiting.clear()
+        if self._reactivating and self._reactivation is not None and self._reactivation.answer:
+            self._answer(self._reactivating, self._reactivation.answer)
+            self._reactivating.clear()
+
+    def close(self) -> None:
+        """Answer whoever waits, and remove the socket. May be called twice."""
+        self._answer([*self._waiting, *self._reactivating], Answer(True, "the session has ended"))
+        self._waiting.clear()
+        self._reactivating.clear()
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
+
+    def _answer(self, waiting: Sequence[_Asked], answer: Answer) -> None:
+        for asked in waiting[:_MOST_ANSWERS]:
+            try:
+                self._socket.sendto(f"{answer.granted:d}{asked.token}\n{answer.text}".encode(), asked.sender)
+            except OSError:  # the sender did not wait, or has no name
+                continue

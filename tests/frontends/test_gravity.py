@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from local_session import LocalSession
+
+from humanoid_sim.client import Feed
+from humanoid_sim.frontends.attach import Attachment
+from humanoid_sim.frontends.gravity import GravityForm, GravityProducer, gravity_command
+from humanoid_sim.messages import ControlMode, Mode, SessionHeader, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import FloatArray, MITCommand, MITState, mit_torque
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+from humanoid_sim.simulation.kinematics import GravityTorque
+from humanoid_sim.simulation.model import build_model, model_bytes
+
+
+@pytest.fixture(scope="module")
+def lite() -> RobotDescription:
+    return load_robot("lite")
+
+
+@pytest.fixture(scope="module")
+def pose(lite: RobotDescription) -> FloatArray:
+    return np.array(lite.standby_controller_a.pose_segments[-1])
+
+
+@pytest.fixture
+def attachment(local: LocalSession, lite: RobotDescription) -> Iterator[Attachment]:
+    """To a session of the Lite, whose description names an MJCF that is not there: the feed must do."""
+    document = lite.to_json().replace("../mjcf/lite.xml", "nowhere.xml")
+    assert "nowhere" in document
+    local.feed.close()
+    local.registration.close()
+    header = SessionHeader("lite", lite.joint_names, 0.005, 0, {"robot": document})
+    local.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(build_model(lite))})
+    local.stack.callback(local.feed.close)
+    local.registration.register(robot="lite", policy="none", hardware="", feed=local.feed.path)
+    with Feed(local.info) as feed:
+        yield Attachment(local.info, feed, local.intake("gravity"))
+
+
+def record(position: FloatArray, *, remote: bool, time: float = 0.0) -> TickRecord:
+    name, mode = ("remote_policy_controller", Mode.REMOTE) if remote else ("damping_controller", Mode.DAMPING)
+    output = TickOutput(MITCommand.zeros(len(position)), ControlMode(mode, name))
+    state = replace(MITState.unknown(len(position), time), joint_position=position)
+    return TickRecord(0, TickInput(state), output, 0.0, False)
+
+
+@pytest.mark.parametrize("form", ["effort", "pd"])
+def test_both_forms_hold_the_pose_at_rest(lite: RobotDescription, pose: FloatArray, form: GravityForm) -> None:
+    gravity = GravityTorque(lite)(pose)
+    assert np.abs(gravity).max() > 1.0  # there is something to hold
+    command = gravity_command(lite, pose, gravity, form)
+    torque = mit_torque(command, pose, np.zeros(len(pose)), lite.effort_limit)
+    np.testing.assert_allclose(torque, gravity, atol=1e-12)
+    assert not command.velocity.any()
+    assert bool(command.stiffness.any()) == (form == "pd")
+    assert bool(command.effort.any()) == (form == "effort")
+    assert (command.damping > 0.0).all()
+
+
+def test_the_effort_form_compensates_whatever_pose_the_arms_are_in(
+    attachment: Attachment, lite: RobotDescription, pose: FloatArray
+) -> None:
+    producer, gravity = GravityProducer(attachment, "effort"), GravityTorque(lite)
+    for position in (pose, 0.5 * pose):
+        command = producer.command(record(position, remote=True))
+        assert command is not None
+        assert command.position.tolist() == position.tolist()
+        np.testing.assert_allclose(command.effort, gravity(position), atol=1e-12)
+
+
+def test_the_pd_form_holds_the_first_pose_of_each_stay_in_remote(
+    attachment: Attachment, lite: RobotDescription, pose: FloatArray
+) -> None:
+    producer, gravity = GravityProducer(attachment, "pd"), GravityTorque(lite)
+    for tick, held in (
+        (record(0.9 * pose, remote=False), 0.9 * pose),
+        (record(pose, remote=True), pose),
+        (record(0.8 * pose, remote=True), pose),  # pushed away: it pulls back
+        (record(0.7 * pose, remote=False), 0.7 * pose),
+        (record(0.6 * pose, remote=True), 0.6 * pose),
+    ):
+        command = producer.command(tick)
+        assert command is not None
+        np.testing.assert_allclose(command.position, held + gravity(held) / lite.stiffness, atol=1e-12)
+
+
+def test_a_state_that_is_not_known_sends_nothing(attachment: Attachment, pose: FloatArray) -> None:
+    unknown = pose.copy()
+    unknown[3] = np.nan
+    assert GravityProducer(attachment, "effort").command(record(unknown, remote=True)) is None
+
+
+@contextmanager
+def front_end(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """`python -m humanoid_sim.gravity`, once it says that it works."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "humanoid_sim.gravity", *arguments], stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("gravity compensation (effort) for session ")
+            yield process
+        finally:
+            process.kill()
+
+
+def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(
+    attachment: Attachment, local: LocalSession, pose: FloatArray
+) -> None:
+    local.inbox._joints = attachment.feed.joint_names
+    with front_end("--session", str(os.getpid())) as process:
+        deadline = time.monotonic() + 10.0
+        index = 0
+        while local.inbox.accepted < 3:
+            assert time.monotonic() < deadline
+            index += 1
+            local.feed.tick(replace(record(pose, remote=True), index=index))
+            time.sleep(0.005)
+            local.data.latest()
+        latest = local.inbox.latest()
+        assert latest is not None
+        assert latest.command.position.tolist() == pose.tolist()
+        assert np.abs(latest.command.effort).max() > 1.0
+        local.feed.close()
+        assert process.wait(5.0) == 0
+
+
+def test_it_ends_when_the_session_is_killed(attachment: Attachment, local: LocalSession, pose: FloatArray) -> None:
+    with front_end() as process:
+        local.registration.close()  # the lock is all that tells
+        assert process.wait(5.0) == 0
+
+
+def test_stopped_and_killed_ones_leave_the_loop_alone(
+    attachment: Attachment, local: LocalSession, pose: FloatArray
+) -> None:
+    with front_end() as process:
+        os.kill(process.pid, signal.SIGSTOP)
+        for index in range(500):
+            local.feed.tick(replace(record(pose, remote=True), index=index))
+            local.data.latest()
+        assert local.feed.left_out == 0

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from local_session import HEADER, LocalSession
+
+from humanoid_sim.cli import VERBS
+from humanoid_sim.client import Feed
+from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.frontends import FRONT_ENDS, FrontEnd, Wanted, launcher, require_packages
+from humanoid_sim.frontends.launcher import FrontEnds
+
+Launch = Callable[..., FrontEnds]
+
+
+@pytest.fixture
+def launch(local: LocalSession, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> Launch:
+    """Starts front ends whose program is a line of Python."""
+
+    def start(*programs: str) -> FrontEnds:
+        real = subprocess.Popen
+
+        def popen(command: list[str], **options: Any) -> Any:
+            assert command[1:5] == [
+                "-m",
+                f"humanoid_sim.{command[2].rpartition('.')[2]}",
+                "--session",
+                str(os.getpid()),
+            ]
+            index = int(command[2].rpartition("_")[2])
+            return real([sys.executable, "-c", programs[index]], **options)
+
+        monkeypatch.setattr(launcher.subprocess, "Popen", popen)
+        front_ends = FrontEnds(
+            [Wanted(f"fake_{i}") for i in range(len(programs))],
+            local.feed,
+            show=local.told.append,
+            note=lambda text: local.told.append(f"recorded: {text}"),
+            status=lambda: {"front_ends": dict(front_ends.running)},
+        )
+        local.stack.callback(front_ends.close)
+        front_ends.start(HEADER)
+        return front_ends
+
+    return start
+
+
+def eventually(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_what_they_say_is_shown_and_their_end_recorded(launch: Launch, local: LocalSession) -> None:
+    front_ends = launch("print('http://127.0.0.1:1/?token=x'); raise SystemExit(3)", "import time; time.sleep(60)")
+    eventually(lambda: len(local.told) == 2)
+    assert local.told == ["fake_0: http://127.0.0.1:1/?token=x", "recorded: front end fake_0 ended with status 3"]
+    assert list(front_ends.running) == ["fake_1"]
+    with Feed(local.info) as feed:
+        eventually(lambda: feed.status() == {"front_ends": dict(front_ends.running)})
+
+
+def test_they_end_with_the_session_however_stubborn(launch: Launch, local: LocalSession, monkeypatch: Any) -> None:
+    monkeypatch.setattr(launcher, "_GRACE", 0.2)
+    stubborn = (
+        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(60)"
+    )
+    front_ends = launch(stubborn)
+    eventually(lambda: local.told == ["fake_0: up"])
+    (process,) = front_ends.running.values()
+    front_ends.close()
+    front_ends.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)
+
+
+def test_a_terminals_signals_do_not_reach_them(launch: Launch, local: LocalSession) -> None:
+    front_ends = launch("import time; print('up', flush=True); time.sleep(60)")
+    eventually(lambda: local.told)
+    (process,) = front_ends.running.values()
+    assert os.getsid(process) == process != os.getsid(0)
+    assert os.sched_getscheduler(process) == os.SCHED_OTHER
+
+
+def test_one_that_floods_its_output_is_read_in_bounded_pieces(launch: Launch, local: LocalSession) -> None:
+    launch("while True: print('x' * 100)")
+    time.sleep(0.5)
+    assert 0 < len(local.told) < 41 * 6
+
+
+def test_one_that_was_killed_is_recorded(launch: Launch, local: LocalSession) -> None:
+    front_ends = launch("import time; time.sleep(60)")
+    os.kill(next(iter(front_ends.running.values())), signal.SIGKILL)
+    eventually(lambda: local.told == ["recorded: front end fake_0 ended with status -9"])
+
+
+def test_what_cannot_be_started_is_one_line_and_leaves_nothing(launch: Launch, monkeypatch: Any) -> None:
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    with pytest.raises(InputError, match="--fake_0: cannot be started: No such file"):
+        launch("pass")
+
+
+def test_packages_that_are_missing_are_named_with_their_extra(monkeypatch: Any) -> None:
+    fakes = {**FRONT_ENDS, "fake": FrontEnd("a fake", ("json", "no_such_package"), "fake")}
+    monkeypatch.setattr("humanoid_sim.frontends.FRONT_ENDS", fakes)
+    with pytest.raises(MissingPackageError, match=r"a fake needs the package 'no_such_package'.*humanoid_sim\[fake\]"):
+        require_packages("fake")
+    require_packages("gravity")
+
+
+def test_every_front_end_is_a_verb() -> None:
+    assert set(FRONT_ENDS) <= set(VERBS)

@@ -1,0 +1,92 @@
+"""A session's local ends without a loop: registered for this process, in a folder of the test's own."""
+
+from __future__ import annotations
+
+import os
+import socket
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import rig
+
+from humanoid_sim.client import Intake, SessionInfo, find_session
+from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput, TickRecord
+from humanoid_sim.session.data_socket import DataSocket
+from humanoid_sim.session.feed import FeedWriter
+from humanoid_sim.session.intent_socket import IntentSocket
+from humanoid_sim.session.reactivation import Reactivation
+from humanoid_sim.session.registration import Registration
+from humanoid_sim.session.sources import RemoteInbox, VelocityCommand
+
+HEADER = SessionHeader("three", rig.JOINTS, rig.PERIOD, 0, {"robot": "{}"}, {"motion.mcap": b"motion"}, (("joint", 3),))
+
+
+@dataclass
+class LocalSession:
+    """Its `time` is the robot's clock."""
+
+    time: float = 10.0
+    stack: ExitStack = field(default_factory=ExitStack)
+    told: list[str] = field(default_factory=list)
+    index: int = 0
+
+    def __post_init__(self) -> None:
+        self.run = rig.Run(rig.supervisor())
+        self.reactivation = Reactivation()
+        self.registration = Registration()
+        self.stack.callback(self.registration.close)
+        self.intents = IntentSocket(self.registration.intents, self.reactivation, self.told.append)
+        self.stack.callback(self.intents.close)
+        self.inbox = RemoteInbox(rig.JOINTS, lambda: self.time)
+        self.velocity = VelocityCommand(np.zeros(3))
+        self.data = DataSocket(
+            self.registration.data,
+            self.inbox,
+            0.1,
+            clock=lambda: self.time,
+            velocity=self.velocity,
+            live={"keys": 2},
+            tell=self.told.append,
+        )
+        self.stack.callback(self.data.close)
+        self.feed = FeedWriter(HEADER, {"model.mjb": b"model"})
+        self.stack.callback(self.feed.close)
+        self.registration.register(robot="three", policy="p.onnx", hardware="", feed=self.feed.path)
+
+    @property
+    def info(self) -> SessionInfo:
+        return find_session(os.getpid())
+
+    def intake(self, name: str = "test") -> Intake:
+        return self.stack.enter_context(Intake(self.info, name))
+
+    def tick(self, *more: Intent) -> TickRecord:
+        """One turn of the loop: intents, data, the stack, the sinks."""
+        self.time += rig.PERIOD
+        intents = (*more, *self.intents.poll(self.time, None))
+        live = {**self.data.latest(), **self.velocity.latest()}
+        state = rig.state(self.time, extern=live)
+        tick_input = TickInput(state, (), tuple(intents), self.inbox.latest())
+        self.run.memory, output = self.run.supervisor.step(self.run.memory, tick_input)
+        record = TickRecord(self.index, tick_input, output, 1e-4, False, None)
+        self.index += 1
+        for sink in (self.feed, self.intents, self.data):
+            sink.tick(record)
+        return record
+
+    def enter_remote(self) -> None:
+        """To REMOTE, as an operator would."""
+        for intent in (Intent.DAMP, Intent.LOAD_A):
+            self.tick(intent)
+        for _ in range(6):
+            self.tick()
+        assert self.tick(Intent.START_REMOTE).output.control_mode.mode is Mode.REMOTE
+
+
+def datagram(path: Path | str, data: bytes) -> None:
+    """Send without waiting."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
+        client.setblocking(False)
+        client.sendto(data, str(path))

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import os
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from local_session import LocalSession, datagram
+
+from humanoid_sim.client import Answer, SessionError
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Intent, Mode
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.robot import LoopbackRobot
+from humanoid_sim.session.intent_socket import IntentSocket, queue_length
+
+
+def asked(local: LocalSession, *words: str, more: tuple[Intent, ...] = ()) -> list[Answer]:
+    """Post all words before one tick, with intents from elsewhere; the answers."""
+    intakes = [local.intake(f"asker {i}") for i in range(len(words))]
+    tokens = [intake.post(word) for intake, word in zip(intakes, words, strict=True)]
+    local.tick(*more)
+    return [intake.answer(token, 1.0) for intake, token in zip(intakes, tokens, strict=True)]
+
+
+def test_an_intent_acts_in_the_next_tick_which_answers(local: LocalSession) -> None:
+    assert asked(local, "damp") == [Answer(True, "DAMPING (damping_controller): DAMP requested")]
+    assert local.told == [f"DAMP asked for by asker 0 ({os.getpid()})"]
+
+
+def test_damp_is_granted_whatever_else_is_refused_in_its_tick(local: LocalSession) -> None:
+    local.tick(Intent.DAMP)
+    local.tick(Intent.LOAD_A)
+    answers = asked(local, "start_remote", "damp", "load_b", more=(Intent.QUIT,))
+    assert [answer.granted for answer in answers] == [False, True, False]
+    assert all("LOAD_B refused: DAMP came in the same tick" in answer.text for answer in answers)
+
+
+def test_of_two_intents_the_first_is_granted_and_the_other_told_so(local: LocalSession) -> None:
+    local.tick(Intent.DAMP)
+    assert [answer.granted for answer in asked(local, "load_b", "load_a")] == [True, False]
+
+
+def test_a_refusal_is_no_grant(local: LocalSession) -> None:
+    (answer,) = asked(local, "load_a")
+    assert not answer.granted
+    assert answer.text.endswith("LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE")
+
+
+def test_a_mark_is_recorded_and_what_means_nothing_is_said(local: LocalSession) -> None:
+    marked, strange, long = asked(local, "mark it\nslipped", "jump", "é" * 3000)
+    assert marked == Answer(True, "marked")
+    assert strange.text.startswith("'jump' means nothing, expected one of damp, load_a, ")
+    assert not strange.granted
+    assert local.told == [f"mark of asker 0 ({os.getpid()}): it slipped"]
+    assert not long.granted
+
+
+def test_broken_messages_do_nothing(local: LocalSession) -> None:
+    for data in (b"", b"\xff\xfe", b"\n\n\n", b"damp " * 2):
+        datagram(local.registration.intents, data)
+    assert local.tick().input.intents == ()
+
+
+def test_reactivate_is_answered_once_the_session_has_served_it(local: LocalSession) -> None:
+    intake = local.intake()
+    token = intake.post("reactivate")
+    local.tick()
+    assert local.reactivation.is_asked
+    with pytest.raises(SessionError, match=r"did not answer within 0.01 s"):
+        intake.answer(token, 0.01)
+    told, _ = local.reactivation.serve(LoopbackRobot(load_robot("lite")), Mode.DAMPING)
+    local.tick()
+    assert intake.answer(token, 1.0) == Answer(True, told)
+
+
+def test_closing_answers_whoever_still_waits(local: LocalSession) -> None:
+    intake = local.intake()
+    token = intake.post("quit")
+    local.intents.poll(0.0, None)
+    local.intents.close()
+    local.intents.close()
+    assert intake.answer(token, 1.0) == Answer(True, "the session has ended")
+    assert not local.registration.intents.exists()
+    with pytest.raises(SessionError, match="cannot be reached"):
+        intake.post("damp")
+
+
+def test_everything_in_the_socket_is_taken_in_one_tick_and_a_flood_costs_a_bounded_time(local: LocalSession) -> None:
+    sent = 0
+    with suppress(BlockingIOError):
+        while sent < 10_000:
+            datagram(local.registration.intents, b"load_b")
+            sent += 1
+    assert 1 < sent < 10_000
+    stop = threading.Event()
+
+    def flood() -> None:
+        intake = local.intake("flood")
+        while not stop.is_set():
+            intake.post("load_a")
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    first = len(local.tick().input.intents)
+    for _ in range(20):
+        assert len(local.tick().input.intents) <= queue_length() + 1
+    stop.set()
+    while thread.is_alive():
+        local.tick()
+    thread.join()
+    assert sent <= first
+
+
+def test_the_socket_is_for_its_user_alone(local: LocalSession) -> None:
+    assert local.registration.intents.stat().st_mode & 0o777 == 0o600
+    assert local.registration.data.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_path_too_long_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot listen: AF_UNIX path too long"):
+        IntentSocket(tmp_path / ("d" * 120))

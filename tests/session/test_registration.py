@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from local_session import LocalSession
+
+from humanoid_sim.client import SessionError, find_session, running_sessions
+from humanoid_sim.errors import InputError
+from humanoid_sim.session.registration import Registration
+
+KILLED = """
+import os, signal, sys
+from humanoid_sim.session.feed import FeedWriter
+from humanoid_sim.session.registration import Registration
+from humanoid_sim.messages import SessionHeader
+registration = Registration()
+feed = FeedWriter(SessionHeader("r", ("a",), 0.02, 0))
+registration.intents.touch(), registration.data.touch()
+registration.register(robot="r", policy="p", hardware="can0", feed=feed.path)
+print(os.getpid(), feed.path, flush=True)
+if sys.argv[1] == "kill":
+    os.kill(os.getpid(), signal.SIGKILL)
+sys.stdin.readline()
+registration.close()
+feed.close()
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / f"humanoid_sim-{os.getuid()}"
+
+
+def test_a_session_says_what_it_is_while_it_runs(local: LocalSession, tmp_path: Path) -> None:
+    (info,) = running_sessions()
+    assert (info.process, info.robot, info.policy, info.folder) == (os.getpid(), "three", "p.onnx", os.getcwd())
+    assert str(info) == f"session {os.getpid()} (three, policy p.onnx, started in {os.getcwd()})"
+    folder = tmp_path / f"humanoid_sim-{os.getuid()}"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert Path(info.feed).stat().st_mode & 0o777 == 0o600
+    assert info.is_running()
+    local.stack.close()
+    assert not info.is_running()
+    assert running_sessions() == []
+    assert list(folder.iterdir()) == []
+    assert not Path(info.feed).exists()
+
+
+def test_what_a_killed_session_left_is_no_session_and_the_next_one_removes_it(folder: Path) -> None:
+    out = subprocess.run([sys.executable, "-c", KILLED, "kill"], stdout=subprocess.PIPE, text=True, check=False).stdout
+    process, feed = out.split()
+    assert (folder / f"{process}.session").exists()
+    assert Path(feed).exists()
+    # The id belongs to somebody else now, who holds no lock.
+    (folder / f"{process}.session").rename(folder / f"{os.getppid()}.session")
+    assert running_sessions() == []
+    (folder / f"{process}.intents").rename(folder / f"{os.getppid()}.intents")
+    (folder / f"{process}.data").rename(folder / f"{os.getppid()}.data")
+    (folder / "strange.session").write_text('{"feed": "/etc/passwd"}')
+    Registration()
+    assert list(folder.iterdir()) == []
+    assert not Path(feed).exists()
+    assert Path("/etc/passwd").exists()
+
+
+def test_with_several_sessions_one_must_be_named(local: LocalSession) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", KILLED, "stay"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        assert [info.process for info in running_sessions()] == sorted((os.getpid(), other.pid))
+        with pytest.raises(SessionError, match="--session: is needed where several sessions run; running: session "):
+            find_session()
+        assert str(find_session(other.pid)).startswith(f"session {other.pid} (r on can0, policy p, started in ")
+        other.communicate("\n")
+    assert find_session().process == os.getpid()
+    with pytest.raises(SessionError, match=f"--session: {other.pid} is no running session; running: session "):
+        find_session(other.pid)
+
+
+def test_a_process_has_one_session(local: LocalSession) -> None:
+    with pytest.raises(InputError, match="another session has this process id"):
+        Registration()
+
+
+def test_a_file_of_another_version_is_passed_over(local: LocalSession) -> None:
+    path = local.registration.path
+    told = json.loads(path.read_text())
+    path.write_text(json.dumps({**told, "process": "x"}))
+    assert running_sessions() == []
+
+
+def test_a_folder_that_others_may_enter_is_refused(folder: Path) -> None:
+    folder.mkdir(mode=0o755)
+    folder.chmod(0o755)
+    with pytest.raises(InputError, match="only its user can enter"):
+        Registration()
+    with pytest.raises(SessionError, match="only its user can enter"):
+        running_sessions()
+
+
+def test_a_runtime_folder_that_is_not_there_is_no_obstacle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for value in (str(tmp_path / "gone"), "relative", ""):
+        monkeypatch.setenv("XDG_RUNTIME_DIR", value)
+        Registration()
+    assert (tmp_path / f"humanoid_sim-{os.getuid()}").is_dir()
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / f"humanoid_sim-{os.getuid()}").touch()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with pytest.raises(InputError, match="is not a folder that only its user can enter"):
+        Registration()

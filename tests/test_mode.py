@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from local_session import LocalSession
+
+from humanoid_sim import mode
+from humanoid_sim.cli import run_program
+from humanoid_sim.messages import Intent
+
+OTHER = """
+import sys
+sys.path[:0] = sys.argv[1:]
+from local_session import LocalSession
+session = LocalSession()
+with session.stack:
+    print("ready", flush=True)
+    for line in sys.stdin:
+        if line == "end\\n":
+            break
+        record = session.tick()
+        print(*(intent.name for intent in record.input.intents), "in", record.output.control_mode.mode.name, flush=True)
+"""
+
+
+def run(*arguments: str) -> int:
+    return run_program(mode.main, arguments)
+
+
+def serve(local: LocalSession, work: Callable[[], None]) -> list[Intent]:
+    """Tick until the work is done, as the loop would; the intents that came."""
+    got: list[Intent] = []
+    thread = threading.Thread(target=work)
+    thread.start()
+    while thread.is_alive():
+        got += local.tick().input.intents
+        thread.join(0.002)
+    return got
+
+
+@pytest.fixture
+def other(local: LocalSession) -> Iterator[subprocess.Popen[str]]:
+    """Another session, in a process of its own; each line to it is a tick."""
+    folders = [str(Path(__file__).parent / name) for name in ("session", "controllers")]
+    with subprocess.Popen(
+        [sys.executable, "-c", OTHER, *folders], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield process
+        process.communicate("end\n")
+
+
+def told() -> str:
+    return f"session {os.getpid()} (three, policy p.onnx, started in {os.getcwd()})"
+
+
+def test_it_names_the_session_that_it_reached(local: LocalSession, capsys: pytest.CaptureFixture[str]) -> None:
+    status: list[int] = []
+    assert serve(local, lambda: status.append(run("damp"))) == [Intent.DAMP]
+    assert status == [0]
+    assert capsys.readouterr().out == f"{told()}: DAMPING (damping_controller): DAMP requested\n"
+
+
+def test_a_damp_is_granted_although_others_are_refused_with_it(
+    local: LocalSession, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status: list[int] = []
+    thread = threading.Thread(target=lambda: status.append(run("damp")))
+    thread.start()
+    intents: tuple[Intent, ...] = ()
+    while Intent.DAMP not in intents:
+        intents = local.tick(Intent.LOAD_A, Intent.QUIT).input.intents
+    thread.join()
+    assert status == [0]
+    assert "LOAD_A refused: DAMP came in the same tick" in capsys.readouterr().out
+
+
+def test_what_is_refused_is_status_1(local: LocalSession) -> None:
+    status: list[int] = []
+    assert serve(local, lambda: status.append(run("load_a"))) == [Intent.LOAD_A]
+    assert status == [1]
+
+
+def test_damp_goes_to_all_sessions_and_everything_else_to_one(
+    local: LocalSession, other: subprocess.Popen[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert other.stdin is not None
+    assert other.stdout is not None
+    assert run("load_a") == 2
+    listed = capsys.readouterr().err
+    assert listed.startswith("error: --session: is needed where several sessions run; running: session ")
+    assert told() in listed
+    assert f"session {other.pid} (" in listed
+    status: list[int] = []
+    thread = threading.Thread(target=lambda: status.append(run("damp")))
+    thread.start()
+    lines = []
+    while thread.is_alive():
+        local.tick()
+        other.stdin.write("tick\n")
+        other.stdin.flush()
+        lines.append(other.stdout.readline())
+        thread.join(0.002)
+    assert status == [0]
+    assert "DAMP in DAMPING\n" in lines
+    out = capsys.readouterr().out
+    assert out.count(": DAMPING (damping_controller): DAMP requested\n") == 2
+    assert serve(local, lambda: status.append(run("load_a", "--session", str(os.getpid())))) == [Intent.LOAD_A]
+    assert status == [0, 0]
+
+
+def test_a_session_that_hangs_keeps_no_other_from_being_damped(
+    local: LocalSession,
+    other: subprocess.Popen[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(mode, "_TIMEOUT", 0.5)
+    status: list[int] = []
+    assert serve(local, lambda: status.append(run("damp"))) == [Intent.DAMP]
+    assert status == [1]
+    captured = capsys.readouterr()
+    assert captured.out == f"{told()}: DAMPING (damping_controller): DAMP requested\n"
+    assert captured.err.startswith(f"error: session {other.pid} (three, policy p.onnx, started in ")
+    assert captured.err.endswith("): did not answer within 0.5 s\n")
+
+
+def test_a_stale_session_never_blocks_it(local: LocalSession, capsys: pytest.CaptureFixture[str]) -> None:
+    for process in (1, os.getppid()):
+        local.registration.path.with_name(f"{process}.session").write_text(local.registration.path.read_text())
+    status: list[int] = []
+    assert serve(local, lambda: status.append(run("damp"))) == [Intent.DAMP]
+    assert status == [0]
+
+
+def test_it_needs_a_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert run("damp") == 2
+    assert capsys.readouterr().err == "error: no session is running; start one with play\n"
+    assert run("damp", "--session", "1") == 2
+    assert capsys.readouterr().err == "error: --session: 1 is no running session; running: none\n"
+    with pytest.raises(SystemExit) as caught:
+        run("jump")
+    assert caught.value.code == 2
+
+
+def test_it_loads_nothing_heavy() -> None:
+    code = "import sys, humanoid_sim.mode; print(*{'numpy', 'tyro', 'mujoco', 'msgspec', 'rich'} & set(sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out == "\n"
