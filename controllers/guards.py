@@ -13,7 +13,7 @@ way a joint is wired and wherever its zero is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -177,6 +177,21 @@ class Guards:
             return np.zeros((), dtype=bool)
         late = (memory.held >= 0.0) & (memory.held >= self._times)
         return np.asarray(late.any(axis=(-2, -1)))
+
+    def restarted(self, memory: GuardMemory | None, chosen: npt.NDArray[np.intp]) -> GuardMemory | None:
+        """The memory of a batch of which some robots, indices (k,), begin afresh."""
+        if memory is None:
+            return None
+        held = memory.held.copy()
+        held[chosen] = -1.0
+        return replace(memory, held=held)
+
+    def problems(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> dict[int, str]:
+        """By the index of each robot for which a guard has tripped (0 for the only one), its `problem`."""
+        tripped = self.tripped(memory)
+        if not tripped.ndim:
+            return {0: self.problem(memory, state, command)} if tripped else {}
+        return {i: self.problem(memory, state, command, i) for i in np.flatnonzero(tripped).tolist()}
 
     def problem(self, memory: GuardMemory | None, state: MITState, command: MITCommand, i: int | tuple[()] = ()) -> str:
         """What the first guard that has tripped saw, and what may be the cause; '' if none has.

@@ -42,8 +42,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
     The action is the policy's raw action and the observation what the policy observes, made by the functions of the
     deployed controller, so a checkpoint that runs here runs in `play` and on the robot, and the other way round. An
     action that is not finite, or beyond `action_limit`, is a fault there; here it ends the episode: `terminated`, no
-    reward, and `info["fault"]` says what was wrong. So do a simulation that is no longer sound and an observation
-    beyond its bounds. Nothing holds a floating base: a fall is a fall.
+    reward, and `info["fault"]` says what was wrong. So do a guard that trips, a simulation that is no longer sound and
+    an observation beyond its bounds. Nothing holds a floating base: a fall is a fall.
 
     `info` has `frame`, the reference frame that the observation shows, `terms`, what each term adds to the reward, and
     `fault` where there was one.
@@ -76,6 +76,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         height: int = 480,
         camera: str | None = None,
         live: Mapping[str, LiveInput] | None = None,
+        guards: bool = True,
         **task_options: Any,
     ) -> None:
         """Build the robot. Delays are between robot and policy: rewards and terminations are those of the true state.
@@ -98,6 +99,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             camera: of the model; None looks at the robot from the front.
             live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
                 shape (..., width).
+            guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
             task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
 
         Raises:
@@ -112,6 +114,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             physics_timestep=physics_timestep,
             action_limit=action_limit,
             live=live,
+            guards=guards,
             **task_options,
         )
         self.robot = EpisodeRobot(
@@ -156,7 +159,9 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         self.robot.place(plant)
         self._steps = 0
         velocity = self.scenario.task.command(self._commands, 0)
-        self._loop = loop = ClosedLoop(self.robot, self.scenario.wiring, velocity, self.scenario.live)
+        self._loop = loop = ClosedLoop(
+            self.robot, self.scenario.wiring, velocity, self.scenario.live, self.scenario.guards
+        )
         if memory is not None:
             loop.observation, loop.memory = loop.wiring.observe(memory, loop.state)
         # of a state of the caller's choice it may be anything
@@ -203,6 +208,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         self._steps += 1
         with np.errstate(all="ignore"):  # of a simulation that is no longer sound the observation may be anything
             command = loop.act(raw, velocity=task.command(self._commands, self._steps))
+        if loop.tripped:
+            return self._lost(loop.alarm(), frame)
         if self.robot.fault:
             return self._lost(self.robot.fault, frame)
         observation, frame = loop.observation, loop.memory.frame

@@ -11,6 +11,7 @@ import numpy as np
 
 from humanoid_sim.assets import asset_path, motion_path
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
@@ -22,6 +23,7 @@ from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
+from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
@@ -51,6 +53,8 @@ class Scenario:
     """s"""
     live: LiveInputs
     """What feeds the live inputs that the contract declares."""
+    guards: Guards | None = None
+    """Those of the deployed control stack, which end an episode as they end LOCOMOTION there."""
 
     @property
     def contract(self) -> PolicyContract:
@@ -73,6 +77,7 @@ def make_scenario(
     action_limit: float | None = None,
     motion_source: str = "motion",
     live: Mapping[str, LiveInput] | None = None,
+    guards: bool = True,
     **task_options: Any,
 ) -> Scenario:
     """Read what is named, and check that it fits together.
@@ -88,6 +93,7 @@ def make_scenario(
         motion_source: what to call a motion that is given itself.
         live: by its name, what makes each live input that the contract declares: of an `MITState` a value of shape
             (..., width).
+        guards: whether the guards of the robot's description watch the joints.
         task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
 
     Raises:
@@ -124,6 +130,7 @@ def make_scenario(
         policy=loaded.policy,
         physics_timestep=timestep,
         live=fed,
+        guards=guards_of(description) if guards else None,
     )
 
 

@@ -72,6 +72,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         height: int = 480,
         camera: str | None = None,
         live: Mapping[str, LiveInput] | None = None,
+        guards: bool = True,
         **task_options: Any,
     ) -> None:
         """Build the robots.
@@ -94,6 +95,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             camera: of the model; None looks at the robot from the front.
             live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
                 shape (..., width).
+            guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
             task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
 
         Raises:
@@ -110,6 +112,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             physics_timestep=physics_timestep,
             action_limit=action_limit,
             live=live,
+            guards=guards,
             **task_options,
         )
         self.simulation = BatchSimulation(
@@ -194,7 +197,9 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         self._is_over[chosen] = False
         velocity = task.command(self._commands, self._steps).copy()
         if self._loop is None or len(chosen) == self.num_envs:
-            self._loop = ClosedLoop(self.simulation, self.scenario.wiring, velocity, self.scenario.live)
+            self._loop = ClosedLoop(
+                self.simulation, self.scenario.wiring, velocity, self.scenario.live, self.scenario.guards
+            )
         else:
             self._loop.restart(chosen, velocity)
         self._observation[chosen] = np.clip(self._loop.observation[chosen], self._low, self._high)
@@ -263,12 +268,15 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         loop.act(action, velocity=velocity, where=None if moving.all() else moving)
         observation = loop.observation
         inside = (observation >= self._low) & (observation <= self._high)
-        broken = moving & simulation.fault
-        sound = moving & ~broken & inside.all(axis=1)
+        tripped = moving & loop.tripped
+        broken = moving & ~tripped & simulation.fault
+        sound = moving & ~tripped & ~broken & inside.all(axis=1)
         faults = {int(i): "simulation unstable" for i in np.flatnonzero(broken)}
         faults |= {
-            int(i): outlier(loop.wiring, observation[i], inside[i]) for i in np.flatnonzero(moving & ~broken & ~sound)
+            int(i): outlier(loop.wiring, observation[i], inside[i])
+            for i in np.flatnonzero(moving & ~tripped & ~broken & ~sound)
         }
+        faults |= {int(i): loop.alarm(int(i)) for i in np.flatnonzero(tripped)}
         self._observation = np.where(sound[:, None], observation, self._observation)
         return sound, task.judge(sample_step(loop, simulation, np.maximum(self._steps, 1))), faults
 

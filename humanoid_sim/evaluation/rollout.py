@@ -9,6 +9,7 @@ from typing import Any, Protocol, Self, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
 from humanoid_sim.controllers.reference import Alignment, Frame
@@ -81,7 +82,12 @@ class ClosedLoop:
     """
 
     def __init__(
-        self, robots: Robots, wiring: PolicyWiring, velocity: FloatArray, live: LiveInputs | None = None
+        self,
+        robots: Robots,
+        wiring: PolicyWiring,
+        velocity: FloatArray,
+        live: LiveInputs | None = None,
+        guards: Guards | None = None,
     ) -> None:
         """Begin where the robots now are.
 
@@ -90,6 +96,7 @@ class ClosedLoop:
             wiring: of the policy on one of them.
             velocity: shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: the commands.
             live: feeds the live inputs that the contract declares; None: nothing does.
+            guards: that watch the joints, as in the control stack; None: nothing does.
         """
         self.robots = robots
         self.wiring = wiring
@@ -103,6 +110,11 @@ class ClosedLoop:
         """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
         self.asked = velocity
         """Shape (..., 3): the commands in the latest step."""
+        self.guards = guards
+        self.tripped: BoolArray = np.zeros((), dtype=np.bool_)
+        """Shape (...), or () for none: robots for which a guard tripped in the latest step. They did not move in it."""
+        self._watched: GuardMemory | None = None
+        self._alarms: Mapping[int, str] = {}
 
     def snapshot(self) -> dict[str, Any]:
         """All that it keeps beside robots and wiring, for `resumed`; shares its arrays."""
@@ -124,6 +136,8 @@ class ClosedLoop:
         self.state = self._reported()
         rows = _state_rows(self.state, chosen)
         observation, memory = self.wiring.observe(self.wiring.activate(rows), rows)
+        if self.guards is not None:
+            self._watched = self.guards.restarted(self._watched, chosen)
         self.observation = _with(self.observation, chosen, observation)
         self.memory = _memory_with(self.memory, chosen, memory)
 
@@ -135,6 +149,10 @@ class ClosedLoop:
     def problem(self, action: Float32Array, i: int) -> str:
         """Why a controller would not accept what robot `i` of a batch observes, or its action, shape (m,)."""
         return self.wiring.observation_problem(self.observation[i]) or self.wiring.action_problem(action[i])
+
+    def alarm(self, i: int = 0) -> str:
+        """What the guard saw that tripped for robot `i` in the latest step; 0 for the only one."""
+        return self._alarms.get(i, "")
 
     def act(
         self,
@@ -157,6 +175,15 @@ class ClosedLoop:
         """
         self.previous, self.asked, self.action = self.memory.last_action, self.velocity, action
         memory, command = self.wiring.act(self.memory, action)
+        if self.guards is not None:
+            self._watched = self.guards.watch(self._watched, self.state, command)
+            self.tripped = self.guards.tripped(self._watched)
+            self._alarms = {}
+            if self.tripped.any():
+                self._alarms = self.guards.problems(self._watched, self.state, command)
+                if self.tripped.all():
+                    return command
+                where = ~self.tripped if where is None else where & ~self.tripped
         self.robots.step(command, wrench=wrench, where=where)
         self.velocity = self.velocity if velocity is None else velocity
         self.state = self._reported()
