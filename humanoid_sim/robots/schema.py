@@ -173,7 +173,7 @@ class FollowingGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     effort_share: Positive = 0.8
     """Of the joint's effort limit: K_p times the error from which it is pulled hard."""
     time: Positive | None = None
-    """s; none: 0.15 with a fixed base, 0.6 with a floating one, whose legs carry it and strike the ground."""
+    """s; none: 0.15 with a fixed base, 1 with a floating one, whose legs carry it and strike the ground."""
     progress: Positive = 0.02
     """rad by which it must come nearer in that time."""
 

@@ -39,7 +39,7 @@ def test_the_defaults_follow_from_the_limits() -> None:
 
 def test_legs_are_given_more_time() -> None:
     legs = of(BIPED)
-    assert legs.following_time == 0.6
+    assert legs.following_time == 1.0
     assert legs.speed_limit[BIPED.joint_names.index("left_knee_pitch")] == pytest.approx(2.35619 / 0.05)
     assert legs.speed_limit[BIPED.joint_names.index("left_ankle_roll")] == 15.0
 
