@@ -119,7 +119,7 @@ def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame
     if problem:
         return Fault(problem)
     try:
-        answer = policy(observation, frame)
+        answer = _floats(policy(observation, frame))
         with np.errstate(over="ignore"):  # becomes infinite, and that is beyond any limit
             action = np.array(answer, dtype=np.float32)
     except Exception as error:  # the policy is foreign code: whatever it raises, the robot is damped in this tick
@@ -128,3 +128,16 @@ def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame
     step = PolicyStep(frame, observation, action)
     problem = wiring.action_problem(action)
     return Fault(problem, step) if problem else step
+
+
+def _floats(answer: npt.ArrayLike) -> npt.NDArray[np.floating]:
+    """A policy's answer as the array of floats that it has to be: texts, masks and records become numbers too easily.
+
+    Raises:
+        TypeError: it is something else.
+    """
+    array = np.asarray(answer)
+    if isinstance(answer, np.ma.MaskedArray) or array.dtype.kind != "f":
+        kind = "a masked array" if isinstance(answer, np.ma.MaskedArray) else f"values of type {array.dtype}"
+        raise TypeError(f"answered {kind}, expected floats")
+    return array

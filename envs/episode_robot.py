@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +19,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.recording.reader import Recording, open_recording
+from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
 from humanoid_sim.simulation.model import base_body
@@ -222,7 +222,7 @@ def _recorded_robot(recording: Recording, description: RobotDescription) -> Mujo
     header = recording.header
     try:
         recorded = RobotDescription.from_json(header.documents["robot"], description.folder)
-        options: dict[str, Any] = json.loads(header.documents["settings"])["options"]
+        options: dict[str, Any] = recorded_settings(recording.path, header)["options"]
         names = ("physics_timestep", "actuation", "base_height")
         chosen = {name: options[name] for name in names} | {"base_yaw": options["yaw"]}
     except (KeyError, TypeError, ValueError) as error:

@@ -19,7 +19,6 @@ from typing import Any
 import yaml
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import regular_file
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
 from humanoid_sim.strict_yaml import read_strictly
 
@@ -87,7 +86,7 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
         InputError: the file cannot be read, is no calibration, or names another motor for a joint: it is another
             robot's. One line with joint, field, value and what is accepted.
     """
-    document = read_strictly(regular_file(path, "a calibration (YAML)"), str(path))
+    document = read_strictly(Path(path), str(path))
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
         raise InputError(f"{path}: expected a mapping from joint names to {', '.join(_FIELDS)}")
     entries = {name: _entry(f"{path}: {name}", value) for name, value in document.items()}

@@ -21,6 +21,10 @@ __all__ = [
 ]
 
 
+_LONGEST_LINE = 10_000
+"""Characters."""
+
+
 class HumanoidSimError(Exception):
     """Root of every exception that this package raises on purpose."""
 
@@ -31,6 +35,14 @@ class FieldError(HumanoidSimError, ValueError):
 
 class InputError(HumanoidSimError):
     """A user's input is wrong: one line with the file or option, the field, the value and what is accepted."""
+
+    def __init__(self, message: str) -> None:
+        """Keep it one line, whatever names a file holds, and of a very long one both ends."""
+        message = message.replace("\n", "\\n").replace("\r", "\\r")
+        if len(message) > _LONGEST_LINE:
+            half = _LONGEST_LINE // 2
+            message = f"{message[:half]} … {message[-half:]}"
+        super().__init__(message)
 
 
 class MissingPackageError(InputError):

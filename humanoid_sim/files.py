@@ -26,29 +26,32 @@ _SHOWN = 40
 _COUNT = count()
 
 
-def regular_file(path: str | os.PathLike[str], what: str) -> Path:
+def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = None) -> Path:
     """The path of a file that can be opened and read to its end.
 
     Args:
         path: of the file.
         what: it should be, such as `a motion file (.mcap)`.
+        largest: bytes that it may have, of `humanoid_sim.bounds`; None: a reader that takes no more memory for more.
 
     Raises:
-        InputError: there is no such file, or it is a directory, a pipe, a socket or a device.
+        InputError: there is no such file, it is a directory, a pipe, a socket or a device, or it is too large.
     """
     path = Path(path)
     try:
-        mode = path.stat().st_mode
+        status = path.stat()
     except FileNotFoundError:
         raise InputError(f"{path}: no such file, expected {what}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:  # a null character in the name
         raise InputError(f"{path}: is no name of a file, expected {what}") from None
-    if stat.S_ISDIR(mode):
+    if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: is a directory, expected {what}")
-    if not stat.S_ISREG(mode):
+    if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path}: is a pipe or a device, expected {what}")
+    if largest is not None and status.st_size > largest:
+        raise InputError(f"{path}: has {status.st_size} bytes, expected {what} of at most {largest}")
     return path
 
 

@@ -19,6 +19,7 @@ from humanoid_sim.evaluation.definitions import DEFINITIONS, differing
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recover import default_output, recover
 from humanoid_sim.recording.summary import Summary, summarize
+from humanoid_sim.strict_json import parse_json
 
 __all__ = ["Info", "Recover", "main"]
 
@@ -129,7 +130,7 @@ def _overview(summary: Summary) -> Table:
 def _definitions(documents: Mapping[str, str]) -> str:
     """Whether what judged the run, if anything did, meant by a fall and by an error what is meant today."""
     try:
-        recorded = json.loads(documents["settings"])["definitions"]
+        recorded = parse_json(documents["settings"])["definitions"]
     except (KeyError, TypeError, ValueError):
         return "not recorded"
     others = differing(recorded) if isinstance(recorded, dict) else ()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import sys
@@ -224,8 +223,10 @@ def _frames(episode: Episode, motion: Motion | None, recording: Recording) -> It
 
 
 def _task(recording: Recording, episode: Episode) -> str:
-    settings = json.loads(recording.header.documents.get("settings", "{}"))
-    motion, policy = settings.get("motion"), settings.get("policy")
+    from humanoid_sim.recording.settings import recorded_settings  # noqa: PLC0415
+
+    settings = recorded_settings(recording.path, recording.header)
+    motion, policy = (str(settings.get(name) or "") for name in ("motion", "policy"))
     if episode.mode.name == "REMOTE":
         return "follow remote commands"
     if motion:

@@ -20,6 +20,7 @@ from humanoid_sim.messages import PolicyStep, TickRecord
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.recording.reader import Entry, Recording, open_recording
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
+from humanoid_sim.recording.settings import recorded_settings
 
 __all__ = ["ReplayConfig", "main", "replay"]
 
@@ -99,7 +100,7 @@ class _Inference:
     """Runs the model on every recorded observation."""
 
     def __init__(self, recording: Recording, path: Path | None, tolerance: float) -> None:
-        settings = json.loads(recording.header.documents.get("settings", "{}"))
+        settings = recorded_settings(recording.path, recording.header)
         self.checkpoint = _load(recording, settings, path)
         recorded = settings.get("policy_sha256")
         self.is_same_file = recorded == self.checkpoint.sha256 if recorded else None
@@ -143,7 +144,7 @@ def _load(recording: Recording, settings: dict[str, Any], path: Path | None) -> 
 
     if path is None:
         named = settings.get("policy")
-        if not named or named == _PLACEHOLDER:
+        if not isinstance(named, str) or named in ("", _PLACEHOLDER):
             raise InputError(f"{recording.path}: ran {named or 'no policy'}, which is no model to infer with")
         path = Path(named)
         if not is_file(path):

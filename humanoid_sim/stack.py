@@ -39,6 +39,7 @@ from humanoid_sim.recording.rules import CORRECTIONS
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import GuardRecord, guards_of
 from humanoid_sim.robots.schema import StandbySettings
+from humanoid_sim.strict_json import parse_json
 
 __all__ = [
     "build_supervisor",
@@ -201,7 +202,7 @@ def recorded_contract(header: SessionHeader) -> PolicyContract | None:
         return None
     # Before contracts were complete, a header held the thirteen keys.
     try:
-        document = json.loads(text)
+        document = parse_json(text)
     except ValueError:
         document = None
     if isinstance(document, dict) and "version" not in document:
@@ -220,7 +221,7 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         controllers = msgspec.json.decode(header.documents["controllers"], type=_ControllerSettings)
     except KeyError as error:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, RecursionError) as error:
         raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
     try:
         guards = None if controllers.guards is None else controllers.guards.on(description)

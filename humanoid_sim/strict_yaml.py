@@ -11,6 +11,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import msgspec
 import yaml
 
+from humanoid_sim.bounds import YAML_BYTES, YAML_TEXT, YAML_VALUES
 from humanoid_sim.errors import InputError, one_line
 from humanoid_sim.files import regular_file
 
@@ -37,13 +38,38 @@ class _Strictness(yaml.constructor.SafeConstructor):
             seen.add(key.value)
         return super().construct_mapping(node, deep)
 
+    def construct_document(self, node: yaml.Node) -> Any:
+        """A document of a bounded number of values: aliases of aliases multiply, and merging copies them."""
+        _count_values(node, {}, set())
+        return super().construct_document(node)
+
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> str:
         """A text; the escapes of a quoted one can spell what is none."""
         value = str(super().construct_scalar(node))
+        if len(value) > YAML_TEXT:
+            message = f"a text of {len(value)} characters, expected at most {YAML_TEXT}"
+            raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
         if "\0" in value or any("\ud800" <= character <= "\udfff" for character in value):
             message = "a text holds a null character or half of a surrogate pair"
             raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
         return value
+
+
+def _count_values(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
+    """The values in a node, those that aliases repeat counted each time; refuses too many, and a node within itself."""
+    if id(node) in known or isinstance(node, yaml.ScalarNode):
+        return known.get(id(node), 1)
+    if id(node) in above:
+        raise yaml.constructor.ConstructorError(None, None, "an alias stands for what it is in", node.start_mark)
+    above.add(id(node))
+    parts = node.value if isinstance(node, yaml.SequenceNode) else [part for pair in node.value for part in pair]
+    size = 1 + sum(_count_values(part, known, above) for part in parts)
+    above.remove(id(node))
+    known[id(node)] = size
+    if size > YAML_VALUES:
+        message = f"more than {YAML_VALUES} values"
+        raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
+    return size
 
 
 class StrictLoader(_Strictness, yaml.SafeLoader):
@@ -105,7 +131,7 @@ def read_yaml(path: Path) -> Any:
         InputError: one line with the file, the place and what is wrong.
     """
     try:
-        return yaml.load(regular_file(path, "a YAML file").read_text(encoding="utf-8"), _Loader)
+        return yaml.load(regular_file(path, "a YAML file", YAML_BYTES).read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -133,7 +159,7 @@ def read_strictly(path: Path, label: str) -> Any:
         InputError: one line with the label, the place and what is wrong.
     """
     try:
-        return load_strictly(path.read_text(encoding="utf-8"))
+        return load_strictly(regular_file(path, "a YAML file", YAML_BYTES).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

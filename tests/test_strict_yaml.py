@@ -11,7 +11,15 @@ import yaml
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.strict_yaml import UNREADABLE, StrictLoader, load_strictly, read_strictly, type_at, value_at
+from humanoid_sim.strict_yaml import (
+    UNREADABLE,
+    StrictLoader,
+    load_strictly,
+    read_strictly,
+    read_yaml,
+    type_at,
+    value_at,
+)
 
 
 def test_the_quick_loader_reads_what_the_other_reads() -> None:
@@ -83,3 +91,37 @@ def test_a_file_that_cannot_be_read_is_one_line_with_its_place(tmp_path: Path, d
     with pytest.raises(InputError) as caught:
         read_strictly(tmp_path / "x.yaml", "x")
     assert str(caught.value).startswith(problem)
+
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{b}: &{b} [{', '.join([f'*{a}'] * 10)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (BOMB, "more than 100000 values"),
+        (
+            "p: &p {k: 1}\nq: &q {<<: [*p, *p]}\n" + BOMB.replace("[", "{<<: [").replace("]", "]}"),
+            "more than 100000 values",
+        ),
+        ("a: &a [1, *a]\n", "an alias stands for what it is in"),
+        (f"a: {'y' * 70_000}\n", "a text of 70000 characters, expected at most 65536"),
+    ],
+    ids=["aliases", "merges", "recursion", "a long text"],
+)
+def test_a_small_file_stays_small(text: str, problem: str) -> None:
+    for load in (load_strictly, lambda text: yaml.load(text, StrictLoader)):
+        with pytest.raises(yaml.YAMLError) as refused:
+            load(text)
+        assert problem in str(refused.value)
+
+
+def test_a_large_file_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.yaml"
+    path.write_text("#" * (1 << 20) + "\n")
+    for read in (read_yaml, lambda path: read_strictly(path, str(path))):
+        with pytest.raises(InputError) as refused:
+            read(path)
+        assert str(refused.value) == f"{path}: has 1048577 bytes, expected a YAML file of at most 1048576"

@@ -12,10 +12,10 @@ from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import JointDescription
+from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.floating_base import FloatingBase
 from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.sensors import BodySensors, ImuSample
-from humanoid_sim.simulation.silence import mujoco_silenced
 
 __all__ = ["MotorPlant", "PlantTruth"]
 

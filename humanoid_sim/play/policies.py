@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
@@ -24,6 +24,7 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 
 __all__ = [
@@ -142,7 +143,7 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     if config.again is None:
         return config
     header = open_recording(config.again).header
-    recorded = _options(config.again, header.documents.get("settings", ""))
+    recorded = _options(config.again, header)
     known = {field.name: field for field in fields(config)}
     values = {
         name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
@@ -152,11 +153,11 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     return replace(config, **values)
 
 
-def _options(path: str, settings: str) -> dict[str, Any]:
+def _options(path: str, header: SessionHeader) -> dict[str, Any]:
     """The options that a recording was made with, those that `play` knows and of a kind that it takes."""
     try:
-        options = json.loads(settings)["options"]
-    except (ValueError, LookupError, TypeError):
+        options = recorded_settings(path, header).get("options")
+    except InputError:
         options = None
     if not isinstance(options, dict):
         raise InputError(

@@ -16,6 +16,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contract
 from humanoid_sim.policy.readers.merge import build_contract
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract, is_assumed, is_stated
+from humanoid_sim.strict_json import parse_json
 
 __all__ = ["STAMP_KEY", "STAMP_SOURCE", "decode", "encode", "plain_value", "read_stamp"]
 
@@ -54,8 +55,8 @@ def decode(text: str, where: str) -> PolicyContract:
         InputError: naming `where`, if it is none.
     """
     try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        document = parse_json(text)
+    except ValueError as error:
         raise InputError(f"{where}: contract is no JSON: {error}") from None
     if not isinstance(document, dict):
         raise InputError(f"{where}: contract is a {type(document).__name__}, expected a JSON object")

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
+from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file, whole_file
@@ -165,7 +166,9 @@ def _parse(path: Path, file: IO[bytes]) -> Motion:
         raise InputError(f"{path}: {error}") from None
 
 
-def _read_rows(path: Path, stream: McapStream) -> tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]:
+def _read_rows(
+    path: Path, stream: McapStream, *, is_inner: bool = False
+) -> tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]:
     """The frames in file order, their log times in ns, and the metadata record `motion`."""
     schemas: dict[int, str] = {}
     channels: dict[int, Channel] = {}
@@ -174,7 +177,9 @@ def _read_rows(path: Path, stream: McapStream) -> tuple[list[npt.NDArray[np.floa
     times: list[int] = []
     for record in stream:
         if isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT:
-            return _read_rows(path, McapStream(BytesIO(record.data)))
+            if is_inner:
+                raise InputError(f"{path}: its motion holds a motion of its own, expected one episode")
+            return _read_rows(path, McapStream(BytesIO(record.data)), is_inner=True)
         if isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
@@ -183,24 +188,31 @@ def _read_rows(path: Path, stream: McapStream) -> tuple[list[npt.NDArray[np.floa
         elif isinstance(record, Metadata) and record.name == "motion":
             metadata = record.metadata
         elif isinstance(record, Message):
-            frame = len(rows)
-            try:
-                values = decode_float32_array(record.data)
-            except CdrError as error:
-                raise InputError(f"{path}: frame {frame} is no {FLOAT32_MULTI_ARRAY}: {error}") from None
             if record.channel_id not in channels:
-                raise InputError(f"{path}: frame {frame} is on a channel that the file does not define")
-            if rows and len(values) != len(rows[0]):
-                raise InputError(f"{path}: frame {frame} has {len(values)} values, the frames before {len(rows[0])}")
+                raise InputError(f"{path}: frame {len(rows)} is on a channel that the file does not define")
             if times and record.log_time < times[-1]:
-                raise InputError(f"{path}: time goes back at frame {frame}; a motion file holds one episode")
-            rows.append(values)
+                raise InputError(f"{path}: time goes back at frame {len(rows)}; a motion file holds one episode")
+            rows.append(_row(path, record, rows))
             times.append(record.log_time)
     if stream.damage:
         raise InputError(f"{path}: {stream.damage}")
     if not rows:
         raise InputError(f"{path}: holds no frames, expected one topic of {FLOAT32_MULTI_ARRAY}")
     return rows, times, metadata
+
+
+def _row(path: Path, record: Message, before: list[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:
+    """One frame, as wide as those before it."""
+    frame = len(before)
+    try:
+        values = decode_float32_array(record.data)
+    except CdrError as error:
+        raise InputError(f"{path}: frame {frame} is no {FLOAT32_MULTI_ARRAY}: {error}") from None
+    if before and len(values) != len(before[0]):
+        raise InputError(f"{path}: frame {frame} has {len(values)} values, the frames before {len(before[0])}")
+    if (frame + 1) * max(len(values), 1) > MOTION_VALUES:
+        raise InputError(f"{path}: has more than {MOTION_VALUES} values, expected a motion of one episode")
+    return values
 
 
 def _check_channel(path: Path, channel: Channel, schemas: Mapping[int, str], known: Mapping[int, Channel]) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.bounds import ONNX_BYTES
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
@@ -69,12 +70,17 @@ class OnnxModel:
             source = str(path) if graph is None else graph
             session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises its own types, which differ between builds
+            if isinstance(error, UnicodeDecodeError):
+                raise InputError(f"{path}: a name in its graph is no text (UTF-8)") from None
             problem = f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}"
             raise InputError(why_not_loaded(path) or problem) from None
         self.path = path
-        self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
-        self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
-        self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
+        try:
+            self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
+            self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
+            self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
+        except UnicodeDecodeError:
+            raise InputError(f"{path}: its metadata, or a tensor's name, is no text (UTF-8)") from None
         self._session = session
         if graph is None:
             check_tensors(path, self.metadata)
@@ -125,7 +131,10 @@ def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     except Exception as error:  # protobuf's exception type is not part of onnx's interface
         raise InputError(f"{path}: is not an ONNX model: {first_line(error)}") from None
     metadata = {entry.key: entry.value for entry in model.metadata_props}
-    return metadata, tuple(output.name for output in model.graph.output)
+    outputs = tuple(output.name for output in model.graph.output)
+    if not all(isinstance(text, str) for text in (*metadata, *metadata.values(), *outputs)):  # protobuf gives bytes
+        raise InputError(f"{path}: its metadata, or a tensor's name, is no text (UTF-8)")
+    return metadata, outputs
 
 
 def check_file(path: Path) -> None:
@@ -134,7 +143,7 @@ def check_file(path: Path) -> None:
     Raises:
         InputError: if there is no such file, or it is empty, a directory, a pipe or a device.
     """
-    if regular_file(path, "an ONNX file").stat().st_size == 0:
+    if regular_file(path, "an ONNX file", ONNX_BYTES).stat().st_size == 0:
         raise InputError(f"{path}: is empty, expected an ONNX file")
 
 

@@ -6,7 +6,6 @@ The `lerobot` package is optional, and slow to import, because it brings PyTorch
 from __future__ import annotations
 
 import importlib
-import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,9 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, MissingPackageError, reason_of
+from humanoid_sim.bounds import JSON_BYTES
+from humanoid_sim.errors import InputError, MissingPackageError, one_line, reason_of
+from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.prepare.dataset_features import episode_motion
 from humanoid_sim.prepare.source_motion import SourceMotion
+from humanoid_sim.strict_json import parse_json
 
 __all__ = ["import_lerobot", "read_hub_dataset", "read_local_dataset"]
 
@@ -52,17 +54,18 @@ def _check_format(folder: Path) -> None:
     """Refuse a folder that holds no dataset of the right version."""
     path = folder / "meta" / "info.json"
     try:
-        info = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{folder}: is not a LeRobot dataset: it has no meta/info.json") from None
+        if not is_file(path):
+            raise InputError(f"{folder}: is not a LeRobot dataset: it has no meta/info.json")
+        info = parse_json(regular_file(path, "a dataset's info.json", JSON_BYTES).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise InputError(f"{path}: is not JSON: {error}") from None
     version = info.get("codebase_version") if isinstance(info, dict) else None
     if version != _FORMAT:
+        shown = one_line(str(version))[:80]
         raise InputError(
-            f"{folder}: is a LeRobot dataset of format {version}, expected {_FORMAT}; convert older ones with "
+            f"{folder}: is a LeRobot dataset of format {shown}, expected {_FORMAT}; convert older ones with "
             "python -m lerobot.datasets.v30.convert_dataset_v21_to_v30"
         )
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import csv
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.bounds import CSV_BYTES
 from humanoid_sim.controllers.terms import QuaternionOrder
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.npz_file import read_arrays
 from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
 
 __all__ = ["read_csv", "read_npz"]
@@ -56,7 +56,7 @@ def read_npz(path: Path) -> SourceMotion:
     Raises:
         InputError: one line with the file and what is wrong with it.
     """
-    arrays = _npz_arrays(path)
+    arrays = read_arrays(path)
     missing = [key for key in _NPZ_KEYS if key not in arrays]
     if missing:
         raise InputError(
@@ -84,21 +84,6 @@ def read_npz(path: Path) -> SourceMotion:
         body_quaternion=arrays["body_quat_w"],
         body_names=_npz_names(path, arrays, "body_names"),
     )
-
-
-def _npz_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
-    try:
-        # Opened here: NumPy leaves a bad archive that it opened itself open.
-        with regular_file(path, "an .npz file").open("rb") as stream:
-            archive = np.load(stream, allow_pickle=False)
-            if isinstance(archive, np.ndarray):
-                raise InputError(f"{path}: holds a single array (.npy), expected an .npz file")
-            return {key: archive[key] for key in archive.files}
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, KeyError) as error:
-        # NumPy says ValueError for pickled objects, which may run code, and for what is no NumPy file at all.
-        raise InputError(f"{path}: is not a complete .npz file of plain arrays: {reason_of(error)}") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def _npz_names(path: Path, arrays: dict[str, npt.NDArray[Any]], key: str) -> tuple[str, ...] | None:
@@ -233,7 +218,7 @@ def _csv_rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
 def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every line that is not empty."""
     try:
-        with regular_file(path, "a .csv file").open(encoding="utf-8-sig", newline="") as file:
+        with regular_file(path, "a .csv file", CSV_BYTES).open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except OSError as error:

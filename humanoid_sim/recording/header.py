@@ -8,7 +8,9 @@ from collections.abc import Mapping
 
 from mcap.writer import Writer
 
+from humanoid_sim.bounds import OBSERVATION_WIDTH
 from humanoid_sim.messages import SessionHeader
+from humanoid_sim.strict_json import parse_json
 
 __all__ = ["DOCUMENTS", "EARLIER_FORMAT", "SESSION", "HeaderError", "header_metadata", "parse_header", "write_header"]
 
@@ -19,6 +21,8 @@ DOCUMENTS = "humanoid_sim.documents"
 
 _FORMAT = "2"
 """Changes when earlier readers would misread, or stumble over, a recording."""
+_SHORTEST_PERIOD, _LONGEST_PERIOD = 1e-6, 1e3
+"""s between two ticks of any robot."""
 EARLIER_FORMAT = "1"
 """Of recordings whose events have no kind, and whose ticks do not say what the policy raised; see `earlier`."""
 
@@ -65,20 +69,60 @@ def parse_header(
     if session.get("digest") != _digest(fields, documents):
         raise HeaderError("header is damaged (its digest is wrong)")
     try:
-        missing = set(json.loads(fields["attachments"])) - set(attachments)
+        missing = set(_texts(fields, "attachments")) - set(attachments)
         if missing:
             raise HeaderError(f"header is damaged (attachment '{min(missing)}' is missing)")
         return SessionHeader(
             robot=fields["robot"],
-            joint_names=tuple(json.loads(fields["joint_names"])),
-            control_period=float(fields["control_period"]),
-            start_time_ns=int(fields["start_time_ns"]),
+            joint_names=_joint_names(fields),
+            control_period=_control_period(fields),
+            start_time_ns=_start_time(fields),
             documents=dict(documents),
             attachments=dict(attachments),
-            observation_terms=tuple((name, width) for name, width in json.loads(fields["observation_terms"])),
+            observation_terms=_observation_terms(fields),
         )
+    except HeaderError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise HeaderError(f"header is damaged ({error})") from None
+
+
+def _texts(fields: Mapping[str, str], name: str) -> tuple[str, ...]:
+    values = parse_json(fields[name])
+    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+        raise HeaderError(f"header is damaged ({name}: expected a list of texts)")
+    return tuple(values)
+
+
+def _joint_names(fields: Mapping[str, str]) -> tuple[str, ...]:
+    names = _texts(fields, "joint_names")
+    if not names or len(set(names)) < len(names):
+        raise HeaderError("header is damaged (joint_names: expected at least one, each once)")
+    return names
+
+
+def _control_period(fields: Mapping[str, str]) -> float:
+    period = float(fields["control_period"])
+    if not _SHORTEST_PERIOD <= period <= _LONGEST_PERIOD:  # written so that NaN fails it
+        accepted = f"{_SHORTEST_PERIOD:g} to {_LONGEST_PERIOD:g} s"
+        raise HeaderError(f"header is damaged (control_period: is {period:g}, expected {accepted})")
+    return period
+
+
+def _start_time(fields: Mapping[str, str]) -> int:
+    time_ns = int(fields["start_time_ns"])
+    if abs(time_ns) >= 2**63:
+        raise HeaderError("header is damaged (start_time_ns: expected nanoseconds in 64 bits)")
+    return time_ns
+
+
+def _observation_terms(fields: Mapping[str, str]) -> tuple[tuple[str, int], ...]:
+    terms = tuple((name, width) for name, width in parse_json(fields["observation_terms"]))
+    if not all(isinstance(name, str) and type(width) is int and width >= 0 for name, width in terms):
+        raise HeaderError("header is damaged (observation_terms: expected names and widths)")
+    if sum(width for _, width in terms) > OBSERVATION_WIDTH:
+        raise HeaderError(f"header is damaged (observation_terms: more than {OBSERVATION_WIDTH} values)")
+    return terms
 
 
 def _digest(fields: Mapping[str, str], documents: Mapping[str, str]) -> str:

@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 
 import msgspec
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.bounds import JSON_BYTES
+from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.evaluation.definitions import differing
 from humanoid_sim.files import regular_file
 from humanoid_sim.regress.options import RegressConfig
@@ -34,15 +35,15 @@ def read_baseline(path: Path) -> PolicyRun:
         InputError: one line with the file and what is wrong with it.
     """
     try:
-        data = regular_file(path, "a baseline (.json) or a checkpoint (.onnx)").read_bytes()
+        data = regular_file(path, "a baseline (.json) or a checkpoint (.onnx)", JSON_BYTES).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     try:
         run = msgspec.json.decode(data, type=PolicyRun)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         if b'"candidates"' in data and b'"suite"' in data:  # taken for a baseline more often than anything else
             raise InputError(f"{path}: is a result of --json, expected a baseline of --write-baseline") from None
-        raise InputError(f"{path}: is no baseline of `regress --write-baseline`: {error}") from None
+        raise InputError(f"{path}: is no baseline of `regress --write-baseline`: {reason_of(error)}") from None
     if not run.episodes:
         raise InputError(f"{path}: holds no episodes, expected a baseline of `regress --write-baseline`")
     return run

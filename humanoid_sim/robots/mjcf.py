@@ -17,6 +17,7 @@ import numpy as np
 from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.imu import find_imu
+from humanoid_sim.robots.mjcf_bounds import check_mjcf_bounds
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
     BaseSettings,
@@ -27,6 +28,7 @@ from humanoid_sim.robots.schema import (
     SimulationSettings,
     StandbySettings,
 )
+from humanoid_sim.robots.silence import mujoco_silenced
 
 __all__ = ["bare_model", "compile_spec", "describe_mjcf", "own_joint_damping", "read_spec"]
 
@@ -37,6 +39,14 @@ _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
 """s. Contacts of feet are well resolved there, and damping is stable for any robot that has its motors' inertia."""
 
 _STANDBY_SECONDS = 2.0
+_NO_ROOM = (MemoryError, RuntimeError, mujoco.FatalError)
+"""What MuJoCo raises where it finds no memory, or does not know what went wrong."""
+_FINITE = (
+    *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos"),
+    *("geom_pos", "geom_quat", "geom_size", "site_pos", "jnt_pos", "jnt_axis"),
+)
+"""Arrays of a model in which MuJoCo lets NaN and infinity pass."""
+_OWNER = {"body": "body", "geom": "geom", "site": "site", "jnt": "joint"}
 
 
 def read_spec(path: Path) -> mujoco.MjSpec:
@@ -46,9 +56,11 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         InputError: there is no such file, or it is not an MJCF.
     """
     regular_file(path, "the robot's MJCF model")
+    check_mjcf_bounds(path)
     try:
-        return mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
+        with mujoco_silenced:
+            return mujoco.MjSpec.from_file(str(path))
+    except (ValueError, *_NO_ROOM) as error:
         raise InputError(f"{path}: not a valid MJCF model: {reason_of(error)}") from None
 
 
@@ -59,9 +71,18 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         InputError: the model does not compile.
     """
     try:
-        return spec.compile()
-    except ValueError as error:
+        with mujoco_silenced:
+            model = spec.compile()
+    except (ValueError, *_NO_ROOM) as error:
         raise InputError(f"{path}: does not compile: {reason_of(error)}") from None
+    for name in _FINITE:
+        values = getattr(model, name)
+        if not (np.abs(values) <= mujoco.mjMAXVAL).all():  # written so that NaN fails it
+            what, _, field = name.partition("_")
+            bad = int(np.argwhere(~(np.abs(values) <= mujoco.mjMAXVAL))[0][0])
+            owner = f"{what} {bad} '{getattr(model, _OWNER[what])(bad).name}'"
+            raise InputError(f"{path}: {owner}: {field} is {values[bad]}, expected numbers within ±{mujoco.mjMAXVAL:g}")
+    return model
 
 
 def describe_mjcf(path: Path) -> RobotDescription:

@@ -294,7 +294,7 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
             document = msgspec.json.decode(text)
             _restore_infinite(document)
             return msgspec.structs.replace(msgspec.convert(document, cls), folder=folder)
-        except (msgspec.DecodeError, msgspec.ValidationError) as error:
+        except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
             raise InputError(f"robot description (JSON): {error}") from None
 
 

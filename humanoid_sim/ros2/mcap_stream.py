@@ -22,10 +22,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-__all__ = ["Damage", "McapStream", "Message", "Record"]
+from humanoid_sim.bounds import MCAP_CHUNK_BYTES, MCAP_RECORD_BYTES
 
-_MAX_CHUNK = 1 << 28
-"""Bytes. Ours hold half a second (about 100 kB); a damaged length must not make the reader take all memory."""
+__all__ = ["Damage", "McapStream", "Message", "Record"]
 
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -210,6 +209,8 @@ class McapStream:
             raise _UnsoundError(f"damaged (a record of kind {opcode})")
         if length > self._size - start - _RECORD.size:
             raise _CutError("cut")
+        if length > MCAP_RECORD_BYTES:
+            raise _UnsoundError(f"damaged (a record of {length} bytes)")
         return opcode, self._file.read(length)
 
     def _skip_summary(self) -> None:
@@ -230,7 +231,7 @@ def _records(opcode: int, body: bytes) -> list[Record]:
             return _chunk_records(body)
         record = _parse(opcode, body)
         return [] if record is None else [record]
-    except (McapError, struct.error, ValueError, OverflowError) as error:
+    except (McapError, struct.error, ValueError, OverflowError, MemoryError) as error:
         raise _UnsoundError(f"damaged ({error or type(error).__name__})") from error
 
 
@@ -280,7 +281,7 @@ def _chunk_records(body: bytes) -> list[Record]:
 
 def _decompress(chunk: Chunk) -> bytes:
     size = chunk.uncompressed_size
-    if size > _MAX_CHUNK:
+    if size > MCAP_CHUNK_BYTES:
         raise _UnsoundError(f"damaged (a chunk of {size} bytes)")
     if chunk.compression == "":
         data = chunk.data
@@ -294,6 +295,10 @@ def _decompress(chunk: Chunk) -> bytes:
         import zstandard  # noqa: PLC0415  (only files of other writers need it)
 
         try:
+            # The size in the frame's own header would be believed before `size` is.
+            claimed = zstandard.frame_content_size(chunk.data)
+            if claimed > size:
+                raise _UnsoundError(f"damaged (a chunk of {claimed} bytes instead of {size})")
             data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
         except zstandard.ZstdError as error:
             raise _UnsoundError(f"damaged ({error})") from error

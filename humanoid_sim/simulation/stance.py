@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.silence import mujoco_silenced
 
 __all__ = ["CentreOfMass", "Floor", "clearance", "standing_height"]
 
@@ -116,7 +117,8 @@ def clearance(model: mujoco.MjModel, qpos: FloatArray) -> float:
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    mujoco.mj_collision(model, data)
+    with mujoco_silenced:  # of contacts beyond the arena's size those that fit are enough
+        mujoco.mj_collision(model, data)
     pairs = data.contact.geom
     distances = data.contact.dist[is_static[pairs].any(axis=1)] if len(pairs) else np.empty(0)
     return float(distances.min()) if len(distances) else 0.0

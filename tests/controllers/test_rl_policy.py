@@ -202,8 +202,12 @@ def test_the_policy_step_is_reported_as_it_was():
         ("a batch", "action has shape (1, 2), expected (2,)"),
         ("a scalar", "action has shape (), expected (2,)"),
         ("ragged", "policy failed: setting an array element with a sequence."),
-        ("text", "policy failed: could not convert string to float: 'left'"),
-        ("nothing", "action has shape (), expected (2,)"),
+        ("text", "policy failed: answered values of type <U4, expected floats"),
+        ("texts of numbers", "policy failed: answered values of type <U3, expected floats"),
+        ("integers", "policy failed: answered values of type int64, expected floats"),
+        ("a masked array", "policy failed: answered a masked array, expected floats"),
+        ("a record", "policy failed: answered values of type [('left', '<f4')], expected floats"),
+        ("nothing", "policy failed: answered values of type object, expected floats"),
         ("raises", "policy failed: no such tensor"),
         ("writes", "policy failed: assignment destination is read-only"),
     ],
@@ -211,7 +215,7 @@ def test_the_policy_step_is_reported_as_it_was():
 def test_a_policy_that_misbehaves_is_a_fault(name, message):
     assert set(BAD_ANSWERS) == {
         "NaN", "infinite", "beyond float32", "over the limit", "too short", "too long", "a batch", "a scalar",
-        "ragged", "text", "nothing", "raises", "writes",
+        "ragged", "text", "texts of numbers", "integers", "a masked array", "a record", "nothing", "raises", "writes",
     }  # fmt: skip
     (fault,) = run(controller(BAD_ANSWERS[name]), 3)
     assert isinstance(fault, Fault)

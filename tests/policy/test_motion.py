@@ -9,7 +9,14 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.policy.motion import Motion, read_motion, write_motion
+from humanoid_sim.policy.motion import (
+    MOTION_ATTACHMENT,
+    Motion,
+    motion_bytes,
+    parse_motion,
+    read_motion,
+    write_motion,
+)
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, schema_text
 from humanoid_sim.ros2.messages import encode_float32_array
 
@@ -163,3 +170,29 @@ def test_a_wrong_motion_cannot_be_made(change, reason):
     with pytest.raises(FieldError) as caught:
         Motion(**fields)
     assert reason in str(caught.value)
+
+
+def attached(data: bytes) -> bytes:
+    """A recording's way of carrying a motion, and nothing else."""
+    stream = BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    writer.add_attachment(0, 0, MOTION_ATTACHMENT, "application/octet-stream", data)
+    writer.finish()
+    return stream.getvalue()
+
+
+def test_a_motion_in_a_motion_is_refused():
+    own = motion_bytes(make_motion())
+    assert parse_motion(attached(own), "run.mcap").frames.shape == make_motion().frames.shape
+    nested = own
+    for _ in range(400):
+        nested = attached(nested)
+    with pytest.raises(InputError, match=r"run\.mcap: its motion holds a motion of its own, expected one episode"):
+        parse_motion(nested, "run.mcap")
+
+
+def test_a_motion_larger_than_memory_is_refused(monkeypatch):
+    monkeypatch.setattr("humanoid_sim.policy.motion.MOTION_VALUES", 60)
+    with pytest.raises(InputError, match="has more than 60 values, expected a motion of one episode"):
+        parse_motion(motion_bytes(make_motion()), "motion.mcap")

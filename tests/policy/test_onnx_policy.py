@@ -261,3 +261,23 @@ def test_onnxruntime_is_here() -> None:
 def test_onnxruntime_that_cannot_be_imported_is_not_here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     assert not has_onnxruntime()
+
+
+@pytest.mark.parametrize("text", [b"locomotion", b"observation"], ids=["metadata", "a tensor's name"])
+def test_what_is_no_utf8_is_refused(tmp_path: Path, text: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+    path = models.saved(tmp_path / "policy.onnx")
+    path.write_bytes(path.read_bytes().replace(text, b"\xff\xfe" + text[2:]))
+    for load in (load_checkpoint, read_header):
+        assert refusal(path, load) == "its metadata, or a tensor's name, is no text (UTF-8)"
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("data", [b"\x08\x09\x12", b"\x00" * 64, bytes(range(256)) * 8], ids=["cut", "zeros", "any"])
+def test_no_library_prints_anything_about_a_bad_model(
+    tmp_path: Path, data: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(data)
+    refusal(path)
+    refusal(path, read_header)
+    assert capfd.readouterr() == ("", "")

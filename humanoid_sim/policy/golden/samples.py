@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 
@@ -36,8 +37,6 @@ Float32Array = npt.NDArray[np.float32]
 _VERSION = 1
 _LARGEST = 10_000_000
 """Values of one array: far above any policy, and small enough not to fill the memory."""
-_LARGEST_MOTION = 50_000_000
-"""Values of one table of a motion."""
 _EXTERN, _REFERENCE = "extern/", "reference/"
 
 
@@ -126,7 +125,7 @@ class GoldenSamples:
                 raise FieldError(f"{name}: has shape {table.shape}, expected ({count}, width)")
         if self.history is not None and (self.history.ndim != 3 or len(self.history) != count):
             raise FieldError(f"history: has shape {self.history.shape}, expected ({count}, steps, width)")
-        if any(self.frame_count * table.shape[1] > _LARGEST_MOTION for table in self.reference.values()):
+        if any(self.frame_count * table.shape[1] > MOTION_VALUES for table in self.reference.values()):
             raise FieldError(f"frame_count is {self.frame_count}, more than a motion can have")
         if self.reference and not ((self.frame >= 0) & (self.frame < self.frame_count)).all():
             raise FieldError(f"frame: goes beyond the {self.frame_count} frames of the motion")

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +16,6 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import regular_file
 from humanoid_sim.mit import (
     ANCHOR_POSE,
     BASE_LINEAR_VELOCITY,
@@ -28,6 +25,7 @@ from humanoid_sim.mit import (
     MITState,
     point_velocity,
 )
+from humanoid_sim.npz_file import read_arrays
 from humanoid_sim.policy.golden.samples import STATE_ARRAYS, recorded_state
 
 __all__ = ["BodyReader", "Recorded", "Trace", "read_trace"]
@@ -37,18 +35,6 @@ BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, Fl
 
 _SAME = {"observation": "obs", "action": "actions", VELOCITY_COMMAND: "cmd"}
 _MEMORY = ("last_action", "frame", "walked", "history", "alignment")
-_DAMAGE = (
-    ValueError,
-    EOFError,
-    KeyError,
-    NotImplementedError,
-    MemoryError,
-    OverflowError,
-    zipfile.BadZipFile,
-    zipfile.LargeZipFile,
-    zlib.error,
-)
-"""What NumPy and zipfile raise over files that are damaged, or of another kind."""
 _LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, "key_pressed")
 
 
@@ -105,7 +91,7 @@ class _Reader:
         self.bodies = bodies
         self.points = {point_velocity(point): point for point in contract.velocity_points}
         self.live_names = (*_LIVE, *self.points)
-        self.arrays = _load(path)
+        self.arrays = read_arrays(path)
         self.steps = 0
 
     def trace(self) -> Trace:
@@ -129,10 +115,10 @@ class _Reader:
                 joint_names=joints,
                 arrays={name: known[name] for name in STATE_ARRAYS},
                 extern={name: known[name] for name in self.live_names if name in known},
-                action=action.astype(np.float32),
+                action=self.as_float32("action", action),
                 memory=self.memory(),
             ),
-            observation=observation.astype(np.float32),
+            observation=self.as_float32("observation", observation),
             target=None if target is None else target[:, columns],
         )
 
@@ -242,6 +228,13 @@ class _Reader:
             raise self.wrong(name, f"is not finite in row {row}", expected)
         return values.astype(np.float64)
 
+    def as_float32(self, name: str, table: FloatArray) -> npt.NDArray[np.float32]:
+        """Shape (F, width): what a policy saw or answered, in its own precision."""
+        if not (np.abs(table) <= np.finfo(np.float32).max).all():
+            row = int(np.argmax((np.abs(table) > np.finfo(np.float32).max).any(axis=1)))
+            raise self.wrong(name, f"is beyond float32 in row {row}", "finite numbers of 32 bits")
+        return table.astype(np.float32)
+
     def numbers(self, name: str) -> npt.NDArray[Any] | None:
         values = self.arrays.get(name, self.arrays.get(_SAME.get(name, "")))
         if values is not None and values.dtype.kind not in "fiub":
@@ -250,18 +243,3 @@ class _Reader:
 
     def wrong(self, name: str, problem: str, expected: str) -> InputError:
         return InputError(f"{self.path}: {name} {problem}, expected {expected}")
-
-
-def _load(path: Path) -> dict[str, npt.NDArray[Any]]:
-    """Every array of the file; none of them may need code to be read."""
-    try:
-        # NumPy leaves a file open that turns out to be none of its own.
-        with regular_file(path, "an .npz file").open("rb") as stream:
-            file = np.load(stream, allow_pickle=False)
-            if not isinstance(file, np.lib.npyio.NpzFile):
-                raise InputError(f"{path}: holds one array, expected an .npz file of several")
-            return {name: file[name] for name in file.files}
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or 'is no .npz file'}") from None
-    except _DAMAGE as error:
-        raise InputError(f"{path}: is no .npz file: {str(error).partition(chr(10))[0]}") from None

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mujoco import rollout
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.simulation.silence import mujoco_silenced
+from humanoid_sim.robots.silence import mujoco_silenced
 
 __all__ = ["BatchPhysics", "ModelPool", "usable_processors"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from humanoid_sim.simulation.silence import mujoco_silenced
+from humanoid_sim.robots.silence import mujoco_silenced
 
 
 def step_into_trouble() -> int:

@@ -1,0 +1,61 @@
+"""How large a file from outside may be, and what it may make of itself, by kind: the one table for all readers.
+
+A robot's computer does not read what no robot, policy or motion needs: a file that claims more is refused by its first
+bytes, before memory is taken. `docs/files.md` shows the table with what the readers take for it.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "CSV_BYTES",
+    "JSON_BYTES",
+    "MCAP_CHUNK_BYTES",
+    "MCAP_RECORD_BYTES",
+    "MJCF_BYTES",
+    "MJCF_ELEMENTS",
+    "MJCF_MEMORY",
+    "MJCF_SIZE",
+    "MOTION_VALUES",
+    "NPZ_ARRAYS",
+    "NPZ_BYTES",
+    "OBSERVATION_WIDTH",
+    "ONNX_BYTES",
+    "YAML_BYTES",
+    "YAML_TEXT",
+    "YAML_VALUES",
+]
+
+_KIB, _MIB, _GIB = 1 << 10, 1 << 20, 1 << 30
+
+YAML_BYTES = _MIB
+"""Of a YAML file: robots, contracts, `deploy.yaml`, suites, calibrations. The largest shipped one has 6 KiB."""
+YAML_VALUES = 100_000
+"""Values of a YAML document, those that its aliases repeat counted each time."""
+YAML_TEXT = 64 * _KIB
+"""Characters of one text in it."""
+JSON_BYTES = 64 * _MIB
+"""Of a JSON file: baselines of `regress`, a dataset's `info.json`."""
+CSV_BYTES = 64 * _MIB
+"""Of a motion in a `.csv`: 3 MB are three minutes of a robot with 29 joints."""
+ONNX_BYTES = _GIB
+"""Of a checkpoint, and of the file beside it that holds its tensors."""
+NPZ_BYTES = _GIB
+"""Of all arrays of an `.npz` together, unpacked."""
+NPZ_ARRAYS = 1000
+"""Arrays of an `.npz`."""
+MOTION_VALUES = 50_000_000
+"""Values of all frames of a motion: half an hour at 50 Hz is 90 000 frames."""
+MCAP_CHUNK_BYTES = 64 * _MIB
+"""Of one chunk of an MCAP file, unpacked. A recording's hold half a second, about 100 kB."""
+MCAP_RECORD_BYTES = 256 * _MIB
+"""Of any record of an MCAP file outside of chunks, attachments among them."""
+OBSERVATION_WIDTH = 1_000_000
+"""Values of one observation that a recording may declare."""
+MJCF_BYTES = 16 * _MIB
+"""Of an MJCF file, and of each that it includes."""
+MJCF_ELEMENTS = 100_000
+"""Elements of an MJCF with its includes, those that `replicate`, `composite` and `flexcomp` make counted each time."""
+MJCF_SIZE = 16_000_000
+"""Values of a height field, pixels of a texture, and any other size that an MJCF gives as a number."""
+MJCF_MEMORY = _GIB
+"""Bytes of `<size memory>`."""

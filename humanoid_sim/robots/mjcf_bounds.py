@@ -1,0 +1,139 @@
+"""What an MJCF may ask for, looked at in its text: MuJoCo takes the memory before it finds that it is too much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from humanoid_sim.bounds import MJCF_BYTES, MJCF_ELEMENTS, MJCF_MEMORY, MJCF_SIZE
+from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.files import is_file, regular_file
+
+__all__ = ["check_mjcf_bounds"]
+
+_SIZES = {
+    "hfield": ("nrow", "ncol"),
+    "texture": ("width", "height"),
+    "numeric": ("size",),
+    "user": ("dim",),
+    "general": ("actdim",),
+    "size": ("nuserdata", "nkey", "njmax", "nconmax", "nstack"),
+}
+"""By element the attributes whose product is a number of values that MuJoCo makes room for."""
+_APART = ("size",)
+"""Elements whose attributes are sizes of different things."""
+_COPIES = {"replicate": 1, "composite": 3, "flexcomp": 3}
+"""Elements that make others, as often as the product of so many numbers in `count`."""
+_SUBDIVISIONS = 7
+"""Of a built-in sphere: 20·4^7 faces."""
+_UNITS = {"K": 10, "M": 20, "G": 30, "T": 40, "P": 50, "E": 60}
+_DEPTH = 200
+"""Levels of elements: MuJoCo's own parser ends at a few more, and some of its passes recurse."""
+
+
+def check_mjcf_bounds(path: Path) -> None:
+    """Refuse an MJCF that asks for more than any robot needs; whatever else is wrong with it MuJoCo finds.
+
+    Raises:
+        InputError: one line with the file, the element, its size and what is accepted.
+    """
+    elements = _Elements(path)
+    elements.add(path)
+
+
+class _Elements:
+    """The elements of a model, counted over its files."""
+
+    def __init__(self, path: Path) -> None:
+        self._folder = path.parent
+        self._count = 0
+        self._seen: set[Path] = set()
+
+    def add(self, path: Path) -> None:
+        regular_file(path, "an MJCF", MJCF_BYTES)
+        self._seen.add(path.resolve())
+        parents: list[int] = [1]
+        try:
+            for event, element in ElementTree.iterparse(path, events=("start", "end")):
+                if event == "end":
+                    parents.pop()
+                    element.clear()
+                    continue
+                if len(parents) > _DEPTH:
+                    raise InputError(f"{path}: is nested more than {_DEPTH} levels deep")
+                made = parents[-1] * _copies(path, element)
+                parents.append(made)
+                self._count += made
+                if self._count > MJCF_ELEMENTS:
+                    raise InputError(f"{path}: has more than {MJCF_ELEMENTS} elements at <{element.tag}>")
+                for problem in _problems(element):
+                    raise InputError(f"{path}: {problem}")
+                for included in self._included(path, element):
+                    self.add(included)
+        except ElementTree.ParseError:
+            return  # MuJoCo says so, and where
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: not a valid MJCF model: {reason_of(error)}") from None
+
+    def _included(self, path: Path, element: ElementTree.Element) -> Iterator[Path]:
+        if element.tag != "include":
+            return
+        for folder in (path.parent, self._folder):
+            included = folder / element.get("file", "")
+            if is_file(included) and included.resolve() not in self._seen:
+                yield included
+                return
+
+
+def _copies(path: Path, element: ElementTree.Element) -> int:
+    numbers = _numbers(element, "count")[: _COPIES.get(element.tag, 0)]
+    product = math.prod(max(number, 1.0) for number in numbers)
+    if not product <= MJCF_ELEMENTS:
+        raise InputError(
+            f'{path}: <{element.tag} count="{element.get("count")}"> makes more than {MJCF_ELEMENTS} elements'
+        )
+    return int(product)
+
+
+def _problems(element: ElementTree.Element) -> Iterator[str]:
+    names = _SIZES.get(element.tag, ())
+    for group in ([name] for name in names) if element.tag in _APART else [names] if names else []:
+        given = [(name, _numbers(element, name)) for name in group]
+        size = math.prod(max(numbers[0], 1.0) for _, numbers in given if numbers)
+        if not size <= MJCF_SIZE:
+            shown = " ".join(f'{name}="{element.get(name)}"' for name, numbers in given if numbers)
+            yield f"<{element.tag} {shown}>: expected at most {MJCF_SIZE} values"
+    if element.tag == "size":
+        for name, value in element.attrib.items():
+            if name == "memory" and _memory(value) > MJCF_MEMORY:
+                yield f'<size memory="{value}">: expected at most {MJCF_MEMORY} bytes'
+            if name.startswith("nuser_") and not max(_numbers(element, name), default=0.0) <= 1000:
+                yield f'<size {name}="{value}">: expected at most 1000'
+    if element.tag == "mesh" and "builtin" in element.attrib:
+        parameters = _numbers(element, "params")
+        limit = _SUBDIVISIONS if element.get("builtin") in ("sphere", "hemisphere") else 1000
+        if not max(parameters, default=0.0) <= limit:
+            yield f'<mesh params="{element.get("params")}">: expected at most {limit}'
+
+
+def _numbers(element: ElementTree.Element, name: str) -> list[float]:
+    """The numbers of an attribute, up to the first text that is none; no number counts as too many."""
+    numbers = []
+    for word in element.get(name, "").split():
+        try:
+            value = float(word)
+        except ValueError:
+            break
+        numbers.append(math.inf if math.isnan(value) else value)
+    return numbers
+
+
+def _memory(text: str) -> float:
+    text = text.strip().upper()
+    shift = _UNITS.get(text[-1:], 0)
+    try:
+        return float(text[:-1] if shift else text) * 2.0**shift
+    except ValueError:
+        return 0.0
