@@ -6,7 +6,6 @@ the recording lacks is what the tick turns on, the replay says so.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -46,6 +45,8 @@ CORRECTIONS = (
         _absurd_reading,
     ),
 )
+from humanoid_sim.strict_json import parse_json
+
 """In the order in which they were made. Append; the names are in headers."""
 
 
@@ -54,7 +55,7 @@ def shown_correction(
 ) -> Correction | None:
     """The correction, made since a recording, that a tick which differs turns on; None if none does."""
     try:
-        document = json.loads(header.documents.get("controllers", "{}"))
+        document = parse_json(header.documents.get("controllers", "{}"))
         known = document.get("corrections", ()) if isinstance(document, dict) else ()
     except ValueError:
         known = ()

@@ -39,7 +39,7 @@ def _fill(_: Path) -> None:
 
 
 def _refuse(_: Path) -> NoReturn:
-    raise InputError("one line\nand another")
+    raise InputError("")
 
 
 TARGETS = {
@@ -51,6 +51,6 @@ TARGETS = {
         "death": _die,
         "file": _leave,
         "memory": _fill,
-        "two lines": _refuse,
+        "no line": _refuse,
     }.items()
 }

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.strict_json import parse_json
 
 __all__ = [
     "GOLDEN_KEY",
@@ -179,7 +180,7 @@ def decode_samples(text: str, where: str) -> GoldenSamples:
         InputError: naming `where`, if it is none.
     """
     try:
-        document = json.loads(text)
+        document = parse_json(text)
         if document["version"] != _VERSION:
             raise FieldError(f"have version {document['version']!r}, expected {_VERSION}")
         arrays = {str(name): _decode(name, value) for name, value in document["arrays"].items()}
@@ -201,7 +202,7 @@ def decode_samples(text: str, where: str) -> GoldenSamples:
         raise InputError(f"{where}: golden vectors: {error}") from None
     except KeyError as error:
         raise InputError(f"{where}: golden vectors lack {error}; stamp the checkpoint again") from None
-    except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
         problem = str(error).partition("\n")[0]
         raise InputError(f"{where}: golden vectors are malformed: {problem}; stamp the checkpoint again") from None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed
 from humanoid_sim.policy.readers.values import cut, numbers, pair_of_numbers, plain_numbers
+from humanoid_sim.strict_json import parse_json
 
 __all__ = ["HOLOSOMA_SOURCE", "is_holosoma", "read_holosoma"]
 
@@ -59,8 +59,8 @@ def _action_scale(metadata: Mapping[str, str], where: str) -> Given:
 
 def _parse(key: str, metadata: Mapping[str, str], where: str) -> Any:
     try:
-        return json.loads(metadata[key])
-    except (ValueError, RecursionError):
+        return parse_json(metadata[key])
+    except ValueError:
         raise _wrong(where, key, metadata, "JSON") from None
 
 
