@@ -14,6 +14,7 @@ import numpy as np
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY
 from humanoid_sim.controllers.parameters import LARGEST_COMMAND
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput
+from humanoid_sim.strict_json import parse_json
 
 __all__ = ["CORRECTIONS", "Correction", "shown_correction"]
 
@@ -45,7 +46,6 @@ CORRECTIONS = (
         _absurd_reading,
     ),
 )
-from humanoid_sim.strict_json import parse_json
 
 """In the order in which they were made. Append; the names are in headers."""
 
