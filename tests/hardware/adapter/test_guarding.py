@@ -1,4 +1,4 @@
-"""A robot whose motors need a guardian: held by another process, which is killed or stopped."""
+"""A robot with four Sito motors, held by another process that is killed or stopped; a listener on the wire."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,31 +15,66 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from guarded_robot import DAMPING_TIME, hold, make_robot, without_timeout
+from guarded_robot import DAMPING_TIME, STIFFNESS, brake_briefly, hold, make_robot
 
 from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import frame_of, open_bus, parse_address
+from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.guardian import guardian as guardian_module
+from humanoid_sim.hardware.sito.codec import Gains, HostMessage, Reset, decode
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.session.realtime import punctual_threads
 
 _PROGRAM = Path(__file__).parent / "guarded_robot.py"
+_ROBOT = load_robot("lite_sito")
+_WRISTS = [i for i, joint in enumerate(_ROBOT.joints) if joint.motor is not None and joint.motor.family == "sito"]
+_LATE = 0.15
+"""s that this machine may be late."""
 
 
 class Emulated:
-    """The Lite's motors in this process, and what becomes of them."""
+    """The motors in this process: what becomes of them, and what they are told."""
 
     def __init__(self, channel: str) -> None:
         self.lines: list[tuple[float, str]] = []
+        self.heard: list[tuple[float, HostMessage]] = []
         with punctual_threads(behind=10):
-            self.motors = VirtualMotors(load_robot("lite"), [channel], told=self._tell)
+            self.motors = VirtualMotors(_ROBOT, [channel], told=self._tell)
+        self._bus = open_bus(parse_address(channel))
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._listen)
+        self._thread.start()
 
     def _tell(self, _: float, text: str) -> None:
         self.lines.append((time.monotonic(), text))
 
-    def stopped(self, after: float) -> list[float]:
-        return [at for at, text in self.lines if at > after and text.endswith(": stopped, in reset mode")]
+    def _listen(self) -> None:
+        while not self._closing.is_set():
+            message = self._bus.recv(0.02)
+            found = None if message is None else decode(frame_of(message), MOTORS["TA40-50"])
+            if isinstance(found, HostMessage):
+                self.heard.append((time.monotonic(), found))
+
+    def close(self) -> None:
+        self._closing.set()
+        self._thread.join()
+        self._bus.shutdown()
+        self.motors.close()
+
+    def stopped(self, after: float) -> dict[str, float]:
+        """s after `after`, by joint, when it was disabled."""
+        told = [(at, text) for at, text in list(self.lines) if at > after]
+        ended = [(at, text) for at, text in told if text.endswith((": stopped, in reset mode", ": disabled"))]
+        return {text.partition(":")[0]: at - after for at, text in ended}
+
+    def gains(self, after: float) -> list[tuple[float, Gains]]:
+        return [(at - after, found) for at, found in list(self.heard) if at > after and isinstance(found, Gains)]
+
+    def resets(self, after: float) -> list[float]:
+        return [at - after for at, found in list(self.heard) if at > after and isinstance(found, Reset)]
 
 
 @pytest.fixture
@@ -49,25 +85,29 @@ def channel() -> str:
 @pytest.fixture
 def emulated(channel: str) -> Iterator[Emulated]:
     emulated = Emulated(channel)
-    with emulated.motors:
-        yield emulated
+    yield emulated
+    emulated.close()
 
 
 @contextmanager
 def _holding(channel: str, *words: str) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
-        [sys.executable, str(_PROGRAM), channel, *words], stdout=subprocess.PIPE, text=True
+        [sys.executable, str(_PROGRAM), channel, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
+        assert process.stderr is not None
         try:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "holding\n"
+            assert _line(process) == "holding\n"
             time.sleep(0.3)
             yield process
         finally:
             process.kill()
-            process.send_signal(signal.SIGCONT)
             process.wait()
-            process.stdout.read()  # until the guardian has ended too, if it has inherited it
+            process.stderr.read()  # until the guardian has ended too, which has it as well
+
+
+def _line(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline()
 
 
 def _until(condition: Callable[[], object], seconds: float = 10.0) -> None:
@@ -77,24 +117,36 @@ def _until(condition: Callable[[], object], seconds: float = 10.0) -> None:
         time.sleep(0.002)
 
 
-def _line(process: subprocess.Popen[str]) -> str:
-    assert process.stdout is not None
-    return process.stdout.readline()
+def _names(joints: list[int]) -> set[str]:
+    return {_ROBOT.joint_names[i] for i in joints}
 
 
-def test_the_arms_of_a_killed_program_sink_damped_and_only_then_fall(channel: str, emulated: Emulated) -> None:
+def _is_only_damped(emulated: Emulated) -> bool:
+    """Whether the wrists feel damping and nothing else."""
+    truth = emulated.motors.truth
+    damping = np.array(_ROBOT.damping_controller.damping or [_ROBOT.damping_controller.damping_scalar] * 14)
+    expected = -damping * truth.joint_velocity
+    return bool((np.abs(truth.joint_effort - expected)[_WRISTS] < 0.1 + 0.2 * np.abs(expected)[_WRISTS]).all())
+
+
+@pytest.mark.slow
+def test_the_wrists_of_a_killed_program_are_damped_and_then_reset(channel: str, emulated: Emulated) -> None:
     with _holding(channel) as process:
+        assert any(gains.stiffness == pytest.approx(STIFFNESS) for _, gains in emulated.gains(0.0))
         process.kill()
         killed = time.monotonic()
-        time.sleep(0.3)
-        held = emulated.motors.truth
-        assert emulated.stopped(killed) == []  # the guardian's commands feed their CAN timeout
-        damping = np.array(load_robot("lite").damping_controller.damping or 1.0)
-        slack = 0.1 + 0.1 * np.abs(held.joint_effort)
-        assert (np.abs(held.joint_effort + damping * held.joint_velocity) < slack).all()  # and nothing but damping
-        _until(lambda: len(emulated.stopped(killed)) == 14)
-        stopped = [at - killed for at in emulated.stopped(killed)]
-        assert DAMPING_TIME - 0.1 < min(stopped) <= max(stopped) < DAMPING_TIME + 0.4
+        _until(lambda: emulated.gains(killed + 0.02))
+        assert {gains.stiffness for _, gains in emulated.gains(killed + 0.02)} == {0.0}
+        assert emulated.gains(killed)[0][0] < _LATE
+        time.sleep(0.25)
+        assert _is_only_damped(emulated)
+        _until(lambda: set(emulated.stopped(killed)) == set(_ROBOT.joint_names))
+    stopped = emulated.stopped(killed)
+    arms = [at for name, at in stopped.items() if name not in _names(_WRISTS)]
+    wrists = [at for name, at in stopped.items() if name in _names(_WRISTS)]
+    assert max(arms) < 0.1 + _LATE  # by their own timeout
+    assert DAMPING_TIME - 0.05 < min(wrists) <= max(wrists) < DAMPING_TIME + 0.1 + _LATE
+    assert emulated.resets(killed)
 
 
 @pytest.mark.slow
@@ -102,15 +154,22 @@ def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel: str, emula
     with _holding(channel, "reactivate") as process:
         process.send_signal(signal.SIGSTOP)
         stopped = time.monotonic()
-        _until(lambda: len(emulated.stopped(stopped)) == 14)
+        _until(lambda: emulated.gains(stopped + 0.05))
+        time.sleep(0.1)
         process.send_signal(signal.SIGCONT)
+        continued = time.monotonic()
         assert _line(process).startswith("FAULT the guardian has taken over, because this program was silent")
         assert _line(process) == "reactivated\n"
+        again = time.monotonic()
+        assert min(at for at in emulated.resets(stopped)) > DAMPING_TIME
+        held = [at for at, gains in emulated.gains(continued) if gains.stiffness > 0.0]
+        assert all(at > again - continued - 0.2 for at in held)  # never beside the guardian
         assert _line(process) == "fine\n"
         time.sleep(0.2)
+        assert [at for at, gains in emulated.gains(again) if gains.stiffness > 0.0]
         process.kill()  # the new guardian does as the first one did
         killed = time.monotonic()
-        _until(lambda: len(emulated.stopped(killed)) == 14)
+        _until(lambda: _names(_WRISTS) <= set(emulated.stopped(killed)))
 
 
 @pytest.mark.slow
@@ -121,46 +180,43 @@ def test_a_displaced_program_closes_its_robot_after_the_guardian_has_finished(ch
         time.sleep(0.2)
         process.send_signal(signal.SIGCONT)
         assert _line(process).startswith("FAULT the guardian has taken over")
-        assert _line(process) == "closed\n"
+        closed = _line(process)
+        assert closed.startswith("closed, lite_sito: not confirmed to be disabled: left_wrist_roll (no feedback), ")
+        assert closed.endswith("switch the power off before touching the robot\n")
         assert time.monotonic() - stopped > DAMPING_TIME
         assert process.wait(5.0) == 0
-        assert len(emulated.stopped(stopped)) >= 14  # these also have a timeout of their own
+        assert set(emulated.stopped(stopped)) == set(_ROBOT.joint_names)
+        assert [gains for _, gains in emulated.gains(stopped + 0.05) if gains.stiffness > 0.0] == []
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("emulated")
 def test_a_dead_guardian_is_a_warning_and_a_closed_robot_leaves_none(
-    channel: str, emulated: Emulated, monkeypatch: pytest.MonkeyPatch
+    channel: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    without_timeout(monkeypatch.setattr)
-    monkeypatch.setattr(guardian_module, "_DEAF", 0.3)
+    brake_briefly(monkeypatch.setattr)
     robot = make_robot(channel)
     try:
         robot.activate()
-        (found,) = [check.text for check in robot.checks if check.subject == "guardian" and check.verdict.value == "ok"]
-        pid = int(re.findall(r"process (\d+) damps left_shoulder_pitch, ", found)[0])
-        (remains,) = [
-            check.text for check in robot.checks if check.subject == "guardian" and check.verdict.value == "warning"
-        ]
-        assert "only the switch of their supply stops them" in remains
+        said = {check.verdict: check.text for check in robot.checks if check.subject == "guardian"}
+        (pid,) = re.findall(r"process (\d+) damps left_wrist_roll, left_wrist_pitch, right_", said[Verdict.PASSED])
+        assert "only the switch of their supply stops them" in said[Verdict.WARNING]
         hold(robot)
-        os.kill(pid, signal.SIGKILL)
-        for _ in range(25):
+        os.kill(int(pid), signal.SIGKILL)
+        for _ in range(40):
             hold(robot)
             time.sleep(0.02)
         _, statuses = robot.read()
         assert [(status.source, status.level) for status in statuses if status.level is not SafetyLevel.OK] == [
             ("guardian", SafetyLevel.WARNING)
         ]
-        begin = time.monotonic()
     finally:
         robot.close()
-    assert len(emulated.stopped(begin)) == 14
 
 
 def test_a_guardian_that_does_not_start_keeps_the_robot_from_being_enabled(
     channel: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    without_timeout(monkeypatch.setattr)
     monkeypatch.setattr(guardian_module.sys, "executable", "/no/such/python")
     robot = make_robot(channel)
     with pytest.raises(RobotError, match=r"guardian: the guardian cannot be started: No such file or directory"):
@@ -168,11 +224,11 @@ def test_a_guardian_that_does_not_start_keeps_the_robot_from_being_enabled(
     robot.close()
 
 
-def test_motors_emulated_in_the_same_process_have_no_guardian(monkeypatch: pytest.MonkeyPatch) -> None:
-    without_timeout(monkeypatch.setattr)
-    with VirtualMotors(load_robot("lite"), ["virtual:unguarded"]):
+def test_motors_emulated_in_the_same_process_have_no_guardian() -> None:
+    with VirtualMotors(_ROBOT, ["virtual:unguarded"]):
         robot = make_robot("virtual:unguarded")
         robot.prepare()
         (told,) = [check.text for check in robot.checks if check.subject == "guardian"]
-        assert told.endswith("emulated in this process, with which they end; no guardian watches them")
+        assert told.startswith("left_wrist_roll, left_wrist_pitch, right_wrist_roll, right_wrist_pitch: emulated in")
+        assert told.endswith("in this process, with which they end; no guardian watches them")
         robot.close()
