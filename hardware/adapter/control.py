@@ -109,10 +109,12 @@ class MotorControl:
         """
         if self._watch is None:
             return ()
+        told = None if self._guardian is None else self._guardian.status()
+        if told is not None and told.level is SafetyLevel.FAULT:
+            return (told,)  # whatever the motors do is its doing
         statuses = self._watch.statuses(now, age, self._tracker)
         if now - self._bad_command <= self._settings.rx_timeout:
             statuses = (*statuses, _BAD_COMMAND)
-        told = None if self._guardian is None else self._guardian.status()
         return statuses if told is None else (*statuses, told)
 
     def write(self, command: MITCommand, now: float) -> None:

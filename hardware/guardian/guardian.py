@@ -147,8 +147,10 @@ class Guardian:
 
     def beat(self) -> None:
         """A set of commands was decided: from here on silence makes the guardian act."""
-        if not self._has_ended:
-            self._heartbeat.beat()
+        if self._has_ended:
+            return
+        self._heartbeat.beat()
+        if not self.has_taken_over:
             self._heartbeat.phase = Phase.ARMED
 
     def status(self) -> SafetyStatus | None:
@@ -156,6 +158,7 @@ class Guardian:
         if self._has_ended:
             return None
         if self.has_taken_over:
+            self._heartbeat.phase = Phase.DISPLACED
             return SafetyStatus(
                 SafetyLevel.FAULT,
                 SafetyFlag.NONE,

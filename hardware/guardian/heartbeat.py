@@ -32,6 +32,8 @@ class Phase(IntEnum):
     """Motors are disabled, and the guardian is to end."""
     ABANDONED = 4
     """Motors did not confirm that they are disabled: the guardian is to brake them, and to end."""
+    DISPLACED = 5
+    """The guardian has taken over, and the loop has seen it: nothing of the loop's can leave any more."""
 
 
 class Stage(IntEnum):

@@ -34,7 +34,7 @@ _LOOK = 0.005
 _AHEAD = 10
 """Priority before the loop's."""
 _REMINDER = 0.2
-"""s between two resets as long as the loop may come back."""
+"""s between two resets for as long as the loop may come back and send a last frame."""
 _INPUT = 0
 _IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
 
@@ -115,14 +115,16 @@ class _Guardian:
             self._is_orphan = True
 
     def take_over(self) -> None:
-        """Damp, then reset; resets go on as long as a loop that was stopped might come back and send a last frame."""
+        """Damp, then reset; resets go on until a loop that was stopped has seen it: one last frame may leave before."""
         plan, heartbeat = self._plan, self._heartbeat
         heartbeat.stage = Stage.DAMPING  # before anything is sent: a loop that comes back must not send
         self._rounds(max(math.ceil(plan.damping_time / plan.period), 1), lambda motor: motor.damping)
         heartbeat.stage = Stage.RESET
         self._rounds(plan.reset_rounds, lambda motor: motor.reset)
         while not self._is_orphan and heartbeat.phase not in {Phase.RELEASED, Phase.ABANDONED}:
-            self._rounds(1, lambda motor: motor.reset)
+            if heartbeat.phase is not Phase.DISPLACED:
+                self._rounds(1, lambda motor: motor.reset)
+            heartbeat.look()
             self._sleep_until(time.monotonic() + _REMINDER)
 
     def _rounds(self, count: int, frames: Callable[..., tuple[Frame, ...]]) -> None:

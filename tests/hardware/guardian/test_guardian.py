@@ -158,9 +158,21 @@ def test_a_stopped_loop_is_displaced_and_commands_nothing_when_it_continues(chan
         loop.process.send_signal(signal.SIGCONT)
         continued = time.monotonic()
         assert loop.lines.readline() == "refused: the guardian has taken over [Error Code 108]; guardian FAULT\n"
-        _until(lambda: len(listener.times(RESET)) > 4)  # it goes on while the loop might come back
+        _until(lambda: len(listener.times(RESET)) == 3)
+        time.sleep(0.3)
+        assert len(listener.times(RESET)) == 3  # the loop has seen that it was displaced
         assert listener.times(COMMAND, continued) == []
         assert listener.times(DAMPING, continued) != []
+
+
+@pytest.mark.slow
+def test_resets_go_on_for_as_long_as_a_loop_might_come_back(channel: str, listener: Listener) -> None:
+    with _looping(channel) as loop:
+        _until(lambda: len(listener.times(COMMAND)) > 20)
+        loop.process.send_signal(signal.SIGSTOP)
+        _until(lambda: len(listener.times(RESET)) > 5)
+        resets = listener.times(RESET)
+        assert 0.1 < resets[-1] - resets[-2] < 0.2 + _LATE
 
 
 @pytest.mark.slow
