@@ -1,0 +1,31 @@
+"""Tells a machine that stands still from a loop that is slow: `stall_watch.py CPU SECONDS`.
+
+A process of its own on one CPU, before everything else under SCHED_FIFO where that is permitted. It sleeps for 1 ms
+again and again, and prints when it was late by another: begin and end, s, CLOCK_MONOTONIC. Nothing that runs on this
+machine can keep it waiting for so long, but the kernel, or the host of a virtual machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import sys
+import time
+
+_PRIORITY = 80
+_NAP = 0.001
+"""s"""
+
+if __name__ == "__main__":
+    cpu, seconds = int(sys.argv[1]), float(sys.argv[2])
+    os.sched_setaffinity(0, {cpu})
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    gc.disable()
+    end = time.perf_counter() + seconds
+    while (before := time.perf_counter()) < end:
+        time.sleep(_NAP)
+        after = time.perf_counter()
+        if after - before > 2.0 * _NAP:
+            print(before, after, flush=True)
