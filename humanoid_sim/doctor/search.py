@@ -44,6 +44,8 @@ _GLANCE = 0.125
 _PROMOTED_GLANCES = 150
 """Pairs that are tried briefly."""
 _PROMOTED_PAIRS = 8
+_GLANCED_BY, _TRIED_BY = 0.6, 0.85
+"""Shares of the budget after which pairs are no longer looked at, and no longer tried briefly."""
 _NOTICED = 1.0
 """A part of the quality from which on an onlooker notices something."""
 _LEADERS = 12
@@ -234,14 +236,13 @@ class _Search:
         self._stage("the best of them", chosen, plan.thorough, ranking)
         wanted, together = _pairs(contract, changed, ranking, plan.pairs), Ranking()
         ranking.pairs_known = len(wanted)
-        at_length = self._wall(_PROMOTED_PAIRS, plan.thorough)
         if len(wanted) > _PROMOTED_GLANCES:
-            seen, briefly = Ranking(), self._wall(_PROMOTED_GLANCES, plan.brief)
-            self._stage("pairs at a glance", wanted, plan.glance, seen, reserve=briefly + at_length)
+            seen = Ranking()
+            self._stage("pairs at a glance", wanted, plan.glance, seen, until=_GLANCED_BY)
             ranking.pairs_tried = len(seen.verdicts)
             glanced = sorted(seen.verdicts.values(), key=lambda verdict: verdict.order)
             wanted = [verdict.hypothesis for verdict in glanced[:_PROMOTED_GLANCES]]
-        self._stage("pairs of changes", wanted, plan.brief, together, reserve=at_length)
+        self._stage("pairs of changes", wanted, plan.brief, together, until=_TRIED_BY)
         ranking.pairs_tried = max(ranking.pairs_tried, len(together.verdicts))
         best = [verdict.hypothesis for verdict in together.best()[:_PROMOTED_PAIRS]]
         self._stage("the best pairs", best, plan.thorough, ranking)
@@ -255,12 +256,12 @@ class _Search:
         trials: tuple[Trial, ...],
         into: Ranking,
         *,
-        reserve: float | None = None,
+        until: float | None = None,
     ) -> None:
-        """Try some hypotheses; with a reserve, in s of wall time, only while so much of the budget is left."""
+        """Try some hypotheses; with `until` only while no more than that share of the budget is used up."""
         # One after the other: most of a trial is Python's, so threads would only wait for each other.
         for done, hypothesis in enumerate(hypotheses, 1):
-            if reserve is not None and self._plan.budget is not None and self._elapsed + reserve > self._plan.budget:
+            if until is not None and self._plan.budget is not None and self._elapsed > until * self._plan.budget:
                 return
             into.add(Verdict(hypothesis, self._outcomes(hypothesis, trials), trials is self._plan.thorough))
             self._ranking.seconds = self._elapsed
@@ -275,10 +276,6 @@ class _Search:
     def _elapsed(self) -> float:
         """Wall time so far, s."""
         return time.perf_counter() - self._start
-
-    def _wall(self, count: int, trials: tuple[Trial, ...]) -> float:
-        """Wall time of so many hypotheses in some trials, s, by what the trials so far have taken."""
-        return count * sum(trial.seconds for trial in trials) * self._elapsed / max(self._simulated, 1e-3)
 
     def _expect(self, unchanged: Hypothesis, count: int) -> None:
         """Work out from the first trial how long single changes take: the robot is built by then, so run it again."""
