@@ -182,9 +182,9 @@ class Task(ABC):
             return describe_fall(sample.base, self._standing_height, i)
         return self._describe_stray(sample, i)
 
+    @abstractmethod
     def _describe_stray(self, sample: StepSample, i: int) -> str:
-        """How robot `i`, which has not fallen, has failed at the task."""
-        raise NotImplementedError
+        """How robot `i`, which has not fallen, has failed at the task; '' at one where it can only fall."""
 
     @abstractmethod
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
@@ -213,3 +213,6 @@ class BalanceTask(Task):
         velocity = sample.state.joint_velocity
         speed = total(velocity * velocity)
         return {"alive": np.ones_like(speed), "joint_velocity": speed}, np.zeros(speed.shape, dtype=np.bool_)
+
+    def _describe_stray(self, sample: StepSample, i: int) -> str:
+        return ""

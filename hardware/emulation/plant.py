@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, RobotError, known_names
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import JointDescription
 from humanoid_sim.robots.silence import mujoco_silenced
-from humanoid_sim.simulation.floating_base import FloatingBase
+from humanoid_sim.simulation.floating_base import FloatingBase, move_support
 from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.sensors import BodySensors, ImuSample
 
@@ -151,12 +151,7 @@ class MotorPlant:
         Raises:
             RobotError: the base is fixed.
         """
-        if self._base is None:
-            raise RobotError(f"{self.description.name}: has a fixed base, which needs no support")
-        if not held:
-            self._base.release(self._plant.data)
-        elif not self._base.is_held(self._plant.data):
-            self._base.hold(self._plant.data)
+        move_support(self._base, self._plant.data, held, self.description.name)
 
     @property
     def supported(self) -> bool:

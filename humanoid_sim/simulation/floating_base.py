@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.rotation import gravity_direction, heading, multiply, rotate
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
@@ -28,6 +28,7 @@ __all__ = [
     "Supported",
     "add_support",
     "base_addresses",
+    "move_support",
     "support_in_mode",
 ]
 
@@ -252,6 +253,26 @@ class FloatingBase:
     def release(self, data: mujoco.MjData) -> None:
         """Let the base go."""
         data.eq_active[self._weld] = 0
+
+
+def move_support(base: FloatingBase | None, data: mujoco.MjData, held: bool, robot: str) -> None:
+    """Let the support take a floating base where it now is, or let the base go.
+
+    Args:
+        base: of the robot; None for a fixed one.
+        data: of the simulation.
+        held: whether the support is to hold it.
+        robot: its name, for the message.
+
+    Raises:
+        RobotError: the base is fixed.
+    """
+    if base is None:
+        raise RobotError(f"{robot}: has a fixed base, which needs no support")
+    if not held:
+        base.release(data)
+    elif not base.is_held(data):
+        base.hold(data)
 
 
 class Supported(Protocol):

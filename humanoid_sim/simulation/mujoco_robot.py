@@ -15,7 +15,7 @@ from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import DelayLine, delay_steps
-from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
 from humanoid_sim.simulation.plant import Actuation, make_plant
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
@@ -289,12 +289,7 @@ class MujocoRobot:
         Raises:
             RobotError: the base is fixed.
         """
-        if self._base is None:
-            raise RobotError(f"{self._description.name}: has a fixed base, which needs no support")
-        if not held:
-            self._base.release(self._plant.data)
-        elif not self.supported:
-            self._base.hold(self._plant.data)
+        move_support(self._base, self._plant.data, held, self._description.name)
 
     @property
     def is_closed(self) -> bool:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -12,8 +11,6 @@ from typing import Any
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from hypothesis.internal.conjecture import engine
-from hypothesis.reporting import current_reporter, with_reporter
 from hypothesis.stateful import run_state_machine_as_test
 from hypothesis.strategies import DataObject
 
@@ -30,12 +27,12 @@ from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
 from humanoid_sim.testing.machine import StackMachine
 from humanoid_sim.testing.policies import ScriptedPolicy
 from humanoid_sim.testing.properties import REMOTE
+from humanoid_sim.testing.shrinking import SHRINK_SECONDS, shrinking_for
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
 
 __all__ = [
     "DEFAULT_SETTINGS",
     "HEALTHY_TICKS",
-    "SHRINK_SECONDS",
     "fuzz_controller",
     "fuzz_stack",
     "robot_stack",
@@ -55,8 +52,6 @@ More examples: `settings(DEFAULT_SETTINGS, max_examples=1000)`. The same ones ev
 
 HEALTHY_TICKS = 2000
 """In each mode, before anything is attacked: 40 s at 50 Hz."""
-SHRINK_SECONDS = 30.0
-"""s for which Hypothesis may look for a shorter run that leads to the same violation."""
 
 _PERIOD = 0.02
 """s of the robot's clock from one tick to the next of a healthy session."""
@@ -120,7 +115,7 @@ def fuzz_stack(
 
     if healthy_ticks > 0:
         _healthy_modes(Stack, healthy_ticks)
-    with _shrinking_for(shrink_seconds):
+    with shrinking_for(shrink_seconds):
         run_state_machine_as_test(Stack, settings=settings)
 
 
@@ -138,23 +133,6 @@ class _Search:
             seconds = perf_counter() - self._began
             sys.stderr.write(f"found in run {self.runs}, after {seconds:.1f} s (looking for a shorter one): {error}\n")
             sys.stderr.flush()
-
-
-@contextmanager
-def _shrinking_for(seconds: float) -> Iterator[None]:
-    """Let Hypothesis shrink for so long; it takes no such setting, and says "five minutes" when its time is up."""
-    before, report = engine.MAX_SHRINKING_SECONDS, current_reporter()
-
-    def without_that(text: object) -> None:
-        if "more than five minutes" not in str(text):
-            report(text)
-
-    engine.MAX_SHRINKING_SECONDS = seconds  # type: ignore[assignment]  # it is added to a float
-    try:
-        with with_reporter(without_that):
-            yield
-    finally:
-        engine.MAX_SHRINKING_SECONDS = before
 
 
 def _healthy_modes(machine_type: type[StackMachine], ticks: int) -> None:
@@ -223,7 +201,7 @@ def fuzz_controller(
             memory = _step(controller, memory, TickInput(replace(state, time=time, extern=externs)))
             require(not isinstance(memory, Fault), "on a healthy robot: {}", memory)
 
-    with _shrinking_for(shrink_seconds):
+    with shrinking_for(shrink_seconds):
         healthy_session()
         any_session()
 

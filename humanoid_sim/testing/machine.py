@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -23,6 +25,7 @@ from humanoid_sim.testing.checks import fingerprint, require
 from humanoid_sim.testing.healthy import ObedientJoints, healthy_externs, healthy_state, healthy_tick
 from humanoid_sim.testing.policies import Answer, ScriptedPolicy, misbehaviours, well_behaved
 from humanoid_sim.testing.properties import REMOTE, RL, STANDBY_A, STANDBY_B, SafetyProperties
+from humanoid_sim.testing.shrinking import SHRINK_SECONDS, shrinking_for
 from humanoid_sim.testing.strategies import (
     EXTERN_NAMES,
     any_externs,
@@ -92,6 +95,8 @@ class StackMachine(RuleBasedStateMachine):
     """s within which a standby pose must have been reached on a healthy robot."""
     healthy_ticks = 1000
     """The longest stretch of healthy ticks in one mode; each mode has one in a run."""
+    shrink_seconds = SHRINK_SECONDS
+    """s for which its `TestCase` looks for a shorter run that leads to the same violation."""
     bindings = JoyBindings()
     """Of the gamepad."""
     properties_type: type[SafetyProperties] = SafetyProperties
@@ -104,6 +109,20 @@ class StackMachine(RuleBasedStateMachine):
     def check(self, given: TickInput, output: TickOutput) -> None:
         """What must hold in every tick; raise to report a violation."""
         self.properties.check(given, output)
+
+    @classmethod
+    @cache  # settings are kept on it
+    def _to_test_case(cls) -> Any:
+        """What `TestCase` is: Hypothesis's, which shrinks for no longer than it may."""
+        whole: Any = super()._to_test_case()
+
+        class Test(whole):  # type: ignore[misc]
+            def runTest(self) -> None:  # noqa: N802 - unittest's name
+                with shrinking_for(cls.shrink_seconds):
+                    super().runTest()
+
+        Test.__name__, Test.__qualname__ = whole.__name__, whole.__qualname__
+        return Test
 
     # --- ticks ---
 

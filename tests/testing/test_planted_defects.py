@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+import unittest
 
 import planted_defects
 import pytest
@@ -13,13 +14,14 @@ from planted_defects import DEFECTS, NEED_TIME, SOUND, DampingGoesLimp, Stack, f
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.damping import DampingController
-from humanoid_sim.messages import Intent
+from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
 from humanoid_sim.testing import (
     DEFAULT_SETTINGS,
     SafetyViolationError,
     StackMachine,
     fuzz_controller,
     fuzz_stack,
+    robot_stack,
 )
 
 JOINTS = ("shoulder", "elbow")
@@ -137,3 +139,27 @@ def test_the_first_finding_is_told_before_a_shorter_one_is_looked_for(capsys) ->
     assert len(told) == 1
     assert "expected finite numbers" in told[0]
     assert engine.MAX_SHRINKING_SECONDS == 300
+
+
+def test_a_machines_own_test_case_has_the_budget_too() -> None:
+    seen: list[float] = []
+
+    class Faulty(StackMachine):
+        build = staticmethod(robot_stack("lite"))
+        shrink_seconds = 0.0
+
+        def check(self, given: TickInput, output: TickOutput) -> None:
+            super().check(given, output)
+            seen.append(engine.MAX_SHRINKING_SECONDS)
+            assert output.control_mode.mode is not Mode.STANDBY, "found"
+
+    case = Faulty.TestCase
+    assert case is Faulty.TestCase  # what is set on it stays
+    case.settings = FEW
+    outcome = unittest.TestResult()
+    case()(outcome)
+    assert len(outcome.failures) == 1
+    assert "found" in outcome.failures[0][1]
+    assert set(seen) == {0.0}
+    assert engine.MAX_SHRINKING_SECONDS == 300
+    assert StackMachine.shrink_seconds == 30.0
