@@ -216,7 +216,7 @@ def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
 def _print_checks(robot: BringUp, console: Console) -> None:
     console.print("[bold]Checks, before anything is enabled[/bold]")
     for verdict, subject, text in robot.checks():
-        console.print(Text.assemble((f"{verdict:<8}", _STYLES.get(verdict, "")), (subject, "bold"), f"  {text}"))
+        console.print(Text.assemble((f"{verdict:<7} ", _STYLES.get(verdict, "")), (subject, "bold"), f"  {text}"))
 
 
 def _print_verdict(robot: BringUp, console: Console) -> None:

@@ -204,6 +204,15 @@ def test_firmware_that_no_document_mentions_is_asked_about_first(
     assert "Drive motors with firmware 0.5.3.12 as if it were the manual's? [y/N]" in capsys.readouterr().out
 
 
+def test_a_dry_run_says_that_a_question_is_open(capsys: pytest.CaptureFixture[str]) -> None:
+    from rich.console import Console  # noqa: PLC0415
+
+    assert not run_module.bring_up(Asked(), PlayConfig(hardware="can0", dry_run=True), Console(width=120))
+    out = capsys.readouterr().out
+    assert "question left_wrist_yaw  its firmware 0.5.3.12 is in no document" in out
+    assert "verdict: not ready: nobody knows firmware 0.5.3.12; if you do, add --accept-firmware" in out
+
+
 def test_yes_does_not_answer_for_firmware_that_nobody_knows() -> None:
     from rich.console import Console  # noqa: PLC0415
 
