@@ -28,6 +28,7 @@ from humanoid_sim.bench.batches import regress_speed, vector_step
 from humanoid_sim.bench.one_robot import (
     control_tick,
     environment_step,
+    feed_cost,
     real_time_factor,
     recorder_cost,
     supervisor_step,
@@ -98,6 +99,7 @@ _BENCHMARKS: dict[str, Callable[[int], list[Row]]] = {
     "play --help": _help_start,
     "supervisor step": supervisor_step,
     "recording": recorder_cost,
+    "feed": feed_cost,
     "real time": real_time_factor,
     "LiteTracking-v0.step": environment_step,
     "vector": vector_step,

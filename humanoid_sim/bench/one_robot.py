@@ -6,7 +6,7 @@ import copy
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import sleep
@@ -20,19 +20,20 @@ from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.bench.timing import Row, paired_ratio, row_of, seconds
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput
+from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput, TickRecord
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import build_supervisor
 
-__all__ = ["control_tick", "environment_step", "real_time_factor", "recorder_cost", "supervisor_step"]
+__all__ = ["control_tick", "environment_step", "feed_cost", "real_time_factor", "recorder_cost", "supervisor_step"]
 
 _BLOCK = 2000
 """Ticks that are timed together: long compared with the 20 ms after which the recorder looks at its queue."""
@@ -50,6 +51,7 @@ class _Rig:
     checkpoint: Checkpoint
     loaded: LoadedPolicy
     recorder: McapRecorder | None
+    feed: FeedWriter | None
 
     def block(self) -> None:
         """Ticks, and the end of their recording."""
@@ -60,7 +62,7 @@ class _Rig:
 
 
 @contextmanager
-def _rig(record: bool) -> Iterator[_Rig]:
+def _rig(record: bool, *, publish: bool = False, watch: Sink | None = None) -> Iterator[_Rig]:
     description = load_robot("lite")
     checkpoint = load_checkpoint(SAMPLE_POLICY)
     loaded = load_policy(checkpoint.contract, checkpoint.policy, read_motion(motion_path(SAMPLE_MOTION)))
@@ -68,9 +70,12 @@ def _rig(record: bool) -> Iterator[_Rig]:
     supervisor = build_supervisor(description, period, loaded)
     robot = MujocoRobot(description, control_period=period)
     with tempfile.TemporaryDirectory() as folder:
-        recorder = McapRecorder(Path(folder) / "bench.mcap") if record else None
-        sinks: list[Sink] = [] if recorder is None else [recorder]
-        header = SessionHeader("lite", description.joint_names, period, 0)
+        terms = tuple((term.name, term.width) for term in loaded.layout.terms)
+        header = SessionHeader("lite", description.joint_names, period, 0, observation_terms=terms)
+        feed = FeedWriter(header) if publish else None
+        encoded = (lambda _: None) if feed is None else feed.encoded
+        recorder = McapRecorder(Path(folder) / "bench.mcap", encoded=encoded) if record else None
+        sinks: list[Sink] = [sink for sink in (feed, recorder, watch) if sink is not None]
         settings = LoopSettings(period, realtime=False, simulated=True)
         session = Session(robot, supervisor, settings, header=header, sinks=sinks, qpos=lambda: robot.qpos)
         for sink in sinks:
@@ -78,7 +83,7 @@ def _rig(record: bool) -> Iterator[_Rig]:
         robot.activate()
         try:
             _walk_to_locomotion(session, description.standby_controller_a.segment_durations, period)
-            yield _Rig(session, robot, supervisor, checkpoint, loaded, recorder)
+            yield _Rig(session, robot, supervisor, checkpoint, loaded, recorder, feed)
         finally:
             robot.close()
             for sink in sinks:
@@ -96,8 +101,8 @@ def _walk_to_locomotion(session: Session, durations: tuple[float, ...], period: 
 
 
 def control_tick(repetitions: int) -> list[Row]:
-    """One simulated control tick of `play`, recording included, over the `mj_step`s and the inference in it."""
-    with _rig(record=True) as rig:
+    """One simulated control tick of `play`, feed and recording included, over `mj_step`s and inference in it."""
+    with _rig(record=True, publish=True) as rig:
         robot = rig.robot
         model, data = robot.model, mujoco.MjData(robot.model)
         policy, decimation = rig.checkpoint.policy, round(rig.loaded.contract.policy_dt / robot.control_period)
@@ -121,6 +126,32 @@ def recorder_cost(repetitions: int) -> list[Row]:
     with _rig(record=True) as recorded, _rig(record=False) as silent:
         pairs = [(seconds(recorded.block), seconds(silent.block)) for _ in range(repetitions + 1)][1:]
     return [row_of("recording, per tick", [1e6 * (a - b) / _BLOCK for a, b in pairs], "µs")]
+
+
+def feed_cost(repetitions: int) -> list[Row]:
+    """What publishing a tick costs the control thread: its encoding, which a recording shares, and shared memory."""
+    kept = _Kept()
+    with _rig(record=False, publish=True, watch=kept) as rig:
+        rig.block()
+        feed = rig.feed
+        assert feed is not None
+
+        def block() -> None:
+            for record in kept.records:
+                feed.tick(record)
+
+        values = [1e6 * seconds(block) / len(kept.records) for _ in range(repetitions + 1)][1:]
+    return [replace(row_of("feed, per tick", values, "µs"), target=20.0)]
+
+
+class _Kept(Sink):
+    """Keeps ticks."""
+
+    def __init__(self) -> None:
+        self.records: list[TickRecord] = []
+
+    def tick(self, record: TickRecord) -> None:
+        self.records.append(record)
 
 
 def supervisor_step(repetitions: int) -> list[Row]:
@@ -149,8 +180,8 @@ def supervisor_step(repetitions: int) -> list[Row]:
 
 
 def real_time_factor(repetitions: int) -> list[Row]:
-    """How much faster than real time `play` simulates and records."""
-    with _rig(record=True) as rig:
+    """How much faster than real time `play` simulates, publishes and records."""
+    with _rig(record=True, publish=True) as rig:
         factors = [_BLOCK * rig.robot.control_period / seconds(rig.block) for _ in range(repetitions + 1)]
     return [row_of("play, times real time", factors, "×")]
 

@@ -73,7 +73,13 @@ def assemble(plan: Plan, console: Console) -> Run:
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     tracking, anchor = _errors(policy, description)
     shown = ConsoleSink(console, expected_duration(config, policy, description))
-    recorder = None if plan.outputs.record is None else McapRecorder(plan.outputs.record, overwrite=config.overwrite)
+    recorder = None
+    if plan.outputs.record is not None:
+        recorder = McapRecorder(
+            plan.outputs.record,
+            overwrite=config.overwrite,
+            encoded=lambda record: ends.feed.encoded(record),  # noqa: PLW0108 - there is no feed yet
+        )
     monitor = RunMonitor(
         description.effort_limit,
         tracking,

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import os
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from time import monotonic, sleep
@@ -66,11 +67,24 @@ _QOS = """\
 class McapRecorder:
     """Sink that records a run. One instance records one run."""
 
-    def __init__(self, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
-        """Name the file; `start` creates it, or replaces it if it may."""
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        overwrite: bool = True,
+        encoded: Callable[[TickRecord], bytes | None] = lambda _: None,
+    ) -> None:
+        """Name the file; `start` creates it, or replaces it if it may.
+
+        Args:
+            path: of the file.
+            overwrite: whether it may replace one that is there.
+            encoded: the message of a tick, if somebody has made it already: no tick is encoded twice.
+        """
         self.path = Path(path)
         self._overwrite = overwrite
-        self._queue: SimpleQueue[TickRecord | Event] = SimpleQueue()
+        self._encoded = encoded
+        self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event] = SimpleQueue()
         self._stop = threading.Event()
         self._wake = threading.Event()
         self.backlog_limit = QUEUE_LIMIT
@@ -122,7 +136,7 @@ class McapRecorder:
             self._lost += 1
             return
         self._taken += 1
-        self._queue.put(record)
+        self._queue.put((record, self._encoded(record)))
         if 2 * (self._taken - self._done) >= self.backlog_limit:
             self._wake.set()
 
@@ -165,11 +179,11 @@ class McapRecorder:
                     item = self._queue.get_nowait()
                 except Empty:
                     break
-                if isinstance(item, TickRecord):
-                    run.tick(item)
-                    self._done += 1
-                else:
+                if isinstance(item, Event):
                     run.event(item)
+                else:
+                    run.tick(*item)
+                    self._done += 1
                 if run.is_due or monotonic() >= next_flush:
                     run.flush()
                     next_flush = monotonic() + FLUSH_PERIOD
@@ -208,16 +222,17 @@ class _RunWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
 
-    def tick(self, record: TickRecord) -> None:
-        """Encode one tick and the viewers' share of it."""
+    def tick(self, record: TickRecord, message: bytes | None) -> None:
+        """Write one tick, encoding it unless that was done, and the viewers' share of it."""
         if record.index != self._index:
             self._report_loss(f"{record.index - self._index} ticks left out before tick {record.index}")
         self._index = record.index + 1
         self._time = float(record.input.state.time)
         time_ns = self._log_time(self._time)
-        self._add(TopicMessage(TICK_TOPIC, TICK, self._encoder.encode(record)), time_ns, record.index)
-        for message in self._topics.messages(record, time_ns):
-            self._add(message, time_ns, record.index)
+        encoded = self._encoder.encode(record) if message is None else message
+        self._add(TopicMessage(TICK_TOPIC, TICK, encoded), time_ns, record.index)
+        for shown in self._topics.messages(record, time_ns):
+            self._add(shown, time_ns, record.index)
 
     def event(self, event: Event) -> None:
         """Encode one event."""

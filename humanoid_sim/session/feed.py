@@ -89,8 +89,7 @@ class FeedWriter(Sink):
         """
         self.left_out = 0
         """Ticks that did not fit."""
-        self.encoded: tuple[TickRecord, bytes] | None = None
-        """The latest tick and its message, for a recorder that need not encode it again."""
+        self._latest: tuple[TickRecord, bytes] | None = None
         self._encoder = TickEncoder(len(header.joint_names))
         self._pending: deque[Event] = deque(maxlen=_EVENTS)
         files = {**header.attachments, **(blobs or {})}
@@ -142,10 +141,14 @@ class FeedWriter(Sink):
     def tick(self, record: TickRecord) -> None:
         """Publish a tick, and the events before it."""
         message = self._encoder.encode(record)
-        self.encoded = (record, message)
+        self._latest = (record, message)
         self.left_out += not self._ticks.put(message)
         if self._pending:
             self._publish_events()
+
+    def encoded(self, record: TickRecord) -> bytes | None:
+        """The message of the latest tick, for a recorder that need not encode it again; None of any other one."""
+        return self._latest[1] if self._latest is not None and self._latest[0] is record else None
 
     def event(self, event: Event) -> None:
         """Publish an event with the next tick; may be called from any thread."""

@@ -73,6 +73,7 @@ def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) ->
         "supervisor step, STANDBY",
         "supervisor step, LOCOMOTION, command held",
         "recording, per tick",
+        "feed, per tick",
         "play, times real time",
         "LiteTracking-v0.step",
         "vector, 6 environments, over bare rollout",
@@ -81,6 +82,7 @@ def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) ->
     ]
     assert rows["control tick of play at 200 Hz"]["target"] == 2.5
     assert rows["play --help"]["target"] == 15.0
+    assert rows["feed, per tick"]["target"] == 20.0
     assert rows["LiteTracking-v0.step"]["target"] == 1.4
     assert rows["vector, 6 environments, over bare rollout"]["target"] == 0.85
     assert rows["vector, over SyncVectorEnv"]["target"] == 1.9
@@ -137,7 +139,7 @@ def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.Monke
         (
             ("--only", "speed"),
             "error: --only: is 'speed', expected part of one of control tick, play --help, supervisor step, recording, "
-            "real time, LiteTracking-v0.step, vector, regress, hardware loop\n",
+            "feed, real time, LiteTracking-v0.step, vector, regress, hardware loop\n",
         ),
         (("--repetitions", "0"), "error: --repetitions: is 0, expected a whole number >= 1\n"),
         (("--repetitions", "-3"), "error: --repetitions: is -3, expected a whole number >= 1\n"),
