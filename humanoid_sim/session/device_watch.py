@@ -1,0 +1,56 @@
+"""The declared operator's device: its loss is a DAMP."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from humanoid_sim.messages import Intent, Mode, TickOutput
+from humanoid_sim.session.sources import IntentSource
+
+__all__ = ["DEVICE_TIMEOUT", "DeviceWatch"]
+
+DEVICE_TIMEOUT = 0.2
+"""s without a heartbeat after which a device is lost."""
+
+
+class DeviceWatch(IntentSource):
+    """Asks for DAMP when the heartbeats of a device stop, and whenever the robot is led out of DAMPING without it.
+
+    A heartbeat says that the device is there, not only the program that reads it: whether it was unplugged, its program
+    was killed or the radio is silent makes no difference here.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        heartbeats: Callable[[], Mapping[str, float]],
+        tell: Callable[[str], None],
+        timeout: float = DEVICE_TIMEOUT,
+    ) -> None:
+        """Watch from the first heartbeat on.
+
+        Args:
+            name: of the producer of the heartbeats.
+            heartbeats: arrival of the latest one of each producer, s, robot's clock.
+            tell: records a line: that the device is lost, or there again.
+            timeout: s
+        """
+        self._name = name
+        self._heartbeats = heartbeats
+        self._tell = tell
+        self._timeout = timeout
+        self._is_lost = False
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """DAMP while the device is lost and the robot is not damped."""
+        heard = self._heartbeats().get(self._name)
+        if heard is None:  # it was never there: whoever declared it waits for it before anything is enabled
+            return ()
+        is_lost = not time - heard <= self._timeout
+        if is_lost != self._is_lost:
+            self._is_lost = is_lost
+            lost = f"{self._name}: lost, nothing heard for {self._timeout:g} s: DAMP"
+            self._tell(lost if is_lost else f"{self._name}: there again")
+            return (Intent.DAMP,) if is_lost else ()
+        mode = Mode.ZERO_TORQUE if output is None else output.control_mode.mode
+        return (Intent.DAMP,) if is_lost and mode not in (Mode.ZERO_TORQUE, Mode.DAMPING) else ()
