@@ -222,7 +222,7 @@ class _RunWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
 
-    def tick(self, record: TickRecord, message: bytes | None) -> None:
+    def tick(self, record: TickRecord, message: bytes | None = None) -> None:
         """Write one tick, encoding it unless that was done, and the viewers' share of it."""
         if record.index != self._index:
             self._report_loss(f"{record.index - self._index} ticks left out before tick {record.index}")

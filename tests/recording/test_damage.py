@@ -33,8 +33,8 @@ def path(tmp_path, sample, monkeypatch):
     monkeypatch.setattr(recorder_module, "FLUSH_PERIOD", 1e9)
     write_chunks = recorder_module._RunWriter.tick
 
-    def tick(self, item):
-        write_chunks(self, item)
+    def tick(self, item, message=None):
+        write_chunks(self, item, message)
         if item.index % 32 == 31:
             self.flush()
 

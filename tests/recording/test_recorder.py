@@ -29,6 +29,7 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording import recorder as recorder_module
+from humanoid_sim.recording.codec import TickEncoder
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 
@@ -211,13 +212,30 @@ def test_a_bug_in_the_encoder_ends_the_recording_only(tmp_path):
     assert "recording stopped: ValueError: tick 0: joint arrays" in recorder.error
 
 
+def test_a_tick_that_somebody_has_encoded_is_not_encoded_again(tmp_path, monkeypatch):
+    ticks = [make_tick(index) for index in range(5)]
+    expected = TickEncoder(len(make_header().joint_names))
+    messages = {tick.index: expected.encode(tick) for tick in ticks if tick.index != 3}
+    encoded = []
+    original = TickEncoder.encode
+    monkeypatch.setattr(TickEncoder, "encode", lambda self, tick: encoded.append(tick.index) or original(self, tick))
+    recorder = McapRecorder(tmp_path / "run.mcap", encoded=lambda tick: messages.get(tick.index))
+    recorder.start(make_header())
+    for tick in ticks:
+        recorder.tick(tick)
+    recorder.close()
+    assert recorder.error is None
+    assert encoded == [3]
+    assert [tick.index for tick in open_recording(tmp_path / "run.mcap").ticks()] == [0, 1, 2, 3, 4]
+
+
 def test_a_writer_that_cannot_keep_up_leaves_a_gap_and_says_so(tmp_path, monkeypatch):
     may_write = threading.Event()
     original = recorder_module._RunWriter.tick
 
-    def slow_tick(self, record):
+    def slow_tick(self, record, message=None):
         may_write.wait(10.0)
-        original(self, record)
+        original(self, record, message)
 
     monkeypatch.setattr(recorder_module._RunWriter, "tick", slow_tick)
     monkeypatch.setattr(recorder_module, "QUEUE_LIMIT", 8)
