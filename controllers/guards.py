@@ -14,7 +14,6 @@ way a joint is wired and wherever its zero is.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +22,7 @@ from humanoid_sim.controllers.parameters import joint_tuple, number
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, MITCommand, MITState, frozen_array
 
-__all__ = ["Guard", "GuardMemory", "Guards"]
+__all__ = ["GuardMemory", "Guards"]
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -31,20 +30,14 @@ _LONGEST_STEP = 0.05
 """s that one tick may add: a clock that jumps is no time in which a joint was pressed."""
 _STALE = 0.1
 """s after which a joint that is silent is not judged any more: what it does now, nobody knows."""
+_FURTHEST = 1e9
+"""rad from a joint's middle: no product of a command with less overflows."""
 _ROUNDING = 1e-9
 """s. Times are decimal fractions that binary numbers round."""
 
 
-class Guard(Enum):
-    """The guards, in the order in which they are told."""
-
-    FOLLOWING = "following"
-    LIMIT = "limit"
-    SPEED = "speed"
-
-
-_COUNT = len(Guard)
-_FOLLOWING, _LIMIT, _SPEED = range(_COUNT)
+_FOLLOWING, _LIMIT, _SPEED = range(3)
+"""The guards, in the order in which they are told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +84,7 @@ class Guards:
     speed_time: float
     """s"""
     _middle: FloatArray = field(init=False, repr=False)
-    _bounds: FloatArray = field(init=False, repr=False)
+    _reach: FloatArray = field(init=False, repr=False)
     _times: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -113,9 +106,10 @@ class Guards:
         with np.errstate(invalid="ignore"):
             middle = np.where(bounded, 0.5 * (self.lower + self.upper), 0.0)
             half = np.where(bounded, 0.5 * (self.upper - self.lower) + self.limit_margin, 0.0)
-        reach = np.where(unbounded, np.inf, half)  # where only one side is bounded, any position is looked at
+        # Where only one side is bounded, any position is looked at.
+        reach = np.minimum(np.where(unbounded, np.inf, half), _FURTHEST)
         put(self, "_middle", frozen_array(owner, "_middle", middle))
-        put(self, "_bounds", frozen_array(owner, "_bounds", np.stack([self.following_effort, reach, self.speed_limit])))
+        put(self, "_reach", frozen_array(owner, "_reach", reach))
         times = np.array([[self.following_time], [self.limit_time], [self.speed_time]])
         put(self, "_times", frozen_array(owner, "_times", times - _ROUNDING))
 
@@ -131,27 +125,33 @@ class Guards:
             What to remember; None where no condition holds.
         """
         position = state.joint_position
-        seen = np.empty((*position.shape[:-1], _COUNT, position.shape[-1]))
-        with np.errstate(all="ignore"):  # readings may be anything; what is not finite compares as false
-            # Nearly every tick ends here: nothing is near a bound.
-            spring = np.subtract(command.position, position)
-            np.multiply(command.stiffness, spring, out=spring)
-            seen[..., _FOLLOWING, :] = spring
-            np.subtract(position, self._middle, out=seen[..., _LIMIT, :])
-            seen[..., _SPEED, :] = state.joint_velocity
-            np.abs(seen, out=seen)
-            if not np.count_nonzero(seen >= self._bounds):
+        # Nearly every tick ends here: nothing is near a bound. What is not finite, or so far off that a product could
+        # overflow, is looked at below.
+        off = np.subtract(position, self._middle)
+        np.abs(off, out=off)
+        fast = np.abs(state.joint_velocity)
+        if not (np.count_nonzero(off >= self._reach) or np.count_nonzero(fast >= self.speed_limit)):
+            pull = np.subtract(command.position, position)
+            np.multiply(command.stiffness, pull, out=pull)
+            np.abs(pull, out=pull)
+            if not np.count_nonzero(pull >= self.following_effort):
                 return None
-            return self._judge(memory, state, command, spring, seen)
+        with np.errstate(all="ignore"):
+            return self._judge(memory, state, command)
 
-    def _judge(
-        self, memory: GuardMemory | None, state: MITState, command: MITCommand, spring: FloatArray, seen: FloatArray
-    ) -> GuardMemory | None:
+    def _judge(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> GuardMemory | None:
         position = state.joint_position
-        condition = seen >= self._bounds
+        spring = command.stiffness * (command.position - position)
         push = spring + command.effort
         above, below = position > self.upper + self.limit_margin, position < self.lower - self.limit_margin
-        condition[..., _LIMIT, :] = (above & (push > 0.0)) | (below & (push < 0.0))
+        condition = np.stack(
+            [
+                np.abs(spring) > self.following_effort,
+                (above & (push > 0.0)) | (below & (push < 0.0)),
+                np.abs(state.joint_velocity) > self.speed_limit,
+            ],
+            axis=-2,
+        )
         condition &= (np.isfinite(position) & (state.joint_age < _STALE) & np.isfinite(spring))[..., None, :]
         if not condition.any():
             return None

@@ -1,4 +1,4 @@
-"""Ten stacks with one defect each, and how soon `fuzz_stack` finds it: `python tests/testing/planted_defects.py`."""
+"""Twelve stacks with one defect each, and how soon `fuzz_stack` finds it: `python tests/testing/planted_defects.py`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Stack:
 
     def __init__(self, policy: Any) -> None:
         self.sound = SOUND(policy)
-        self.joints, self.controllers = self.sound.joints, self.sound.controllers
+        self.joints, self.controllers, self.guards = self.sound.joints, self.sound.controllers, self.sound.guards
 
     def initial(self) -> Counted:
         return Counted(self.sound.initial())
@@ -141,6 +141,23 @@ class RaisesOnOtherWidths(Stack):
         return given
 
 
+class SleepingGuards(Stack):
+    """It has guards, and never asks them."""
+
+    def __init__(self, policy):
+        super().__init__(policy)
+        self.sound = replace(self.sound, guards=None)
+
+
+class NervousGuards(Stack):
+    """They trip where a joint begins to be pulled, as every one is that is led anywhere."""
+
+    def __init__(self, policy):
+        super().__init__(policy)
+        guards = replace(self.guards, following_effort=np.full(len(self.joints), 1e-3), following_time=0.0)
+        self.sound = replace(self.sound, guards=guards)
+
+
 DEFECTS: dict[str, type[Stack]] = {
     "DAMPING commands NaN in every 1000th tick": NaNEvery1000thTick,
     "DAMPING goes limp after 300 ticks": DampingGoesLimp,
@@ -152,6 +169,8 @@ DEFECTS: dict[str, type[Stack]] = {
     "a negative gain in REMOTE, from strong ones": NegativeGainInRemote,
     "something is remembered outside the memory": RemembersOutsideItsMemory,
     "another width of the state raises": RaisesOnOtherWidths,
+    "guards are not asked": SleepingGuards,
+    "guards trip on a healthy robot": NervousGuards,
 }
 NEED_TIME = tuple(DEFECTS)[:5]
 

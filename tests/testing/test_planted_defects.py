@@ -10,7 +10,7 @@ import planted_defects
 import pytest
 from hypothesis import settings
 from hypothesis.internal.conjecture import engine
-from planted_defects import DEFECTS, NEED_TIME, SOUND, DampingGoesLimp, Stack, find
+from planted_defects import DEFECTS, NEED_TIME, SOUND, DampingGoesLimp, SleepingGuards, Stack, find
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.damping import DampingController
@@ -40,6 +40,8 @@ MESSAGES = dict(
             "expected no negative gain",
             "DAMPING's position",
             "index 14 is out of bounds",
+            "should have tripped the following guard 0.05 s ago",
+            "following guard: ",
         ),
         strict=True,
     )
@@ -163,3 +165,23 @@ def test_a_machines_own_test_case_has_the_budget_too() -> None:
     assert set(seen) == {0.0}
     assert engine.MAX_SHRINKING_SECONDS == 300
     assert StackMachine.shrink_seconds == 30.0
+
+
+@pytest.mark.parametrize(("speed", "guard"), [(0.0, "following"), (-200.0, "speed")])
+def test_a_blocked_or_racing_joint_shows_guards_that_are_not_asked(speed: float, guard: str) -> None:
+    machines = []
+    for build in (SOUND, SleepingGuards):
+
+        class Blocked(StackMachine):
+            pass
+
+        Blocked.build = staticmethod(build)  # type: ignore[method-assign,assignment]
+        machines.append(machine := Blocked())
+        machine.tick(Intent.DAMP)
+        machine.tick(Intent.LOAD_A)
+        machine.pass_time(50)
+    sound, asleep = machines
+    sound.the_joints_are_blocked(60, None, speed)
+    assert sound.memory.controller == "damping_controller"
+    with pytest.raises(SafetyViolationError, match=f"should have tripped the {guard} guard 0.05 s ago"):
+        asleep.the_joints_are_blocked(60, None, speed)
