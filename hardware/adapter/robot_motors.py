@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from humanoid_sim.hardware.adapter.wiring import AdapterSettings
 from humanoid_sim.hardware.bus.channel import OpenBus
-from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
@@ -49,12 +48,9 @@ class RobotMotors:
         """
         wiring = settings.wiring
         self._count = wiring.count
-        self._links: tuple[MotorLink, ...] = ()
         bursts = [len(wiring.on_channel(channel)) for channel in range(len(settings.addresses))]
         period = settings.control_period
-        self.line = OpenChannels(
-            settings.addresses, bursts, checks, listener=self._receive, clock=clock, open_bus=open_bus, period=period
-        )
+        self.line = OpenChannels(settings.addresses, bursts, checks, clock=clock, open_bus=open_bus, period=period)
         self.channels, self.sources, self.opened = self.line.channels, self.line.sources, self.line.opened
         terms = SessionTerms(settings.host_id, settings.can_timeout, period, known_uids)
         self._joints = {family: np.array(wiring.of_family(family), dtype=int) for family in DRIVERS}
@@ -62,16 +58,12 @@ class RobotMotors:
             driver.link(self.line, wiring.select(self._joints[family].tolist()), terms)
             for family, driver in DRIVERS.items()
         )
+        self.line.listeners += [link.receive for link in self._links]
         self._place = {
             joint: (link, motor)
             for link, joints in self._with_joints(self._links)
             for motor, joint in enumerate(joints.tolist())
         }
-
-    def _receive(self, channel: int, frame: Frame, time: float) -> None:
-        for link in self._links:
-            if link.receive(channel, frame, time):
-                return
 
     def _with_joints(self, links: Iterable[MotorLink]) -> Iterator[tuple[MotorLink, npt.NDArray[np.int64]]]:
         return zip(links, self._joints.values(), strict=True)

@@ -15,8 +15,9 @@ from humanoid_sim.hardware.checks import CheckList
 
 __all__ = ["Listener", "Locks", "OpenChannels"]
 
-Listener = Callable[[int, Frame, float], None]
-"""Takes a frame with its channel's index and its time (s, robot's clock), on the receiver's thread."""
+Listener = Callable[[int, Frame, float], bool]
+"""Takes a frame with its channel's index and its time (s, robot's clock), on the receiver's thread; whether it knows
+the frame, which is then nobody else's."""
 
 _POLL = 0.001
 """s"""
@@ -55,7 +56,7 @@ class Locks:
 
 
 class OpenChannels:
-    """Channels that are open; their frames go to one listener."""
+    """Channels that are open; a frame goes to the first listener that knows it."""
 
     def __init__(
         self,
@@ -63,7 +64,6 @@ class OpenChannels:
         bursts: Sequence[int],
         checks: CheckList,
         *,
-        listener: Listener,
         clock: Callable[[], float] = time.monotonic,
         open_bus: OpenBus = open_bus,
         period: float = 0.02,
@@ -74,7 +74,6 @@ class OpenChannels:
             addresses: the channels.
             bursts: frames that a control period puts into each channel's queue at once.
             checks: takes what is wrong with a channel.
-            listener: is given every frame.
             clock: the robot's clock, s.
             open_bus: opens a channel.
             period: s between commands.
@@ -86,11 +85,13 @@ class OpenChannels:
         self.clock = clock
         """s, the robot's."""
         self.opened = clock()
+        self.listeners: list[Listener] = []
+        """In the order in which they are asked."""
         self.sources = tuple(str(address) for address in addresses)
         opened: list[Channel] = []
         for index, (address, burst) in enumerate(zip(addresses, bursts, strict=True)):
             try:
-                receive = functools.partial(listener, index)
+                receive = functools.partial(self._receive, index)
                 opened.append(Channel(address, receive, open_bus=open_bus, clock=clock, patience=_PATIENCE * period))
             except RobotError as error:
                 checks.problem(str(address), str(error).removeprefix(f"{address}: "))
@@ -101,6 +102,9 @@ class OpenChannels:
         if checks.problems:
             self.close()
             checks.refuse()
+
+    def _receive(self, channel: int, frame: Frame, when: float) -> None:
+        any(listener(channel, frame, when) for listener in self.listeners)
 
     def check(self, checks: CheckList) -> None:
         """A channel that is down is a problem."""

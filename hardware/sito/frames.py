@@ -3,8 +3,8 @@
 Gains have a frame of their own, which nothing acknowledges, and hold until others come. So what a command means depends
 on the gains that the motor has, and the order of the two frames matters: softer gains go before the command, stiffer
 ones after it, so that no target is ever held with gains that were not meant for it. The protocol wants gains only when
-they change; here they go three times then, and to one motor after the other in every tick besides, because a lost frame
-would leave a motor stiff for good.
+they change; here they go three times then, to one motor after the other in every tick besides, and in every tick to a
+motor that is to have no stiffness, because a lost frame would leave a motor stiff for good.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class SitoEncoder:
             command = i, _COMMAND, encode(Command(device_id, position, velocity, effort), model)
             before, has_changed = self._sent[0, i], (self._sent[:, i] != clipped[3:, i]).any()
             self._repeats[i] = _REPEATS if has_changed else self._repeats[i] - 1
-            if not has_changed and self._repeats[i] < 0 and i != self._turn:
+            if stiffness > 0.0 and not has_changed and self._repeats[i] < 0 and i != self._turn:
                 frames.append(command)
                 continue
             self._sent[:, i] = clipped[3:, i]

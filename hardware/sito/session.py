@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from humanoid_sim.hardware.bus.channel import Channel
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
@@ -172,8 +173,7 @@ class SitoSession:
     # --- activation
 
     def _send(self, motor: int, frames: Iterable[Frame]) -> None:
-        channel = self._line.channels[self.motors.channel[motor]]
-        channel.send([(None, frame) for frame in frames])
+        self._channel(motor).send([(None, frame) for frame in frames])
 
     def _limp(self, motor: int) -> tuple[Frame, ...]:
         place = self.slots[motor].position
@@ -262,18 +262,23 @@ class SitoSession:
     def stop(self, motors: Iterable[int]) -> tuple[int, ...]:
         """See `MotorLink`. Nothing confirms a reset: what counts is that feedback which came before ends.
 
-        It proves nothing where the motor was silent before, or the channel is down.
+        It proves nothing where the motor was silent before, or the resets did not leave.
         """
         motors = list(motors)
+        down = {i: bool(self._channel(i).down) for i in motors}
         doubtful = {i for i in motors if i in self._enabled and not self._is_sending(i)}
         left = set(self._reset(motors))
         for i in motors:
-            channel = self._line.channels[self.motors.channel[i]]
-            if i in self._enabled and (i in doubtful or channel.down or not channel.flush(0.0)):
+            channel = self._channel(i)
+            has_left = channel.flush(0.0) and bool(channel.down) == down[i]
+            if i in self._enabled and (i in doubtful or not has_left):
                 left.add(i)
             if i not in left:
                 self._enabled.discard(i)
         return tuple(sorted(left))
+
+    def _channel(self, motor: int) -> Channel:
+        return self._line.channels[self.motors.channel[motor]]
 
     def _is_sending(self, motor: int) -> bool:
         """Whether feedback comes."""

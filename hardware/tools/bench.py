@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Self
 
 import numpy as np
@@ -16,7 +16,7 @@ from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.events import BusEvent
-from humanoid_sim.hardware.bus.frame import BITRATE, Frame
+from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList, Verdict
@@ -94,29 +94,15 @@ def open_bench(
     """
     if not 0 <= host_id <= 0xFF:
         raise InputError(f"--host-id: is {host_id}, expected 0 to 255")
-    with _opened(addresses, motors, open_channel) as (line, listeners):
-        link = RobstrideLink(line, motors, host_id)
-        listeners.append(link.receive)
-        yield link
-
-
-@contextlib.contextmanager
-def _opened(
-    addresses: Sequence[BusAddress], motors: MotorGroup, open_channel: OpenBus
-) -> Iterator[tuple[OpenChannels, list[Callable[[int, Frame, float], bool]]]]:
-    """Channels for this tool alone, and who is given their frames: the first that knows them."""
     checks, locks = CheckList(), Locks()
-    listeners: list[Callable[[int, Frame, float], bool]] = []
-
-    def listen(channel: int, frame: Frame, time: float) -> None:
-        any(listener(channel, frame, time) for listener in listeners)
-
     try:
         locks.take(addresses, checks)
         bursts = [len(motors.on_channel(channel)) for channel in range(len(addresses))]
-        line = OpenChannels(addresses, bursts, checks, listener=listen, open_bus=open_channel)
+        line = OpenChannels(addresses, bursts, checks, open_bus=open_channel)
         try:
-            yield line, listeners
+            link = RobstrideLink(line, motors, host_id)
+            line.listeners.append(link.receive)
+            yield link
         finally:
             line.close()
     finally:

@@ -1,6 +1,7 @@
 """`hardware budget`: whether a robot's motors fit on its channels, their load, and the highest control rate.
 
-A period sends one command to each motor and gets one status back, all of them extended frames of 8 bytes.
+A period sends one command to each motor and gets one status back, all of them extended frames of 8 bytes. A Sito motor
+may be sent its gains in a frame of their own, and gives its state in two.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from humanoid_sim.hardware.robstride.parameters import report_interval
 from humanoid_sim.hardware.tools.bench import make_console, make_table
 from humanoid_sim.hardware.tools.options import Budget
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import FAMILIES
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["budget", "channel_budgets"]
@@ -41,12 +43,16 @@ class ChannelBudget:
     bitrate: float
     """bit/s"""
     reports_per_second: float
-    """Active reports of each motor."""
+    """Active reports of each motor that can send some."""
+    frames: tuple[int, int]
+    """In each period, at most: to motors, and from them."""
+    reporting: int
+    """Motors that can send active reports."""
 
     @property
     def burst(self) -> int:
-        """Commands that a control period puts into the outgoing queue at once."""
-        return len(self.joints)
+        """Frames that a control period puts into the outgoing queue at once."""
+        return self.frames[0]
 
     @property
     def frame_time(self) -> tuple[float, float]:
@@ -57,18 +63,19 @@ class ChannelBudget:
     def period_time(self) -> tuple[float, float]:
         """The bus's time for the commands and statuses of one period, s."""
         fast, slow = self.frame_time
-        return 2 * self.burst * fast, 2 * self.burst * slow
+        return sum(self.frames) * fast, sum(self.frames) * slow
 
     @property
     def load(self) -> tuple[float, float]:
         """Share of the bus's time, reports included; above 1 it cannot be had."""
-        frames = self.burst * (2.0 * self.rate + self.reports_per_second)
+        frames = sum(self.frames) * self.rate + self.reporting * self.reports_per_second
         return frames * self.frame_time[0], frames * self.frame_time[1]
 
     @property
     def highest_rate(self) -> tuple[float, float]:
         """Hz at which the bus is full; 0 where the reports alone fill it."""
-        fast, slow = (max(0.0, (1.0 / time / self.burst - self.reports_per_second) / 2.0) for time in self.frame_time)
+        reports = self.reporting * self.reports_per_second
+        fast, slow = (max(0.0, (1.0 / time - reports) / sum(self.frames)) for time in self.frame_time)
         return fast, slow
 
 
@@ -86,10 +93,14 @@ def channel_budgets(
     buses = max(motor.bus for _, motor in motors) + 1
     if channel_count not in {1, buses}:
         raise InputError(f"{description.name}: {channel_count} channels given, expected 1 or one per bus, {buses}")
-    groups: Sequence[list[str]] = [[] for _ in range(channel_count)]
-    for name, motor in motors:
-        groups[motor.bus if channel_count > 1 else 0].append(name)
-    return tuple(ChannelBudget(tuple(group), rate, bitrate, reports_per_second) for group in groups)
+    budgets = []
+    for channel in range(channel_count):
+        here = [(name, motor) for name, motor in motors if channel_count == 1 or motor.bus == channel]
+        apart = sum(FAMILIES[motor.family].gains_apart for _, motor in here)  # gains and state in two frames each
+        frames, reporting = len(here) + apart, len(here) - apart
+        names = tuple(name for name, _ in here)
+        budgets.append(ChannelBudget(names, rate, bitrate, reports_per_second, (frames, frames), reporting))
+    return tuple(budgets)
 
 
 _NO_BUFFER = """\
@@ -154,7 +165,7 @@ def _table(description: RobotDescription, names: Sequence[str], budgets: Sequenc
     for name, channel in zip(names, budgets, strict=True):
         table.add_row(
             escape(name),
-            str(channel.burst),
+            str(len(channel.joints)),
             f"{1e3 * channel.period_time[0]:.2f}–{1e3 * channel.period_time[1]:.2f} ms",
             f"{100.0 * channel.load[0]:.0f}–{100.0 * channel.load[1]:.0f} %",
             f"{channel.highest_rate[1]:.0f}–{channel.highest_rate[0]:.0f} Hz",

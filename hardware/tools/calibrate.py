@@ -8,8 +8,10 @@ import os
 import select
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from rich.live import Live
@@ -32,8 +34,10 @@ from humanoid_sim.hardware.calibration import (
 )
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import make_console, make_table, open_bench, require_up, silence
+from humanoid_sim.hardware.sito.session import SitoSession
+from humanoid_sim.hardware.tools.bench import confirm, make_console, make_table, open_bench, require_up, silence
 from humanoid_sim.hardware.tools.options import Calibrate
+from humanoid_sim.hardware.tools.sito_bench import limp_sito
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
 __all__ = ["JointTrack", "JointTracks", "calibrate"]
@@ -41,6 +45,8 @@ __all__ = ["JointTrack", "JointTracks", "calibrate"]
 
 _ANSWER_TIME = 0.1
 """s that a poll waits for the slowest motor; as a rule all have answered within a few ms."""
+_LATE = 0.1
+"""s without feedback after which a position is that of then."""
 _SILENT = 1.0
 """s without a position after which a motor counts as silent."""
 
@@ -77,10 +83,27 @@ class JointTrack:
 class JointTracks:
     """The tracks of some joints of a robot, by index, fed by `poll`."""
 
-    def __init__(self, wiring: Wiring, channels: RobstrideLink, joints: Sequence[int], begin: float) -> None:
-        """Nothing is heard yet; `begin`, s, is now."""
+    def __init__(
+        self,
+        wiring: Wiring,
+        channels: RobstrideLink,
+        joints: Sequence[int],
+        begin: float,
+        limp: Mapping[int, Callable[[], float]] = MappingProxyType({}),
+    ) -> None:
+        """Nothing is heard yet.
+
+        Args:
+            wiring: the robot's.
+            channels: open.
+            joints: to follow.
+            begin: s, now.
+            limp: by joint whose motor cannot be asked, but is enabled: its position, rad, motor frame; NaN where it is
+                silent.
+        """
         self._wiring = wiring
         self._channels = channels
+        self._limp = limp
         self._begin = begin
         self.by_joint = {i: JointTrack() for i in joints}
 
@@ -92,7 +115,10 @@ class JointTracks:
             RobotError: a channel is down.
         """
         require_up(self._channels)
-        found = self._channels.requests.poll_values(PARAMETERS["mechPos"], self.by_joint, _ANSWER_TIME)
+        asked = [i for i in self.by_joint if i not in self._limp]
+        found = self._channels.requests.poll_values(PARAMETERS["mechPos"], asked, _ANSWER_TIME) if asked else {}
+        positions = {i: position() for i, position in self._limp.items()}
+        found |= {i: position for i, position in positions.items() if math.isfinite(position)}
         for i, position in found.items():
             self.by_joint[i].take(float(self._wiring.direction[i]) * position, now)
         if now - self._begin > _SILENT:
@@ -122,6 +148,11 @@ def calibrate(config: Calibrate) -> int:
     _check_options(config)
     addresses = parse_addresses(config.channels)
     wiring = make_wiring(description, len(addresses))
+    limp = [i for i in wiring.of_family("sito") if i in chosen]
+    if limp:
+        names = ", ".join(wiring.names[i] for i in limp)
+        print(f"{names}: say nothing before they are enabled, and are enabled without gains and current for the sweep")
+        confirm("Are the joints supported?", config.yes, "not enabled")
     with open_bench(addresses, config.host_id, wiring) as channels:
         tracks = _sweep(config, description, wiring, channels, chosen)
     results = {i: _result(config, description, wiring, i, tracks[i].sweep) for i in chosen}
@@ -187,12 +218,14 @@ def _sweep(
     chosen: Sequence[int],
 ) -> Mapping[int, JointTrack]:
     """Read positions until it is enough; show them meanwhile."""
-    begin = time.monotonic()
-    tracks = JointTracks(wiring, channels, chosen, begin)
-    next_table = begin
     console = make_console()
     print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
     with contextlib.ExitStack() as shown:
+        limp = [i for i in wiring.of_family("sito") if i in chosen]
+        session = shown.enter_context(limp_sito(channels, limp)) if limp else None
+        begin = next_table = time.monotonic()
+        places = {} if session is None else {i: partial(_place, session, k) for k, i in enumerate(limp)}
+        tracks = JointTracks(wiring, channels, chosen, begin, places)
         live = shown.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while True:
             now = time.monotonic()
@@ -209,6 +242,13 @@ def _sweep(
         else:
             console.print(last)
     return tracks.by_joint
+
+
+def _place(session: SitoSession, motor: int) -> float:
+    """rad, motor frame; NaN once it has been silent for a while."""
+    slot = session.slots[motor]
+    is_silent = time.monotonic() - slot.heard > _LATE
+    return math.nan if is_silent or slot.position is None else slot.position.value.position
 
 
 def _how_to_end(config: Calibrate) -> str:

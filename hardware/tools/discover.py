@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 
 from rich.markup import escape
@@ -14,6 +15,7 @@ from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.sito.listening import LISTENING, NO_QUESTION, SitoEar
 from humanoid_sim.hardware.tools.bench import (
     advice_for_silence,
     channel_trouble,
@@ -51,24 +53,29 @@ def discover(config: Discover) -> int:
     if config.robot is not None:
         description = load_robot(config.robot)
         wiring = make_wiring(description, len(addresses))
+    ear = SitoEar()
     with open_bench(addresses, config.host_id, some_motors([], [])) as channels:
+        channels.line.listeners.insert(0, ear.receive)
+        end = time.monotonic() + LISTENING
         found: dict[tuple[int, int], set[bytes]] = {}
         for channel, reply in channels.requests.scan(range(config.first, config.last + 1), _LATE, config.wait):
             found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
+        time.sleep(max(end - time.monotonic(), 0.0))
         require_up(channels)
         found = dict(sorted(found.items()))
         firmware = _firmware(channels, found) if config.firmware else None
         troubles = {i: channel_trouble(channels, i) for i in range(len(addresses))}
-    joints = {} if wiring is None else _joints(wiring)
+    joints = {} if wiring is None else _joints(wiring, "robstride")
     if found:
         _print(addresses, found, firmware, joints if wiring is not None else None)
+    _print_sito(addresses, ear, wiring)
     for i, address in enumerate(addresses):
-        if not any(channel == i for channel, _ in found):
+        if not any(channel == i for channel, _ in (*found, *ear.motors)):
             trouble = f" ({troubles[i]})" if troubles[i] else ""
             complain(f"no motor answers on {address}{trouble}: ids {config.first} to {config.last} were asked")
             for line in advice_for_silence(str(address)):
                 complain(f"  {line}")
-    if not found:
+    if not found and not ear.motors:
         return ExitStatus.NO_ANSWER
     missing = [
         f"{name} (motor {motor_id} on {addresses[channel]})"
@@ -91,8 +98,25 @@ def _firmware(channels: RobstrideLink, found: _Found) -> dict[tuple[int, int], s
     return texts
 
 
-def _joints(wiring: Wiring) -> dict[tuple[int, int], str]:
-    return {(wiring.channel[i], wiring.motor_id[i]): name for i, name in enumerate(wiring.names)}
+def _joints(wiring: Wiring, family: str) -> dict[tuple[int, int], str]:
+    return {(wiring.channel[i], wiring.motor_id[i]): wiring.names[i] for i in wiring.of_family(family)}
+
+
+def _print_sito(addresses: tuple[BusAddress, ...], ear: SitoEar, wiring: Wiring | None) -> None:
+    """Which Sito motors were heard, and that the others may be there all the same."""
+    joints = {} if wiring is None else _joints(wiring, "sito")
+    for (channel, device_id), heard in sorted(ear.motors.items()):
+        joint = joints.get((channel, device_id), "" if wiring is None else "none of this robot's")
+        name = f" ({joint})" if joint else ""
+        where = f"Sito motor {device_id} on {addresses[channel]}{name}"
+        print(f"{where} sends feedback, so it is enabled: {heard.frames} frames")
+    silent = [
+        f"{name} (motor {device_id} on {addresses[channel]})"
+        for (channel, device_id), name in joints.items()
+        if (channel, device_id) not in ear.motors
+    ]
+    if silent:
+        print(f"not heard: {', '.join(silent)}; that proves nothing: {NO_QUESTION}")
 
 
 def _print(

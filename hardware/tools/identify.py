@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError, known_names
@@ -16,8 +17,8 @@ from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import Unreadable
 from humanoid_sim.hardware.tools.bench import EnabledMotor, confirm, open_bench, read_device_id
 from humanoid_sim.hardware.tools.options import Identify
+from humanoid_sim.hardware.tools.sito_bench import MovedSito, limp_sito
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.motors import POSITION_RANGE
 
 __all__ = ["identify"]
 
@@ -59,11 +60,19 @@ def identify(config: Identify) -> int:
         raise InputError(
             f"--torque: is {config.torque}, expected more than 0 and at most {wiring.effort_limit[joint]:g} N·m"
         )
+    if joint in wiring.endless and not config.allow_no_timeout:
+        raise InputError(
+            f"{config.joint}: its motor executes its last command for ever when this program dies, for no timeout of "
+            "its own is known; --allow-no-timeout accepts that"
+        )
     with open_bench(addresses, config.host_id, wiring) as channels:
-        read_device_id(channels, joint)
+        if wiring.model[joint].family != "sito":
+            read_device_id(channels, joint)
         _confirm(config, wiring, joint, channels)
         before = _positions(channels)
-        after = _move(config, wiring, joint, channels)
+        with _enabled(config, wiring, joint, channels) as motor:
+            start, after = _move(config, wiring, joint, channels, motor)
+        before.setdefault(joint, start)
     return _report(config, wiring, joint, before, after)
 
 
@@ -83,34 +92,53 @@ def _positions(channels: RobstrideLink) -> dict[int, float]:
     return {i: position for i, position in found.items() if not isinstance(position, Unreadable)}
 
 
-def _move(config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink) -> dict[int, float]:
-    """Move there and back; every motor's position where the joint was there."""
-    step = float(wiring.direction[joint]) * config.angle
-    stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)
-    damping = min(_DAMPING_TIME * stiffness, wiring.model[joint].damping)
+@contextlib.contextmanager
+def _enabled(
+    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink
+) -> Iterator[EnabledMotor | MovedSito]:
+    """The joint's motor, enabled for a moment, and held to the torque."""
+    if wiring.model[joint].family == "sito":
+        with limp_sito(channels, [joint]) as session:
+            yield MovedSito(channels, session, config.torque)
+        return
     with EnabledMotor(
         channels, joint, torque=config.torque, period=_PERIOD, accepted_firmware=config.accept_firmware
     ) as motor:
-        for warning in motor.warnings:
-            complain(f"warning: {warning}")
-        start = motor.command(0.0, 0.0, 0.0, 0.0).position
-        if abs(start + step) > POSITION_RANGE:
-            raise RobotError(f"{config.joint}: is at {start:.2f} rad, too near the end of what commands can say: ±4π")
+        yield motor
 
-        def follow(begin_share: float, end_share: float, duration: float) -> None:
-            begin = time.monotonic()
-            while (elapsed := time.monotonic() - begin) < duration:
-                share = begin_share + (end_share - begin_share) * 0.5 * (1.0 - math.cos(math.pi * elapsed / duration))
-                status = motor.command(start + share * step, 0.0, stiffness, damping)
-                if abs(status.position - start) > _FARTHEST * config.angle:
-                    raise RobotError(f"{config.joint}: has moved by {status.position - start:+.2f} rad: let go")
-                time.sleep(max(begin + elapsed + _PERIOD - time.monotonic(), 0.0))
 
-        follow(0.0, 1.0, _RAMP)
-        follow(1.0, 1.0, _HOLD)
-        there = _positions(channels)
-        follow(1.0, 0.0, _RAMP)
-    return there
+def _move(
+    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink, motor: EnabledMotor | MovedSito
+) -> tuple[float, dict[int, float]]:
+    """Move there and back; where the motor began, and every motor's position where the joint was there."""
+    step = float(wiring.direction[joint]) * config.angle
+    stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)
+    damping = min(_DAMPING_TIME * stiffness, wiring.model[joint].damping)
+    for warning in motor.warnings:
+        complain(f"warning: {warning}")
+    start = motor.command(0.0, 0.0, 0.0, 0.0).position
+    largest = wiring.position_range[joint]
+    if abs(start + step) > largest:
+        raise RobotError(
+            f"{config.joint}: is at {start:.2f} rad, too near the end of what commands can say, ±{largest:.2f}"
+        )
+
+    def follow(begin_share: float, end_share: float, duration: float) -> None:
+        begin = time.monotonic()
+        while (elapsed := time.monotonic() - begin) < duration:
+            share = begin_share + (end_share - begin_share) * 0.5 * (1.0 - math.cos(math.pi * elapsed / duration))
+            status = motor.command(start + share * step, 0.0, stiffness, damping)
+            if abs(status.position - start) > _FARTHEST * config.angle:
+                raise RobotError(f"{config.joint}: has moved by {status.position - start:+.2f} rad: let go")
+            time.sleep(max(begin + elapsed + _PERIOD - time.monotonic(), 0.0))
+
+    follow(0.0, 1.0, _RAMP)
+    follow(1.0, 1.0, _HOLD)
+    there = _positions(channels)
+    if isinstance(motor, MovedSito):
+        there[joint] = motor.position
+    follow(1.0, 0.0, _RAMP)
+    return start, there
 
 
 def _report(

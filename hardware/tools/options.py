@@ -34,6 +34,8 @@ ParameterKind = Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32"]
 class Discover:
     """Ask every id on a channel who is there. Reads only. Exit status 3 if nothing answers.
 
+    Sito motors cannot be asked: their feedback is listened for meanwhile, which only an enabled one sends.
+
     With --robot, exit status 1 if one of its motors is missing.
     """
 
@@ -57,7 +59,7 @@ class Discover:
 class Ping:
     """Ask one motor who it is and how long it takes to answer. Reads only, but for --read-status.
 
-    Exit status 3 if it does not answer.
+    Exit status 3 if it does not answer. A Sito motor cannot be asked: its feedback is listened for.
     """
 
     channel: _Channel
@@ -66,6 +68,8 @@ class Ping:
     """1 to 127."""
     count: int = 10
     """Times to ask."""
+    family: Literal["robstride", "sito"] = "robstride"
+    """Whose protocol the motor speaks."""
     read_status: bool = False
     """Enable the motor for a moment, without torque, for its position, velocity, effort, temperature and faults."""
     model: str | None = None
@@ -125,7 +129,10 @@ class Save:
 
 @dataclass(frozen=True)
 class Param:
-    """Read, write or save the parameters of one motor. Exit status 3 if it does not answer."""
+    """Read, write or save the parameters of one Robstride motor; a Sito's protocol has none.
+
+    Exit status 3 if it does not answer.
+    """
 
     action: (
         Annotated[Get, tyro.conf.subcommand("get")]
@@ -136,10 +143,11 @@ class Param:
 
 @dataclass(frozen=True)
 class Calibrate:
-    """Find homing offsets by moving every joint by hand from stop to stop. No motor is enabled at any time.
+    """Find homing offsets by moving every joint by hand from stop to stop.
 
-    Joints that are not swept keep what the file has for them. Enter ends the sweep and writes the file, Ctrl-C ends it
-    and writes nothing. Exit status 1 if a swept joint could not be used, 3 if a motor does not answer.
+    No motor is enabled at any time, but for Sito motors, which say nothing before: these are enabled limp, after a
+    confirmation. Joints that are not swept keep what the file has for them. Enter ends the sweep and writes the file,
+    Ctrl-C ends it and writes nothing. Exit status 1 if a swept joint could not be used, 3 if a motor does not answer.
     """
 
     channels: _Channel
@@ -158,6 +166,8 @@ class Calibrate:
     """The motors' zeros were never set: a sweep outside a joint's limits is no flipped direction."""
     duration: float | None = None
     """s after which the sweep ends by itself."""
+    yes: bool = False
+    """Do not ask before Sito motors are enabled."""
     host_id: int = 0xFD
     """Our own id on the bus."""
 
@@ -178,7 +188,10 @@ class Identify:
     angle: float = 0.15
     """rad to move, in the joint's positive direction, and back."""
     torque: float = 1.5
-    """N·m at most: written to the motor as its torque limit meanwhile, and the bound of what it is told."""
+    """N·m at most: written to the motor as its torque limit meanwhile, where it knows one, and the bound of what it is
+    told."""
+    allow_no_timeout: bool = False
+    """Move a motor too that nothing stops when this program or its computer dies, such as a Sito's."""
     yes: bool = False
     """Do not ask first."""
     accept_firmware: tuple[str, ...] = ()

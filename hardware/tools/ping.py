@@ -7,13 +7,25 @@ import time
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import InputError
+from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.robstride.fields import FaultBit, flag_names
 from humanoid_sim.hardware.robstride.firmware import firmware_of, model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
-from humanoid_sim.hardware.tools.bench import EnabledMotor, motor_bench, read_device_id, read_value, shown, some_motors
+from humanoid_sim.hardware.sito.listening import NO_QUESTION, SitoEar
+from humanoid_sim.hardware.tools.bench import (
+    EnabledMotor,
+    SilentMotorError,
+    motor_bench,
+    open_bench,
+    read_device_id,
+    read_value,
+    require_up,
+    shown,
+    some_motors,
+)
 from humanoid_sim.hardware.tools.options import Ping
 from humanoid_sim.robots.motors import motor_model
 
@@ -21,6 +33,8 @@ __all__ = ["ping"]
 
 _ANSWER_TIME = 0.2
 """s; it takes a millisecond, and a busy computer may take longer to notice."""
+_LISTENING = 1.0
+"""s of listening for a motor that cannot be asked."""
 _SHOWN = ("run_mode", "mechPos", "mechVel", "VBUS", "limit_torque", "canTimeout")
 
 
@@ -36,6 +50,8 @@ def ping(config: Ping) -> int:
         raise InputError(f"--count: is {config.count}, expected 1 to 10000")
     if config.model is not None:
         motor_model(config.model)
+    if config.family == "sito":
+        return _listen(config)
     with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
         uid = read_device_id(channels).uid
         print(f"{channels.motors.names[0]}, unique id {uid.hex()}")
@@ -44,6 +60,27 @@ def ping(config: Ping) -> int:
             print(f"  {name:<13} {shown(PARAMETERS[name], read_value(channels, PARAMETERS[name]))}")
         if config.read_status:
             _read_status(channels, config)
+    return 0
+
+
+def _listen(config: Ping) -> int:
+    """A Sito motor: the protocol has no question."""
+    if config.read_status:
+        raise InputError("--read-status: would enable a Sito motor, which only identify and calibrate do")
+    ear, address = SitoEar(), parse_address(config.channel)
+    with open_bench([address], config.host_id, some_motors([], [])) as channels:
+        channels.line.listeners.insert(0, ear.receive)
+        time.sleep(_LISTENING)
+        require_up(channels)
+    heard = ear.motors.get((0, config.motor_id))
+    if heard is None:
+        raise SilentMotorError(
+            f"Sito motor {config.motor_id} sends no feedback on {address} within {_LISTENING:g} s: {NO_QUESTION}"
+        )
+    print(f"Sito motor {config.motor_id} on {address} sends feedback: it is enabled. Nothing was sent")
+    print(f"  frames        {heard.frames} in {_LISTENING:g} s")
+    print(f"  position      {heard.position:.4f} rad")
+    print(f"  velocity      {heard.velocity:.4f} rad/s")
     return 0
 
 

@@ -28,6 +28,9 @@ class Sent:
     has_damping: bool
     is_refused: bool
     """The driver did not take it."""
+    awaits_gains: bool = False
+    """A Sito's command: its gains are in frames of their own, of which a softer one may stand behind it in a queue that
+    was jammed. Its position is then that of the joint."""
 
 
 class WatchedBus(can.BusABC):
@@ -35,6 +38,7 @@ class WatchedBus(can.BusABC):
 
     def __init__(self, bus: can.BusABC, log: list[Sent], clock: Clock) -> None:
         self._bus, self._log, self._clock = bus, log, clock
+        self._gains: dict[int, tuple[bytes, bytes]] = {}
         super().__init__(bus.channel_info)
         self.channel_info = bus.channel_info
 
@@ -45,9 +49,21 @@ class WatchedBus(can.BusABC):
             self._bus.send(msg, timeout)
             is_refused = False
         finally:
-            if msg.arbitration_id >> 24 == 1:
-                stiffness, damping = msg.data[4:6], msg.data[6:8]
-                self._log.append(Sent(begin, msg.arbitration_id & 0xFF, any(stiffness), any(damping), is_refused))
+            if (command := self._command(msg)) is not None:
+                motor_id, stiffness, damping = command
+                awaits = msg.arbitration_id >> 16 == 0x0506 and msg.arbitration_id & 0xFF == 0x09
+                self._log.append(Sent(begin, motor_id, any(stiffness), any(damping), is_refused, awaits))
+
+    def _command(self, msg: can.Message) -> tuple[int, bytes, bytes] | None:
+        """Motor, K_p and K_d of a frame that commands one; a Sito's gains hold until it is told others."""
+        if msg.arbitration_id >> 24 == 1:
+            return msg.arbitration_id & 0xFF, bytes(msg.data[4:6]), bytes(msg.data[6:8])
+        prefix, motor_id, kind = msg.arbitration_id >> 16, msg.arbitration_id >> 8 & 0xFF, msg.arbitration_id & 0xFF
+        if prefix != 0x0506 or kind not in {0x09, 0x45}:
+            return None
+        if kind == 0x45:
+            self._gains[motor_id] = bytes(msg.data[:4]), bytes(msg.data[4:])
+        return motor_id, *self._gains.get(motor_id, (b"", b""))
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         return self._bus._recv_internal(timeout)
@@ -74,12 +90,15 @@ class Diary:
 
 @contextmanager
 def emulated(
-    address: str, clock: Clock = time.monotonic, settings: EmulationSettings | None = None
+    address: str,
+    clock: Clock = time.monotonic,
+    settings: EmulationSettings | None = None,
+    robot: str = "lite",
 ) -> Iterator[tuple[VirtualMotors, Diary]]:
     """Motors of the Lite, on a thread that other programs on this computer do not hold up, where that is permitted."""
     diary = Diary(clock)
     with punctual_threads(behind=10):
-        motors = VirtualMotors(quick_lite(), [address], settings=settings, told=diary, clock=clock)
+        motors = VirtualMotors(quick_lite(robot), [address], settings=settings, told=diary, clock=clock)
     with motors:
         yield motors, diary
 
@@ -100,6 +119,7 @@ def campaign(
     address: str = "virtual:campaign",
     *,
     settings: EmulationSettings | None = None,
+    robot: str = "lite",
     **taken_for: Any,
 ) -> Iterator[Campaign]:
     """Motors and a robot in ZERO_TORQUE, as punctual as `play`; all of it in slow motion by that factor.
@@ -108,6 +128,7 @@ def campaign(
         slowness: that factor.
         address: of the channel.
         settings: how the motors are.
+        robot: with which motors the Lite is.
         taken_for: what the host takes them for, see `driven`.
     """
     sent: list[Sent] = []
@@ -115,7 +136,8 @@ def campaign(
     def clock() -> float:
         return time.monotonic() / slowness
 
-    with emulated(address, clock, settings) as (motors, diary):
+    taken_for.setdefault("description", quick_lite(robot))
+    with emulated(address, clock, settings, robot) as (motors, diary):
 
         def open_watched(channel: BusAddress) -> can.BusABC:
             return WatchedBus(motors.open_bus(channel), sent, clock)

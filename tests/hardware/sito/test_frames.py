@@ -45,6 +45,14 @@ def test_gains_that_changed_go_three_times_and_then_to_one_motor_a_tick() -> Non
     assert all(sum(kind == COMMAND for _, kind, _ in tick) == 4 for tick in ticks)
 
 
+def test_what_makes_a_motor_soft_goes_first_in_every_tick() -> None:
+    encoder = SitoEncoder(group(4))
+    encoder.encode(values(20.0, count=4))
+    for _ in range(10):
+        frames = encoder.encode(values(0.0, 2.0, count=4)).frames
+        assert [(motor, kind) for motor, kind, _ in frames] == [(i, k) for i in range(4) for k in (GAINS, COMMAND)]
+
+
 def test_what_does_not_fit_is_cut_off_and_marked() -> None:
     encoder = SitoEncoder(group(1))
     asked = np.array([[1e9], [-10.0], [1e3], [501.0], [6.0]])

@@ -87,3 +87,11 @@ def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message
     status, _, complained = run(*words)
     assert status == 2
     assert message in complained
+
+
+def test_a_sito_motor_takes_two_frames_each_way_and_sends_no_reports() -> None:
+    (mixed,) = channel_budgets(load_robot("lite_sito"), 1, 50.0, 1e6, 100.0)
+    assert (mixed.frames, mixed.reporting, mixed.burst) == ((18, 18), 10, 18)
+    assert mixed.load[0] == pytest.approx((36 * 50.0 + 10 * 100.0) * 131e-6)
+    (lite,) = channel_budgets(load_robot("lite"), 1, 50.0, 1e6, 100.0)
+    assert lite.load[0] == pytest.approx((28 * 50.0 + 14 * 100.0) * 131e-6)

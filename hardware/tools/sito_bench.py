@@ -1,0 +1,120 @@
+"""Sito motors on a bench: enabled limp for as long as a tool needs them, because they say nothing before."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.motors import SessionTerms
+from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.sito.frames import SitoEncoder
+from humanoid_sim.hardware.sito.session import SitoSession
+from humanoid_sim.hardware.tools.bench import silence
+from humanoid_sim.robots.motors import FAMILIES
+
+__all__ = ["MovedSito", "limp_sito"]
+
+_PERIOD = 0.02
+"""s between two frames of feedback."""
+_ANSWER_TIME = 0.3
+"""s without feedback after which a motor counts as silent."""
+_POLL = 0.001
+"""s"""
+
+
+@contextlib.contextmanager
+def limp_sito(channels: RobstrideLink, joints: Sequence[int]) -> Iterator[SitoSession]:
+    """Enable these motors with zero gains and zero current, after all that a session checks; disabled at the end.
+
+    Raises:
+        RobotError: another host drives them, one sends no feedback or reports torque, or does not confirm that it is
+            disabled.
+    """
+    motors = channels.motors.select(joints)
+    session = SitoSession(channels.line, motors, SessionTerms(channels.host_id, 0.0, _PERIOD))
+    channels.line.listeners.insert(0, session.receive)
+    checks = CheckList()
+    try:
+        session.examine(checks)
+        session.make_ready(checks)
+        session.enable(checks)
+        channels.line.check(checks)
+        checks.refuse()
+        yield session
+    finally:
+        left = session.stop(range(motors.count))
+        channels.line.listeners.remove(session.receive)
+        if left:
+            names = ", ".join(motors.names[i] for i in left)
+            raise RobotError(
+                f"{names}: not confirmed to be disabled, and nothing stops such a motor by itself; switch its power off"
+            )
+
+
+class Place(NamedTuple):
+    """Where a motor is."""
+
+    position: float
+    """rad, motor frame."""
+
+
+class MovedSito:
+    """Commands for one motor that is enabled."""
+
+    warnings: tuple[str, ...] = ()
+
+    def __init__(self, channels: RobstrideLink, session: SitoSession, torque: float) -> None:
+        """Nothing is sent yet.
+
+        Args:
+            channels: open.
+            session: of this motor alone, enabled.
+            torque: N·m that the commanded position may ask for.
+        """
+        self._channels = channels
+        self._session = session
+        self._torque = torque
+        self._encoder = SitoEncoder(session.motors)
+
+    @property
+    def position(self) -> float:
+        """rad, motor frame, as last heard."""
+        return float(self._session.readings().position[0])
+
+    def command(self, position: float, velocity: float, stiffness: float, damping: float) -> Place:
+        """Send a command in the motor frame: rad, rad/s, N·m/rad, N·m·s/rad; where the motor is in its next feedback.
+
+        No torque limit is known: the commanded position, which stays within `torque / K_p` of the motor, is all that
+        bounds it, with the largest K_p that the frame may mean.
+
+        Raises:
+            SilentMotorError: none follows.
+            RobotError: another host commands it too, or its channel is down.
+        """
+        reach = self._torque / (stiffness * FAMILIES["sito"].stiffness_doubt) if stiffness > 0.0 else math.inf
+        here = self.position
+        bounded = min(max(position, here - reach), here + reach)
+        values = np.array([[bounded], [velocity], [0.0], [stiffness], [damping]])
+        motors, slot = self._session.motors, self._session.slots[0]
+        channel = self._channels.channels[motors.channel[0]]
+        before = slot.position
+        channel.send([((motors.names[0], kind), frame) for _, kind, frame in self._encoder.encode(values).frames])
+        end = time.monotonic() + _ANSWER_TIME
+        while slot.position is before:
+            if time.monotonic() > end:
+                raise silence(self._channels, self._channels.motors.names.index(motors.names[0]), motors.names[0])
+            time.sleep(_POLL)
+        checks = CheckList()
+        self._channels.line.check(checks)
+        for notes in self._session.notes:
+            if notes.intrusions:
+                checks.problem(motors.names[0], f"another master drives it: {notes.intruder.text}")
+        checks.refuse()
+        return Place(self.position)
