@@ -46,22 +46,68 @@ policy_dt: 0.02
 """
 
 
-def write(folder: Path, action: tuple[float, float]) -> tuple[str, ...]:
-    """The robot, and a policy that gives the same answer whatever it sees."""
-    (folder / "walker.xml").write_text(WALKER)
-    (folder / "contract.yaml").write_text(CONTRACT)
+SQUATTER = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <geom type="plane" size="0 0 0.05"/>
+    <body name="base" pos="0 0 0.85">
+      <freejoint/>
+      <site name="imu"/>
+      <geom type="box" size="0.08 0.12 0.1" mass="8"/>
+      <body name="thigh" pos="0 0 -0.1">
+        <joint name="hip" axis="0 1 0" range="-2.5 2.5" armature="0.05"/>
+        <geom type="box" size="0.03 0.03 0.15" pos="0 0 -0.17" mass="0.3"/>
+        <body name="shin" pos="0 0 -0.34">
+          <joint name="knee" axis="0 1 0" range="-0.1 2.8" armature="0.05"/>
+          <geom type="box" size="0.03 0.03 0.15" pos="0 0 -0.17" mass="0.3"/>
+          <body name="foot" pos="0 0 -0.34">
+            <joint name="ankle" axis="0 1 0" range="-2 2" armature="0.05"/>
+            <geom type="box" size="0.2 0.2 0.03" pos="0 0 -0.03" mass="3"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+"""Symmetric in hip and ankle, so that its weight stays above its foot however deep it squats."""
+
+
+def save_constant(path: Path, action: tuple[float, ...], width: int) -> None:
+    """A policy that gives the same answer whatever it sees."""
     graph = helper.make_graph(
         [helper.make_node("Gemm", ["obs", "weight", "bias"], ["action"])],
         "constant",
-        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, 15])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 2])],
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, width])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, len(action)])],
         [
-            numpy_helper.from_array(np.zeros((15, 2), dtype=np.float32), "weight"),
+            numpy_helper.from_array(np.zeros((width, len(action)), dtype=np.float32), "weight"),
             numpy_helper.from_array(np.array(action, dtype=np.float32), "bias"),
         ],
     )
     model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
-    onnx.save(model, str(folder / "p.onnx"))
+    onnx.save(model, str(path))
+
+
+def squat(folder: Path, default: float, action: float) -> tuple[str, ...]:
+    """The squatter: its hip bent by `default` in the default pose, and by `action` more under the policy."""
+    (folder / "squatter.xml").write_text(SQUATTER)
+    (folder / "contract.yaml").write_text(
+        CONTRACT.replace("[hip, swing]", "[hip, knee, ankle]")
+        .replace("[0, 0]", str([-default, 2.0 * default, -default]))
+        .replace("[60, 20]", "300")
+        .replace("[6, 1]", "20")
+    )
+    save_constant(folder / "p.onnx", (-action, 2.0 * action, -action), width=18)
+    return "--policy", "p.onnx", "--robot", "squatter.xml", "--physics-timestep", "0.001", "--policy-seconds", "3"
+
+
+def write(folder: Path, action: tuple[float, float]) -> tuple[str, ...]:
+    """The robot, and a policy that gives the same answer whatever it sees."""
+    (folder / "walker.xml").write_text(WALKER)
+    (folder / "contract.yaml").write_text(CONTRACT)
+    save_constant(folder / "p.onnx", action, width=15)
     return "--policy", "p.onnx", "--robot", "walker.xml", "--physics-timestep", "0.001"
 
 
@@ -74,6 +120,22 @@ def test_a_robot_stands_whose_base_frame_lies_at_the_ground(run: Any, folder: Pa
     assert base["height"][1] == pytest.approx(0.0, abs=0.02)
     assert base["tilt_max"] < 0.05
     assert "the robot fell" not in result.out
+
+
+@pytest.mark.parametrize(
+    ("default", "action", "lowest", "fell"),
+    [
+        (1.2, 0.0, (0.9, 1.1), False),  # it walks in a squat: that is how high it stands
+        (0.0, 0.75, (0.7, 0.9), False),  # it squats from standing, its weight above its feet
+        (0.0, 1.35, (0.3, 0.6), True),  # down to where nobody can tell it from a fall
+    ],
+)
+def test_a_low_posture_is_no_fall(
+    run: Any, folder: Path, default: float, action: float, lowest: tuple[float, float], fell: bool
+) -> None:
+    base = run(*squat(folder, default, action)).summary["base"]
+    assert lowest[0] < base["lowest"] < lowest[1]
+    assert (base["fall"] is not None) is fell
 
 
 def test_a_fall_is_told_when_it_happens_and_at_the_end_with_what_to_do(run: Any, folder: Path) -> None:
