@@ -9,13 +9,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.adapter.joint_tracking import JointReadings, JointTracker
 from humanoid_sim.hardware.adapter.robot_motors import RobotMotors
 from humanoid_sim.hardware.adapter.watch import SafetyWatch
 from humanoid_sim.hardware.adapter.wiring import AdapterSettings, Wiring
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.families import DRIVERS
-from humanoid_sim.hardware.guardian.guardian import Guardian
 from humanoid_sim.hardware.imu.interface import ImuReading
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, bounded_position
@@ -46,21 +46,19 @@ _BAD_COMMAND = SafetyStatus(
 class MotorControl:
     """What lasts from one activation to the next. Nothing here waits or raises for what happens on a bus."""
 
-    def __init__(
-        self, settings: AdapterSettings, motors: RobotMotors, turns: FloatArray, guardian: Guardian | None = None
-    ) -> None:
+    def __init__(self, settings: AdapterSettings, motors: RobotMotors, turns: FloatArray, guard: MotorGuard) -> None:
         """Begin with motors that were prepared; commands are sent once they are enabled.
 
         Args:
             settings: the robot's.
             motors: on open channels.
             turns: shape (n,), see `find_turns`.
-            guardian: of motors that need one.
+            guard: of motors that need a guardian.
         """
         wiring = settings.wiring
         self._settings = settings
         self._motors = motors
-        self._guardian = guardian
+        self._guard = guard
         self._tracker = JointTracker(wiring, turns)
         self._joints = self._tracker.update(motors.readings())
         self._watch: SafetyWatch | None = None
@@ -109,7 +107,7 @@ class MotorControl:
         """
         if self._watch is None:
             return ()
-        told = None if self._guardian is None else self._guardian.status()
+        told = self._guard.status()
         if told is not None and told.level is SafetyLevel.FAULT:
             return (told,)  # whatever the motors do is its doing
         statuses = self._watch.statuses(now, age, self._tracker)
@@ -131,8 +129,7 @@ class MotorControl:
         self._motors.count_commands()
         for channel, batch in zip(self._motors.channels, batches, strict=True):
             channel.send(batch, _LIFETIME * self._settings.control_period)
-        if self._guardian is not None:
-            self._guardian.beat()
+        self._guard.beat()
 
     def damp(self, now: float) -> None:
         """DAMPING's command, which needs no state."""

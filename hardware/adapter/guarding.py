@@ -1,72 +1,139 @@
-"""Which motors of a robot need a guardian, what it is told, and what remains all the same."""
+"""The guardian of motors that execute their last command for ever: which need one, and how a session lives with it."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.adapter.wiring import AdapterSettings
+from humanoid_sim.hardware.adapter.wiring import Wiring
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.open_channels import Locks
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.guardian.guardian import SOURCE, Guardian, can_share
 from humanoid_sim.hardware.guardian.plan import GuardedMotor, GuardianPlan
+from humanoid_sim.messages import SafetyStatus
+from humanoid_sim.mit import FloatArray
 
-__all__ = ["guarded_joints", "start_guardian"]
-
-
-def guarded_joints(settings: AdapterSettings) -> tuple[int, ...]:
-    """Joints whose motors execute their last command for ever when their host falls silent."""
-    return settings.wiring.endless
+__all__ = ["MotorGuard"]
 
 
-def _plan(settings: AdapterSettings) -> GuardianPlan:
-    """Each family's own frames, with the damping of a session's end."""
-    wiring, motors = settings.wiring, {}
-    for family, driver in DRIVERS.items():
-        joints = [i for i in guarded_joints(settings) if wiring.model[i].family == family]
-        if not joints:
-            continue
-        assert driver.rescue is not None, f"{family} has no timeout and nothing for a guardian to send"
-        frames = driver.rescue(wiring.select(joints), settings.damping[np.array(joints)])
-        for i, (damping, reset) in zip(joints, frames, strict=True):
-            motors[i] = GuardedMotor(wiring.names[i], settings.addresses[wiring.channel[i]], damping, reset)
-    return GuardianPlan(tuple(motors[i] for i in sorted(motors)))
+class MotorGuard:
+    """A guardian for those of some motors that need one, from one activation to the next; where none does, nothing.
 
-
-def start_guardian(settings: AdapterSettings, locks: Locks, checks: CheckList) -> Guardian | None:
-    """A guardian that watches this process, where the robot needs one and its channels can be shared.
-
-    Args:
-        settings: the robot's.
-        locks: of its channels, held.
-        checks: takes what an operator should know.
-
-    Raises:
-        RobotError: it cannot be started; with everything else that is wrong.
+    Before motors are enabled: `start` and `standby`. With every set of commands: `beat`. Before they are disabled:
+    `take_back`; after: `release`.
     """
-    joints = guarded_joints(settings)
-    if not joints:
-        return None
-    names = ", ".join(settings.wiring.names[i] for i in joints)
-    if not all(can_share(address) for address in settings.addresses):
-        checks.warn(SOURCE, f"{names}: emulated in this process, with which they end; no guardian watches them")
-        return None
-    plan = _plan(settings)
-    try:
-        guardian = Guardian(plan, locks.descriptors)
-    except RobotError as error:
-        checks.problem(SOURCE, str(error))
-        checks.refuse()
-        raise
-    checks.passed(
-        SOURCE,
-        f"process {guardian.pid} damps {names} for {plan.damping_time:g} s, then resets them, when this program is "
-        f"silent for {1000.0 * plan.timeout:g} ms; {guardian.measures}",
-    )
-    checks.warn(
-        SOURCE,
-        f"{names} execute their last command for ever where nobody tells them otherwise: if the guardian is killed as "
-        "well, the bus fails, or this computer loses its power, only the switch of their supply stops them",
-    )
-    return guardian
+
+    def __init__(self, wiring: Wiring, addresses: Sequence[BusAddress], damping: FloatArray) -> None:
+        """Nothing is started yet.
+
+        Args:
+            wiring: the motors.
+            addresses: of the channels.
+            damping: shape (n,), N·m·s/rad, with which the guardian brakes.
+        """
+        self._wiring = wiring
+        self._addresses = addresses
+        self._damping = damping
+        self._guardian: Guardian | None = None
+        self.joints = frozenset(wiring.endless)
+        """Whose motors need one."""
+
+    def start(self, locks: Locks, checks: CheckList, open_bus: OpenBus) -> OpenBus:
+        """Start a guardian that watches this process, if one is needed and can share the channels.
+
+        Args:
+            locks: of the channels, held.
+            checks: takes what an operator should know.
+            open_bus: opens a channel.
+
+        Returns:
+            What is to open the channels from here on.
+
+        Raises:
+            RobotError: it cannot be started; with everything else that is wrong.
+        """
+        if not self.joints:
+            return open_bus
+        names = ", ".join(self._wiring.names[i] for i in sorted(self.joints))
+        if not all(can_share(address) for address in self._addresses):
+            checks.warn(SOURCE, f"{names}: emulated in this process, with which they end; no guardian watches them")
+            return open_bus
+        plan = self._plan()
+        try:
+            self._guardian = guardian = Guardian(plan, locks.descriptors)
+        except RobotError as error:
+            checks.problem(SOURCE, str(error))
+            checks.refuse()
+            raise
+        checks.passed(
+            SOURCE,
+            f"process {guardian.pid} damps {names} for {plan.damping_time:g} s, then resets them, when this program is "
+            f"silent for {1000.0 * plan.timeout:g} ms; {guardian.measures}",
+        )
+        checks.warn(
+            SOURCE,
+            f"{names} execute their last command for ever where nobody tells them otherwise: if the guardian is killed "
+            "as well, the bus fails, or this computer loses its power, only the switch of their supply stops them",
+        )
+        return guardian.opener(open_bus)
+
+    def _plan(self) -> GuardianPlan:
+        """Each family's own frames."""
+        wiring, motors = self._wiring, {}
+        for family, driver in DRIVERS.items():
+            joints = [i for i in wiring.of_family(family) if i in self.joints]
+            if not joints:
+                continue
+            assert driver.rescue is not None, f"{family} has no timeout and nothing for a guardian to send"
+            frames = driver.rescue(wiring.select(joints), self._damping[np.array(joints)])
+            for i, (damping, reset) in zip(joints, frames, strict=True):
+                motors[i] = GuardedMotor(wiring.names[i], self._addresses[wiring.channel[i]], damping, reset)
+        return GuardianPlan(tuple(motors[i] for i in sorted(motors)))
+
+    @property
+    def drives(self) -> bool:
+        """Whether the guardian has taken over, and has not ended."""
+        return self._guardian is not None and self._guardian.drives
+
+    def standby(self) -> None:
+        """Motors may be enabled from here on, without torque."""
+        if self._guardian is not None:
+            self._guardian.standby()
+
+    def beat(self) -> None:
+        """A set of commands was handed to every motor."""
+        if self._guardian is not None:
+            self._guardian.beat()
+
+    def status(self) -> SafetyStatus | None:
+        """What is to be told about the guardian; none while it watches, and where there is none."""
+        return None if self._guardian is None else self._guardian.status()
+
+    def take_back(self, forget_queues: Callable[[], None]) -> None:
+        """Be the only master again: nothing is commanded from here on, and a guardian that drives finishes first.
+
+        Args:
+            forget_queues: drops what waits to be sent.
+        """
+        if self._guardian is None:
+            return
+        if self._guardian.drives:
+            forget_queues()
+            self._guardian.release(confirmed=False)
+        else:
+            self._guardian.standby()
+
+    def release(self, may_run: Collection[int]) -> None:
+        """End the guardian; if motors that it watches did not confirm that they are disabled, it brakes them first.
+
+        Args:
+            may_run: joints whose motors did not.
+        """
+        if self._guardian is not None:
+            self._guardian.release(confirmed=self.joints.isdisjoint(may_run))
+            self._guardian = None

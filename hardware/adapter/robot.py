@@ -19,7 +19,7 @@ from humanoid_sim.hardware.adapter.control import (
     robot_state,
     unconfirmed,
 )
-from humanoid_sim.hardware.adapter.guarding import guarded_joints, start_guardian
+from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.adapter.joint_tracking import unheard
 from humanoid_sim.hardware.adapter.robot_motors import RobotMotors
 from humanoid_sim.hardware.adapter.statistics import RobotStatistics, gather_statistics
@@ -29,7 +29,6 @@ from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.open_channels import Locks
 from humanoid_sim.hardware.checks import Check, CheckList
-from humanoid_sim.hardware.guardian.guardian import Guardian
 from humanoid_sim.hardware.imu.interface import Imu, upright_at_rest
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
@@ -104,7 +103,7 @@ class HardwareRobot:
         self._locks = Locks()
         self._motors: RobotMotors | None = None
         self._control: MotorControl | None = None
-        self._guardian: Guardian | None = None
+        self._guard = MotorGuard(self._settings.wiring, self._settings.addresses, self._settings.damping)
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()
         self._uids: Mapping[str, bytes] = {}
@@ -178,14 +177,13 @@ class HardwareRobot:
             raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
         self._checks.refuse_questions()
         self._may_run = frozenset(range(self._settings.wiring.count))
-        if self._guardian is not None:
-            self._guardian.standby()
+        self._guard.standby()
         try:
             turns = enable_motors(self._settings.wiring, motors, turns, self._checks)
         except BaseException as error:
             self._give_up(error)
             raise
-        self._control = MotorControl(self._settings, motors, turns, self._guardian)
+        self._control = MotorControl(self._settings, motors, turns, self._guard)
         self._control.enable(self.time)
 
     def _prepare(self) -> tuple[RobotMotors, FloatArray]:
@@ -209,7 +207,7 @@ class HardwareRobot:
             self._give_up(error)
             raise
         self._may_run, self._uids = frozenset(), motors.uids
-        self._control = MotorControl(self._settings, motors, turns)
+        self._control = MotorControl(self._settings, motors, turns, self._guard)
         return motors, turns
 
     def _open(self) -> RobotMotors:
@@ -226,8 +224,7 @@ class HardwareRobot:
             except RobotError as error:
                 checks.problem("imu", str(error))
         checks.refuse()
-        self._guardian = guardian = start_guardian(settings, self._locks, checks)
-        open_bus = self._open_bus if guardian is None else guardian.opener(self._open_bus)
+        open_bus = self._guard.start(self._locks, checks, self._open_bus)
         self._motors = RobotMotors(settings, self._uids, checks, clock=lambda: self.time, open_bus=open_bus)
         return self._motors
 
@@ -241,7 +238,7 @@ class HardwareRobot:
         if motors is not None and (self._may_run or not motors.has_intruders):
             motors.forget_queues()
             self._may_run &= frozenset(motors.stop(range(self._settings.wiring.count)))
-        self._release_guardian()
+        self._guard.release(self._may_run)
         for joint in sorted(self._may_run):
             checks.problem(self._settings.wiring.names[joint], "does not confirm that it is disabled")
         refusal = RobotError(checks.refusal()) if self._may_run else error
@@ -306,13 +303,13 @@ class HardwareRobot:
                 stack.callback(self._imu.close)
             if motors is not None:
                 stack.callback(motors.close)
-            stack.callback(self._release_guardian)
+            stack.callback(lambda: self._guard.release(self._may_run))
             if motors is not None and (control is not None or self._may_run):
                 try:
                     if control is not None:
                         self._damp(control)
                 finally:
-                    self._take_back()
+                    self._guard.take_back(motors.forget_queues)
                     left = disable(self._settings, motors)
                     self._may_run &= frozenset(left)
                     if control is not None:
@@ -327,38 +324,16 @@ class HardwareRobot:
 
     def _damp(self, control: MotorControl) -> None:
         """Damp the joints, unless there was no torque, or they rest in DAMPING already."""
-        if self._guardian is not None and self._guardian.drives:
+        if self._guard.drives:
             return
         last, stale = control.last_command, self._settings.rx_timeout
         if last is None or is_limp(last) or is_damped(last, self.read()[0], stale):
             return
         damp_until_rest(lambda: self.read()[0], lambda: control.damp(self.time), stale)
 
-    # --- motors that need a guardian
-
-    def _take_back(self) -> None:
-        """Be the only master again: nothing is commanded from here on, and a guardian that drives finishes first."""
-        if self._guardian is None:
-            return
-        if self._guardian.drives:
-            if self._motors is not None:
-                self._motors.forget_queues()
-            self._guardian.release(confirmed=False)
-        else:
-            self._guardian.standby()
-
     def _dismiss_guardian(self) -> None:
-        """Before everything begins afresh: disable the motors that the guardian watches, and end it."""
-        if self._guardian is None:
-            return
-        if self._may_run and self._motors is not None:
-            self._take_back()
-            guarded = frozenset(guarded_joints(self._settings))
-            self._may_run = (self._may_run - guarded) | frozenset(self._motors.stop(guarded))
-        self._release_guardian()
-
-    def _release_guardian(self) -> None:
-        """End the guardian; motors that it watches and that did not confirm that they are disabled it brakes first."""
-        if self._guardian is not None:
-            self._guardian.release(confirmed=self._may_run.isdisjoint(guarded_joints(self._settings)))
-            self._guardian = None
+        """Before everything begins afresh: disable the motors that a guardian watches, and end it."""
+        if self._guard.joints and self._may_run and self._motors is not None:
+            self._guard.take_back(self._motors.forget_queues)
+            self._may_run = (self._may_run - self._guard.joints) | frozenset(self._motors.stop(self._guard.joints))
+        self._guard.release(self._may_run)
