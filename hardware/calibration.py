@@ -103,8 +103,8 @@ def _entry(where: str, value: Any) -> CalibrationEntry:
         if name not in _FIELDS:
             raise InputError(f"{where}: unknown field {_shown(name)}; expected {', '.join(_FIELDS)}")
     motor_id, direction, offset = (value[name] for name in _FIELDS)
-    if type(motor_id) is not int or not 1 <= motor_id <= 127:
-        raise InputError(f"{where}: id: is {_shown(motor_id)}, expected a whole number of 1 to 127")
+    if type(motor_id) is not int or not 1 <= motor_id <= 255:
+        raise InputError(f"{where}: id: is {_shown(motor_id)}, expected a whole number of 1 to 255")
     if type(direction) is not int or direction not in (-1, 1):
         raise InputError(f"{where}: direction: is {_shown(direction)}, expected 1 or -1")
     # The comparison is written so that NaN fails it.

@@ -110,7 +110,7 @@ def test_the_robot_descriptions_direction_is_used_and_said(tmp_path: Path) -> No
         ("a: 3", "a: is 3, expected a mapping with id, direction, homing_offset"),
         ("a: {id: 1, direction: 1}", "a: misses 'homing_offset'; expected"),
         ("a: {id: 1, direction: 1, homing_offset: 0, x: 1}", "a: unknown field 'x'; expected"),
-        ("a: {id: 0, direction: 1, homing_offset: 0}", "a: id: is 0, expected a whole number of 1 to 127"),
+        ("a: {id: 0, direction: 1, homing_offset: 0}", "a: id: is 0, expected a whole number of 1 to 255"),
         ("a: {id: true, direction: 1, homing_offset: 0}", "a: id: is True, expected a whole number"),
         ("a: {id: 1, direction: 0, homing_offset: 0}", "a: direction: is 0, expected 1 or -1"),
         ("a: {id: 1, direction: 1, homing_offset: .nan}", "a: homing_offset: is nan, expected a number within ±25.13"),

@@ -1,0 +1,48 @@
+"""`play --hardware` on a robot with motors of two families, in every mode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from result import Result
+
+from humanoid_sim import replay
+from humanoid_sim.cli import run_program
+
+Play = Callable[..., Result]
+HARDWARE = ("--hardware", "virtual:play-sito", "--policy", "placeholder")
+WALK = (
+    "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.5; damp; hold 0.1; "
+    "load_b; wait; start_remote; hold 0.5; damp; hold 0.1"
+)
+
+
+def test_it_is_refused_unless_the_operator_accepts_motors_that_nothing_stops(
+    run: Play, make_robot: Callable[..., str]
+) -> None:
+    result = run("--robot", make_robot("lite_sito"), *HARDWARE)
+    assert result.status == 2
+    assert result.err.startswith("error: lite_sito: motors that execute their last command for ever when this program")
+    assert result.err.endswith("--allow-no-timeout accepts that\n")
+
+
+@pytest.mark.slow
+def test_all_modes(run: Play, make_robot: Callable[..., str]) -> None:
+    options = ("--allow-no-timeout", "--allow-script", "--remote", "gravity", "--script", WALK)
+    result = run("--robot", make_robot("lite_sito"), *HARDWARE, *options)
+    assert (result.status, result.err) == (0, "")
+    walked = ["DAMPING", "STANDBY", "LOCOMOTION", "DAMPING", "STANDBY", "REMOTE", "DAMPING"]
+    assert result.modes == ["ZERO_TORQUE", *walked]
+    assert result.summary["safety"] == []
+    hardware = result.summary["hardware"]
+    assert hardware["acknowledged"] == hardware["commanded"] > 0
+    assert hardware["unconfirmed"] * 10 == hardware["commanded"] * 4
+    assert (hardware["invalid_frames"], hardware["refused"]) == (0, 0)
+    first = result.ticks[0]
+    assert np.isfinite(first.input.state.joint_position).all()
+    for tick in result.ticks:
+        assert (tick.input.state.joint_age < 0.1).all()
+    assert "right_wrist_pitch: emulated in this process, with which they end; no guardian watches them" in result.out
+    assert run_program(replay.main, ["r.mcap"]) == 0
