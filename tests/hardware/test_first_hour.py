@@ -31,7 +31,7 @@ class _ParsedError(Exception):
 
 
 def test_every_command_of_the_page_is_looked_at() -> None:
-    assert len(_STEPS) == 20
+    assert len(_STEPS) == 21
     assert len(_COMMANDS) == _PAGE.count("python -m") == 12
 
 
