@@ -18,6 +18,8 @@ from humanoid_sim.doctor.search import Plan, Ranking, make_plan, search
 pytestmark = needs_policies
 
 POLICIES = ("unitree", "waltz", "holosoma")
+PAIRS = 1200
+"""About as many as the default budget has time for on a busy machine; by number, so that time decides nothing."""
 SHARE = 0.8
 """Of the mistakes that lose the robot, those whose cause must be among the first three."""
 
@@ -30,7 +32,7 @@ def subjects(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ExaminedPoli
 def diagnosed(examined: ExaminedPolicy, contract: PolicyContract, plan: Plan | None = None) -> Ranking:
     wrong = replace(examined, contract=contract)
     ranking = Ranking()
-    plan = plan or make_plan(contract, motion_seconds=wrong.motion_seconds)
+    plan = plan or make_plan(contract, motion_seconds=wrong.motion_seconds, pairs=PAIRS)
     search(wrong, robot_facts(wrong.description, wrong.motion), plan, ranking, lambda *_: None)
     assert ranking.is_complete
     return ranking
