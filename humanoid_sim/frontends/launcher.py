@@ -9,7 +9,8 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from time import monotonic
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
@@ -23,6 +24,10 @@ _PERIOD = 0.1
 """s between two looks at the children."""
 _STATUS_EVERY = 5
 """Looks between two statuses in the feed."""
+_READY = 30.0
+"""s that children get at the start to say that they work; the session begins without those that do not."""
+_ERROR = "error: "
+"""What the line begins with by which a program ends."""
 _GRACE = 2.0
 """s that a child gets to end after SIGTERM."""
 _MOST_BYTES = 4096
@@ -34,7 +39,11 @@ class _Child:
     name: str
     process: subprocess.Popen[bytes]
     unfinished: bytes = b""
-    lines: list[str] = field(default_factory=list)
+    last: str = ""
+    """The latest line that it printed."""
+    is_ready: bool = False
+    """It said something other than an error."""
+    has_ended: bool = False
 
 
 class FrontEnds(Sink):
@@ -48,6 +57,7 @@ class FrontEnds(Sink):
         show: Callable[[str], None],
         note: Callable[[str], None],
         status: Callable[[], Mapping[str, object]],
+        is_ending: Callable[[], bool] = lambda: False,
     ) -> None:
         """Start nothing yet.
 
@@ -57,10 +67,11 @@ class FrontEnds(Sink):
             show: shows operators a line that a child printed. It is not recorded: addresses may hold secrets.
             note: records a line.
             status: what to tell in the feed beside ticks; JSON.
+            is_ending: whether the session need not begin any more.
         """
         self._wanted = tuple(wanted)
         self._feed = feed
-        self._show, self._note, self._status = show, note, status
+        self._show, self._note, self._status, self._is_ending = show, note, status, is_ending
         self._children: list[_Child] = []
         self._selector = selectors.DefaultSelector()
         self._stop = threading.Event()
@@ -74,10 +85,10 @@ class FrontEnds(Sink):
         return {child.name: child.process.pid for child in self._children if child.process.poll() is None}
 
     def start(self, header: SessionHeader) -> None:
-        """Start them.
+        """Start them, and wait until they work: a run that asks for a producer does not begin without it.
 
         Raises:
-            InputError: one cannot be started.
+            InputError: one cannot be started, or has ended at once.
         """
         try:
             for wanted in self._wanted:
@@ -89,7 +100,23 @@ class FrontEnds(Sink):
             assert child.process.stdout is not None
             os.set_blocking(child.process.stdout.fileno(), False)
             self._selector.register(child.process.stdout, selectors.EVENT_READ, child)
+        self._wait_until_ready()
         self._thread.start()
+
+    def _wait_until_ready(self) -> None:
+        deadline = monotonic() + _READY
+        while not all(child.is_ready for child in self._children) and not self._is_ending():
+            for key, _ in self._selector.select(_PERIOD):
+                self._read(key.data)
+            for child in self._children:
+                if child.has_ended and not child.is_ready:
+                    self._end_children()
+                    reason = child.last.removeprefix(_ERROR) or f"status {child.process.returncode}"
+                    raise InputError(f"front end {child.name}: ended before it was ready: {reason}")
+            if monotonic() > deadline:
+                silent = ", ".join(child.name for child in self._children if not child.is_ready)
+                self._note(f"not ready after {_READY:g} s: {silent}")
+                return
 
     def tick(self, record: TickRecord) -> None:
         """Nothing: children read the feed."""
@@ -128,8 +155,11 @@ class FrontEnds(Sink):
         for line in lines:
             text = "".join(c if c.isprintable() else " " for c in line.decode(errors="replace")).strip()
             if text:
+                child.last = text
+                child.is_ready = child.is_ready or not text.startswith(_ERROR)
                 self._show(f"{child.name}: {text}")
         if not data:
+            child.has_ended = True
             with contextlib.suppress(subprocess.TimeoutExpired):
                 status = child.process.wait(_GRACE)
                 self._note(f"front end {child.name} ended with status {status}")

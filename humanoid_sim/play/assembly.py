@@ -100,6 +100,7 @@ def assemble(plan: Plan, console: Console) -> Run:
         reactivation,
         show=lambda text: shown.event(Event(plan.clock(), text)),
         note=lambda text: session.event(text),  # noqa: PLW0108 - there is no session yet
+        is_ending=lambda: session.is_ending,
     )
     try:
         keyboard = _keyboard(plan, reactivation, shown)

@@ -31,6 +31,7 @@ class LocalEnds:
         *,
         show: Callable[[str], None],
         note: Callable[[str], None],
+        is_ending: Callable[[], bool],
     ) -> None:
         """Open the sockets, make the feed, and let others find the session.
 
@@ -40,6 +41,7 @@ class LocalEnds:
             reactivation: what `reactivate` asks for.
             show: shows operators a line.
             note: records a line.
+            is_ending: whether the session need not begin any more.
 
         Raises:
             InputError: if one of them cannot be had; nothing stays open then.
@@ -65,7 +67,10 @@ class LocalEnds:
             stack.callback(self.data.close)
             self.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(plan.setup.model())})
             stack.callback(self.feed.close)
-            self.front_ends = FrontEnds(plan.front_ends, self.feed, show=show, note=note, status=self._status)
+            self.front_ends = FrontEnds(
+                plan.front_ends, self.feed, show=show, note=note, status=self._status, is_ending=is_ending
+            )
+            stack.callback(self.front_ends.close)
             registration.register(
                 robot=description.name,
                 policy=str(policy.checkpoint.source),

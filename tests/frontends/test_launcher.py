@@ -17,7 +17,9 @@ from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.frontends import FRONT_ENDS, FrontEnd, Wanted, launcher, require_packages
 from humanoid_sim.frontends.launcher import FrontEnds
 
+POPEN = subprocess.Popen
 Launch = Callable[..., FrontEnds]
+STAYS = "import time; print('up', flush=True); time.sleep(60)"
 
 
 @pytest.fixture
@@ -25,8 +27,6 @@ def launch(local: LocalSession, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) 
     """Starts front ends whose program is a line of Python."""
 
     def start(*programs: str) -> FrontEnds:
-        real = subprocess.Popen
-
         def popen(command: list[str], **options: Any) -> Any:
             assert command[1:5] == [
                 "-m",
@@ -35,7 +35,7 @@ def launch(local: LocalSession, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) 
                 str(os.getpid()),
             ]
             index = int(command[2].rpartition("_")[2])
-            return real([sys.executable, "-c", programs[index]], **options)
+            return POPEN([sys.executable, "-c", programs[index]], **options)
 
         monkeypatch.setattr(launcher.subprocess, "Popen", popen)
         front_ends = FrontEnds(
@@ -60,9 +60,13 @@ def eventually(condition: Callable[[], object]) -> None:
 
 
 def test_what_they_say_is_shown_and_their_end_recorded(launch: Launch, local: LocalSession) -> None:
-    front_ends = launch("print('http://127.0.0.1:1/?token=x'); raise SystemExit(3)", "import time; time.sleep(60)")
-    eventually(lambda: len(local.told) == 2)
-    assert local.told == ["fake_0: http://127.0.0.1:1/?token=x", "recorded: front end fake_0 ended with status 3"]
+    front_ends = launch("print('http://127.0.0.1:1/?token=x'); raise SystemExit(3)", STAYS)
+    eventually(lambda: len(local.told) == 3)
+    assert sorted(local.told) == [
+        "fake_0: http://127.0.0.1:1/?token=x",
+        "fake_1: up",
+        "recorded: front end fake_0 ended with status 3",
+    ]
     assert list(front_ends.running) == ["fake_1"]
     with Feed(local.info) as feed:
         eventually(lambda: feed.status() == {"front_ends": dict(front_ends.running)})
@@ -83,7 +87,7 @@ def test_they_end_with_the_session_however_stubborn(launch: Launch, local: Local
 
 
 def test_a_terminals_signals_do_not_reach_them(launch: Launch, local: LocalSession) -> None:
-    front_ends = launch("import time; print('up', flush=True); time.sleep(60)")
+    front_ends = launch(STAYS)
     eventually(lambda: local.told)
     (process,) = front_ends.running.values()
     assert os.getsid(process) == process != os.getsid(0)
@@ -97,9 +101,25 @@ def test_one_that_floods_its_output_is_read_in_bounded_pieces(launch: Launch, lo
 
 
 def test_one_that_was_killed_is_recorded(launch: Launch, local: LocalSession) -> None:
-    front_ends = launch("import time; time.sleep(60)")
+    front_ends = launch(STAYS)
     os.kill(next(iter(front_ends.running.values())), signal.SIGKILL)
-    eventually(lambda: local.told == ["recorded: front end fake_0 ended with status -9"])
+    eventually(lambda: local.told == ["fake_0: up", "recorded: front end fake_0 ended with status -9"])
+
+
+def test_one_that_ends_before_it_is_ready_keeps_the_session_from_beginning(launch: Launch, local: LocalSession) -> None:
+    with pytest.raises(InputError, match="front end fake_1: ended before it was ready: no display"):
+        launch(STAYS, "import sys; print('error: no display', file=sys.stderr); sys.exit(2)")
+    with pytest.raises(InputError, match="front end fake_0: ended before it was ready: status 3"):
+        launch("raise SystemExit(3)")
+
+
+def test_one_that_says_nothing_is_waited_for_no_longer_than_that(
+    launch: Launch, local: LocalSession, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(launcher, "_READY", 0.2)
+    front_ends = launch("import time; time.sleep(60)", "import time; time.sleep(60)")
+    assert local.told == ["recorded: not ready after 0.2 s: fake_0, fake_1"]
+    assert list(front_ends.running) == ["fake_0", "fake_1"]
 
 
 def test_what_cannot_be_started_is_one_line_and_leaves_nothing(launch: Launch, monkeypatch: Any) -> None:

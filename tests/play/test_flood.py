@@ -1,0 +1,66 @@
+"""A DAMP during a flood of the data socket, each in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from result import Result
+
+from humanoid_sim.client import Feed, Intake, running_sessions
+
+FLOOD = """
+import sys, time
+from humanoid_sim.client import *
+session = find_session(int(sys.argv[1]))
+with Intake(session, "flood") as intake:
+    intake._data.setblocking(False)
+    print("ready", flush=True)
+    begin, count = time.monotonic(), 0
+    try:
+        while True:
+            intake.velocity(1.0, 0.0, 0.0, deliberate=True)
+            count += 1
+    except SessionError:
+        print(round(count / (time.monotonic() - begin)), flush=True)
+"""
+DAMP = 0
+"""In a tick's `intents`."""
+
+
+def test_a_damp_sent_during_a_flood_of_10_khz_acts_in_the_next_tick(run: Callable[..., Result], quick: str) -> None:
+    late: list[int] = []
+    rates: list[int] = []
+
+    def operate() -> None:
+        while not (sessions := running_sessions()):
+            time.sleep(0.01)
+        with Feed(sessions[0]) as feed, Intake(sessions[0], "operator") as operator:
+            while not feed.newest():
+                time.sleep(0.01)
+            command = [sys.executable, "-c", FLOOD, str(os.getpid())]
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as flood:
+                assert flood.stdout is not None
+                flood.stdout.readline()
+                for _ in range(10):
+                    time.sleep(0.05)
+                    token = operator.post("damp")
+                    sent = feed.newest()  # the tick after this one may have looked before the DAMP was sent
+                    assert operator.answer(token, 5.0).granted
+                    acted = [n.number for n in feed.since(sent - 1) if DAMP in feed.decode(n)["intents"]]
+                    late.append(acted[0] - sent)
+                operator.ask("quit")
+                rates.append(int(flood.stdout.readline()))
+
+    thread = threading.Thread(target=operate)
+    thread.start()
+    result = run("--robot", quick, "--policy", "placeholder", "--script", "hold 60", "--pace", "realtime")
+    thread.join()
+    assert result.status == 0
+    assert rates[0] > 10_000
+    assert len(late) == 10
+    assert max(late) <= 2
