@@ -325,7 +325,7 @@ def test_a_simulation_that_becomes_unstable_is_no_success(run: Play, make_robot:
 
     result = run("--robot", make_robot(change=throw), "--script", "damp; load_a; hold 1", *PLACEHOLDER)
     assert result.status == 1
-    assert result.modes[-1] == "ZERO_TORQUE"  # no joint position is known any more
+    assert result.modes[-1] == "DAMPING"  # whatever the readings are: some are absurd, but finite
     assert "simulation unstable" in result.reasons[-1]
     assert "simulation unstable" in result.summary["safety"][0]["message"]
 
