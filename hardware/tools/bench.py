@@ -12,7 +12,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
+from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.events import BusEvent
@@ -84,19 +86,36 @@ def some_motors(
 
 @contextlib.contextmanager
 def open_bench(
-    addresses: Sequence[BusAddress], host_id: int, motors: MotorGroup, *, open_channel: OpenBus = open_bus
+    addresses: Sequence[BusAddress],
+    host_id: int,
+    motors: MotorGroup,
+    *,
+    open_channel: OpenBus = open_bus,
+    guard: MotorGuard | None = None,
 ) -> Iterator[RobstrideLink]:
     """Channels for this tool alone, as a session has them.
 
+    Args:
+        addresses: the channels.
+        host_id: our own id.
+        motors: that are talked to.
+        open_channel: opens a channel.
+        guard: of motors that nothing else stops; it is started before the channels are opened.
+
     Raises:
         InputError: the host id is none.
-        RobotError: a channel is in use by a session or another tool, or cannot be opened.
+        RobotError: a channel is in use by a session or another tool, or cannot be opened; or no guardian starts.
     """
     if not 0 <= host_id <= 0xFF:
         raise InputError(f"--host-id: is {host_id}, expected 0 to 255")
     checks, locks = CheckList(), Locks()
     try:
         locks.take(addresses, checks)
+        if guard is not None:
+            checks.refuse()
+            open_channel = guard.start(locks, checks, open_channel)
+            for warning in checks.warnings:
+                complain(f"warning: {warning}")
         bursts = [len(motors.on_channel(channel)) for channel in range(len(addresses))]
         line = OpenChannels(addresses, bursts, checks, open_bus=open_channel)
         try:
@@ -106,6 +125,8 @@ def open_bench(
         finally:
             line.close()
     finally:
+        if guard is not None:
+            guard.release(())
         locks.release()
 
 

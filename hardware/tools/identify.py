@@ -7,8 +7,11 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 
+import numpy as np
+
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError, RobotError, known_names
+from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.robstride.firmware import parse_version
@@ -30,6 +33,8 @@ _HOLD = 0.5
 """s to stay there, so that it is seen."""
 _DAMPING_TIME = 0.05
 """s, damping over stiffness: about critical for a forearm, and within every model's range."""
+_GUARDIANS_DAMPING = 1.0
+"""N·m·s/rad with which a guardian brakes a motor that nothing else stops."""
 _MOVED = 0.3
 """Share of the angle from which on a joint counts as moved."""
 _FARTHEST = 3.0
@@ -65,12 +70,16 @@ def identify(config: Identify) -> int:
             f"{config.joint}: its motor executes its last command for ever when this program dies, for no timeout of "
             "its own is known; --allow-no-timeout accepts that"
         )
-    with open_bench(addresses, config.host_id, wiring) as channels:
+    guard = None
+    if joint in wiring.endless:
+        guard = MotorGuard(wiring, addresses, np.full(wiring.count, _GUARDIANS_DAMPING))
+        guard.joints = frozenset([joint])
+    with open_bench(addresses, config.host_id, wiring, guard=guard) as channels:
         if wiring.model[joint].family != "sito":
             read_device_id(channels, joint)
         _confirm(config, wiring, joint, channels)
         before = _positions(channels)
-        with _enabled(config, wiring, joint, channels) as motor:
+        with _enabled(config, joint, channels, guard) as motor:
             start, after = _move(config, wiring, joint, channels, motor)
         before.setdefault(joint, start)
     return _report(config, wiring, joint, before, after)
@@ -94,12 +103,12 @@ def _positions(channels: RobstrideLink) -> dict[int, float]:
 
 @contextlib.contextmanager
 def _enabled(
-    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink
+    config: Identify, joint: int, channels: RobstrideLink, guard: MotorGuard | None
 ) -> Iterator[EnabledMotor | MovedSito]:
     """The joint's motor, enabled for a moment, and held to the torque."""
-    if wiring.model[joint].family == "sito":
-        with limp_sito(channels, [joint]) as session:
-            yield MovedSito(channels, session, config.torque)
+    if guard is not None:
+        with limp_sito(channels, [joint], guard) as session:
+            yield MovedSito(channels, session, config.torque, guard)
         return
     with EnabledMotor(
         channels, joint, torque=config.torque, period=_PERIOD, accepted_firmware=config.accept_firmware

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motors import SessionTerms
 from humanoid_sim.hardware.robstride.link import RobstrideLink
@@ -30,8 +31,13 @@ _POLL = 0.001
 
 
 @contextlib.contextmanager
-def limp_sito(channels: RobstrideLink, joints: Sequence[int]) -> Iterator[SitoSession]:
+def limp_sito(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuard | None = None) -> Iterator[SitoSession]:
     """Enable these motors with zero gains and zero current, after all that a session checks; disabled at the end.
+
+    Args:
+        channels: open.
+        joints: whose motors.
+        guard: of these motors, started; None where they stay limp.
 
     Raises:
         RobotError: another host drives them, one sends no feedback or reports torque, or does not confirm that it is
@@ -44,12 +50,18 @@ def limp_sito(channels: RobstrideLink, joints: Sequence[int]) -> Iterator[SitoSe
     try:
         session.examine(checks)
         session.make_ready(checks)
+        if guard is not None:
+            guard.standby()
         session.enable(checks)
         channels.line.check(checks)
         checks.refuse()
         yield session
     finally:
+        if guard is not None:
+            guard.take_back(channels.line.forget_queues)
         left = session.stop(range(motors.count))
+        if guard is not None:
+            guard.release([joints[i] for i in left])
         channels.line.listeners.remove(session.receive)
         if left:
             names = ", ".join(motors.names[i] for i in left)
@@ -70,14 +82,16 @@ class MovedSito:
 
     warnings: tuple[str, ...] = ()
 
-    def __init__(self, channels: RobstrideLink, session: SitoSession, torque: float) -> None:
+    def __init__(self, channels: RobstrideLink, session: SitoSession, torque: float, guard: MotorGuard) -> None:
         """Nothing is sent yet.
 
         Args:
             channels: open.
             session: of this motor alone, enabled.
             torque: N·m that the commanded position may ask for.
+            guard: of this motor, started.
         """
+        self._guard = guard
         self._channels = channels
         self._session = session
         self._torque = torque
@@ -106,6 +120,7 @@ class MovedSito:
         channel = self._channels.channels[motors.channel[0]]
         before = slot.position
         channel.send([((motors.names[0], kind), frame) for _, kind, frame in self._encoder.encode(values).frames])
+        self._guard.beat()
         end = time.monotonic() + _ANSWER_TIME
         while slot.position is before:
             if time.monotonic() > end:
