@@ -18,6 +18,8 @@ from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
 __all__ = [
     "OK",
+    "QPOS_DOCUMENT",
+    "URDF_DOCUMENT",
     "ControlMode",
     "Event",
     "EventKind",
@@ -205,6 +207,10 @@ class TickOutput:
     """Set in the ticks in which the policy ran."""
     policy_error: str | None = None
     """What the policy raised instead of an answer, in the ticks in which it did."""
+
+
+URDF_DOCUMENT, QPOS_DOCUMENT = "urdf", "qpos_addresses"
+"""Documents of a header: the robot as URDF, and as JSON where in `qpos` the value of each of its joints begins."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,13 +32,16 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
+from humanoid_sim.policy.labels import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.metadata import parse_metadata
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
+from humanoid_sim.recording.labels import LABELS_DOCUMENT, labels_document
 from humanoid_sim.recording.rules import CORRECTIONS
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import GuardRecord, guards_of
 from humanoid_sim.robots.schema import StandbySettings
+from humanoid_sim.robots.urdf import body_documents
 from humanoid_sim.strict_json import parse_json
 
 __all__ = [
@@ -166,7 +169,7 @@ def run_header(
     if loaded is not None:
         limit = action_limit_of(loaded.contract, action_limit)
     watching = _chosen(guards, description)
-    documents = {
+    documents = body_documents(description) | {
         "robot": description.to_json(),
         "settings": json.dumps(told, indent=1),
         "controllers": json.dumps(
@@ -180,6 +183,8 @@ def run_header(
     }
     if loaded is not None:
         documents["contract"] = encode(loaded.contract)
+        labels = observation_labels(loaded.contract, loaded.layout)
+        documents[LABELS_DOCUMENT] = labels_document(labels, loaded.contract.action_joint_names)
     return SessionHeader(
         robot=description.name,
         joint_names=description.joint_names,

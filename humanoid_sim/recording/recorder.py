@@ -279,7 +279,11 @@ class _RunWriter:
         if schema_id is None:
             text = schema_text(schema).encode()
             schema_id = self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, text)
-        qos = _QOS.format(depth=1, durability=1) if schema in LATCHED else _QOS.format(depth=10, durability=2)
+        qos = (
+            _QOS.format(depth=1, durability=1)
+            if schema in LATCHED or topic in LATCHED
+            else _QOS.format(depth=10, durability=2)
+        )
         return self._writer.register_channel(topic, "cdr", schema_id, {"offered_qos_profiles": qos})
 
 

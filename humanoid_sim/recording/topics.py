@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.messages import (
     ControlMode,
@@ -20,23 +21,32 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import MITState
+from humanoid_sim.recording.body import RecordedBody
+from humanoid_sim.recording.labels import read_labels
 from humanoid_sim.ros2.definitions import (
     CONTROL_MODE,
     FLOAT32_MULTI_ARRAY,
     IMU,
     JOINT_STATE,
     MIT_COMMAND,
+    POSE_STAMPED,
     SAFETY_STATUS,
     STANDBY_STATE,
+    STRING,
+    TF_MESSAGE,
 )
 from humanoid_sim.ros2.messages import (
+    TransformEncoder,
     encode_control_mode,
     encode_float32_array,
     encode_imu,
     encode_joint_state,
     encode_mit_command,
+    encode_named_values,
+    encode_pose,
     encode_safety_status,
     encode_standby_state,
+    encode_string,
 )
 
 __all__ = ["LATCHED", "TopicMessage", "ViewerTopics"]
@@ -44,8 +54,9 @@ __all__ = ["LATCHED", "TopicMessage", "ViewerTopics"]
 VIEWER_PERIOD = 0.02
 """s between two messages of a topic that has something new in every tick."""
 
-LATCHED = frozenset((STANDBY_STATE, SAFETY_STATUS))
-"""Types that are published with transient-local durability: a late subscriber gets the last one."""
+_DESCRIPTION, _STATIC = "/robot_description", "/tf_static"
+LATCHED = frozenset((STANDBY_STATE, SAFETY_STATUS, _DESCRIPTION, _STATIC))
+"""Types and topics that are published with transient-local durability: a late subscriber gets the last one."""
 
 _KEY_PRESSED = "key_pressed"
 
@@ -72,11 +83,21 @@ class ViewerTopics:
         self._safety: dict[str, SafetyStatus] = {}
         self._remote: RemoteCommand | None = None
         self._keys_arrival: float | None = None
+        self._labels = read_labels(header)
+        self._body = RecordedBody.of(header)
+        self._is_described = self._body is None
+        if self._body is not None:
+            moving = (*self._body.hinged, *self._body.floating)
+            self._transforms = TransformEncoder([(joint.parent, joint.child) for joint in moving])
+            self._poses = np.empty((len(moving), 7))
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """The messages of one tick, stamped `time_ns`."""
         state, output = record.input.state, record.output
         is_due = record.index % self._every == 0
+        if not self._is_described:
+            self._is_described = True
+            yield from self._description(time_ns)
         if is_due:
             yield TopicMessage(self._joint_topic, JOINT_STATE, encode_joint_state(time_ns, self._joints, state))
             yield TopicMessage("/imu/data", IMU, encode_imu(time_ns, state))
@@ -95,8 +116,10 @@ class ViewerTopics:
             self._remote = remote
             data = encode_mit_command(time_ns, self._joints, remote.command)
             yield TopicMessage("/remote_policy_controller/command", MIT_COMMAND, data)
+        if is_due and self._body is not None:
+            yield from self._frames(self._body, record, time_ns)
         if output.policy_step is not None:
-            yield from self._policy_step(output.policy_step)
+            yield from self._policy_step(output.policy_step, time_ns)
         if state.extern:
             yield from self._key_state(state)
 
@@ -115,14 +138,46 @@ class ViewerTopics:
             self._standby = key
             yield TopicMessage(f"/{controller}/state", STANDBY_STATE, encode_standby_state(time_ns, standby))
 
-    def _policy_step(self, step: PolicyStep) -> Iterator[TopicMessage]:
-        """The observation term by term, and the raw action."""
+    def _description(self, time_ns: int) -> Iterator[TopicMessage]:
+        """What the robot looks like, and the links that do not move."""
+        assert self._body is not None  # asked by the caller
+        yield TopicMessage(_DESCRIPTION, STRING, encode_string(self._body.urdf))
+        fixed = self._body.fixed
+        if fixed:
+            encoder = TransformEncoder([(joint.parent, joint.child) for joint in fixed])
+            poses = np.array([[*joint.position, *joint.quaternion] for joint in fixed])
+            yield TopicMessage(_STATIC, TF_MESSAGE, encoder.encode(time_ns, poses))
+
+    def _frames(self, body: RecordedBody, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
+        """Where the links are, each in its parent's frame, and the base in the world's."""
+        count = len(body.hinged)
+        self._poses[:count, :3], self._poses[:count, 3:] = body.hinged_poses(body.joint_values(record))
+        if body.floating:
+            self._poses[count:] = body.floating_poses(record)
+        if len(self._poses):
+            yield TopicMessage("/tf", TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
+        if body.floating and body.knows_base(record):
+            yield TopicMessage("/base_pose", POSE_STAMPED, encode_pose(time_ns, "world", self._poses[count]))
+
+    def _policy_step(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
+        """The observation term by term, and the raw action: arrays, and the same under the names of their values."""
         start = 0
         for name, width in self._terms:
-            data = encode_float32_array(step.observation[start : start + width])
+            values = step.observation[start : start + width]
             start += width
-            yield TopicMessage(f"/rl_policy_controller/observation/{name}", FLOAT32_MULTI_ARRAY, data)
-        yield TopicMessage("/rl_policy_controller/action", FLOAT32_MULTI_ARRAY, encode_float32_array(step.action))
+            topic = f"/rl_policy_controller/observation/{name}"
+            yield self._values(topic, self._labels.observation.get(name), values, time_ns)
+        yield self._values("/rl_policy_controller/action", self._labels.action, step.action, time_ns)
+
+    @staticmethod
+    def _values(
+        topic: str, names: tuple[str, ...] | None, values: npt.NDArray[np.float32], time_ns: int
+    ) -> TopicMessage:
+        """Under their names, if there are any; of a policy that fails, the answer may have any shape."""
+        if not names:
+            return TopicMessage(topic, FLOAT32_MULTI_ARRAY, encode_float32_array(values))
+        flat = values.reshape(-1)[: len(names)]
+        return TopicMessage(topic, JOINT_STATE, encode_named_values(time_ns, names[: len(flat)], flat))
 
     def _key_state(self, state: MITState) -> Iterator[TopicMessage]:
         keys = state.extern.get(_KEY_PRESSED)

@@ -17,9 +17,12 @@ __all__ = [
     "IMU",
     "JOINT_STATE",
     "MIT_COMMAND",
+    "POSE_STAMPED",
     "SAFETY_STATUS",
     "SCHEMA_ENCODING",
     "STANDBY_STATE",
+    "STRING",
+    "TF_MESSAGE",
     "TICK",
     "schema_text",
 ]
@@ -29,6 +32,9 @@ SCHEMA_ENCODING = "ros2msg"
 FLOAT32_MULTI_ARRAY = "std_msgs/msg/Float32MultiArray"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+STRING = "std_msgs/msg/String"
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 MIT_COMMAND = "humanoid_control_msgs/msg/MITCommand"
 CONTROL_MODE = "humanoid_control_msgs/msg/ControlMode"
 STANDBY_STATE = "humanoid_control_msgs/msg/StandbyState"
@@ -75,6 +81,34 @@ float64 w
 float64 x
 float64 y
 float64 z
+""",
+    "geometry_msgs/Point": """\
+float64 x
+float64 y
+float64 z
+""",
+    "geometry_msgs/Pose": """\
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+""",
+    "geometry_msgs/PoseStamped": """\
+std_msgs/Header header
+geometry_msgs/Pose pose
+""",
+    "geometry_msgs/Transform": """\
+geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation
+""",
+    "geometry_msgs/TransformStamped": """\
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+""",
+    "tf2_msgs/TFMessage": """\
+geometry_msgs/TransformStamped[] transforms
+""",
+    "std_msgs/String": """\
+string data
 """,
     "sensor_msgs/JointState": """\
 std_msgs/Header header

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.messages import ControlMode, SafetyStatus, StandbyState
-from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.ros2.cdr import CdrError, CdrReader, CdrWriter
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter
 
 __all__ = [
+    "TransformEncoder",
     "decode_float32_array",
     "encode_control_mode",
     "encode_float32_array",
     "encode_imu",
     "encode_joint_state",
     "encode_mit_command",
+    "encode_named_values",
+    "encode_pose",
     "encode_safety_status",
     "encode_standby_state",
+    "encode_string",
 ]
 
 _IMU_FRAME = "imu"
@@ -37,7 +42,7 @@ def _stamped(time_ns: int) -> CdrWriter:
     return writer
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=128)
 def _frame_and_names(names: tuple[str, ...]) -> bytes:
     """An empty `frame_id` and the joint names: the same in every message of a run."""
     writer = CdrWriter()
@@ -53,6 +58,67 @@ def encode_joint_state(time_ns: int, names: tuple[str, ...], state: MITState) ->
     for values in (state.joint_position, state.joint_velocity, state.joint_effort):
         writer.array(values)
     return writer.message()
+
+
+def encode_named_values(time_ns: int, names: tuple[str, ...], values: npt.NDArray[np.floating]) -> bytes:
+    """`sensor_msgs/msg/JointState` with any values (count,) as positions: the type whose names tools plot."""
+    writer = _stamped(time_ns)
+    writer.append(_frame_and_names(names))
+    writer.array(np.asarray(values, dtype=np.float64))
+    writer.pack("II", 0, 0)
+    return writer.message()
+
+
+def encode_pose(time_ns: int, frame: str, pose: FloatArray) -> bytes:
+    """`geometry_msgs/msg/PoseStamped` of a pose (7,), m and w x y z, in a frame."""
+    x, y, z, qw, qx, qy, qz = pose
+    writer = _stamped(time_ns)
+    writer.string(frame)
+    writer.pack("ddddddd", x, y, z, qx, qy, qz, qw)
+    return writer.message()
+
+
+def encode_string(text: str) -> bytes:
+    """`std_msgs/msg/String`."""
+    writer = CdrWriter()
+    writer.string(text)
+    return writer.message()
+
+
+class TransformEncoder:
+    """`tf2_msgs/msg/TFMessage` of always the same frames: all but the numbers is laid out once."""
+
+    def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
+        """Lay the message out.
+
+        Args:
+            frames: parent and child of each transform.
+        """
+        writer = CdrWriter()
+        writer.pack("I", len(frames))
+        stamps: list[int] = []
+        numbers: list[int] = []
+        for parent, child in frames:
+            writer.pack("iI", 0, 0)
+            stamps.append(len(writer.body()) // 4 - 2)
+            writer.string(parent)
+            writer.string(child)
+            writer.pack("ddddddd", *[0.0] * 7)
+            numbers.append(len(writer.body()) // 8 - 7)
+        self._size = len(writer.body())
+        self._body = np.zeros(-(-self._size // 8) * 8, dtype=np.uint8)
+        self._body[: self._size] = np.frombuffer(writer.body(), dtype=np.uint8)
+        self._stamps = np.array(stamps, dtype=np.intp)
+        self._numbers = np.array(numbers, dtype=np.intp)[:, None] + np.array([0, 1, 2, 6, 3, 4, 5])
+
+    def encode(self, time_ns: int, poses: FloatArray) -> bytes:
+        """The message of poses (count, 7), m and w x y z, of the children in their parents' frames."""
+        seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+        stamps = self._body.view(np.uint32)
+        stamps[self._stamps] = min(seconds, _LAST_SECOND)
+        stamps[self._stamps + 1] = nanoseconds
+        self._body.view(np.float64)[self._numbers] = poses
+        return ENCAPSULATION + self._body[: self._size].tobytes()
 
 
 def encode_imu(time_ns: int, state: MITState) -> bytes:

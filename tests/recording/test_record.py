@@ -52,7 +52,15 @@ def test_info_as_json(path, capsys):
     assert kinds == ["refused", "fault", "safety", "safety", "event"]
     assert info["words"][2]["text"] == "can0: FAULT RX_TIMEOUT wrist"
     assert info["topics"]["/humanoid_sim/tick"] == {"type": "humanoid_sim_msgs/msg/Tick", "messages": COUNT}
-    assert set(info["documents"]) == {"robot", "controllers", "contract", "settings"}
+    assert set(info["documents"]) == {
+        "robot",
+        "controllers",
+        "contract",
+        "settings",
+        "labels",
+        "urdf",
+        "qpos_addresses",
+    }
 
 
 def test_info_for_a_person(path, capsys, monkeypatch):

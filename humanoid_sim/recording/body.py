@@ -1,0 +1,229 @@
+"""Where the links of a recorded robot are: from the URDF in the header and a tick's joint positions.
+
+Nothing here needs the robot's MJCF, or MuJoCo: a recording carries its body with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+from xml.etree import ElementTree
+
+import numpy as np
+
+from humanoid_sim.controllers.rotation import conjugate, multiply, quaternion_from_matrix, rotate
+from humanoid_sim.errors import reason_of
+from humanoid_sim.messages import QPOS_DOCUMENT, URDF_DOCUMENT, SessionHeader, TickRecord
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.strict_json import parse_json
+
+__all__ = ["BodyError", "RecordedBody", "UrdfJoint"]
+
+_MOVING = ("revolute", "continuous", "prismatic")
+_LARGEST = 16 << 20
+"""Characters of a URDF."""
+
+
+class BodyError(ValueError):
+    """A header whose body cannot be used."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrdfJoint:
+    """A joint of a URDF, and the link that it carries."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    position: FloatArray
+    """Shape (3,), m, of the child in its parent's frame at 0."""
+    quaternion: FloatArray
+    """Shape (4,), w x y z, likewise."""
+    axis: FloatArray
+    """Shape (3,), child frame."""
+    qpos: int
+    """Where its value begins in `qpos`; -1 for a fixed one."""
+
+
+class RecordedBody:
+    """The links of one robot. Keeps the last position of joints that fall silent; one instance per run."""
+
+    def __init__(self, header: SessionHeader, urdf: str, addresses: Mapping[str, int], imu: str = "") -> None:
+        """Read a URDF.
+
+        Args:
+            header: names the joints of the state.
+            urdf: the text.
+            addresses: by joint, where its value begins in `qpos`.
+            imu: the link that is the IMU; empty for none.
+
+        Raises:
+            BodyError: it is none.
+        """
+        self.urdf = urdf
+        joints = _joints(urdf, addresses)
+        self.fixed = tuple(joint for joint in joints if joint.kind == "fixed")
+        self.hinged = tuple(joint for joint in joints if joint.kind in _MOVING)
+        self.floating = tuple(joint for joint in joints if joint.kind == "floating")
+        self.joints = joints
+        self._size = max((joint.qpos + (7 if joint.kind == "floating" else 1) for joint in joints), default=0)
+        places = {name: i for i, name in enumerate(header.joint_names)}
+        known = [(i, places[joint.name]) for i, joint in enumerate(self.hinged) if joint.name in places]
+        self._ours = np.array([i for i, _ in known], dtype=np.intp)
+        self._state = np.array([i for _, i in known], dtype=np.intp)
+        self._qpos = np.array([joint.qpos for joint in self.hinged], dtype=np.intp)
+        self._slides = np.array([joint.kind == "prismatic" for joint in self.hinged], dtype=bool)
+        self._position = _stacked([joint.position for joint in self.hinged], 3)
+        self._quaternion = _stacked([joint.quaternion for joint in self.hinged], 4)
+        self._axis = _stacked([joint.axis for joint in self.hinged], 3)
+        self._along = rotate(self._quaternion, self._axis)
+        self._values = np.zeros(len(self.hinged))
+        self._to_imu = _chain(joints, imu)
+
+    @classmethod
+    def of(cls, header: SessionHeader, documents: Mapping[str, str] | None = None) -> Self | None:
+        """The body that a header describes; None if it describes none, as those of earlier versions.
+
+        Args:
+            header: of the recording.
+            documents: to look into; None: the header's.
+
+        Raises:
+            BodyError: what it says is damaged.
+        """
+        documents = header.documents if documents is None else documents
+        if URDF_DOCUMENT not in documents:
+            return None
+        try:
+            addresses = parse_json(documents.get(QPOS_DOCUMENT, "{}"))
+        except ValueError as error:
+            raise BodyError(f"'qpos_addresses' are no JSON: {error}") from None
+        if not isinstance(addresses, dict) or not all(type(i) is int and 0 <= i < 10**6 for i in addresses.values()):
+            raise BodyError("'qpos_addresses' are no JSON object of whole numbers")
+        return cls(header, documents[URDF_DOCUMENT], addresses, _imu(documents))
+
+    def joint_values(self, record: TickRecord) -> FloatArray:
+        """Shape (J,), rad or m, of `hinged`: as measured, and of passive joints as simulated, or 0."""
+        if record.qpos is not None and len(record.qpos) >= self._size:
+            self._values[:] = record.qpos[self._qpos]
+        measured = record.input.state.joint_position[self._state]
+        heard = np.isfinite(measured)
+        self._values[self._ours[heard]] = measured[heard]
+        return self._values
+
+    def hinged_poses(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of the children of `hinged` in their parents' frames: shape (J, 3), m, and (J, 4), w x y z."""
+        half = np.where(self._slides, 0.0, 0.5 * values)
+        turn = np.concatenate([np.cos(half)[:, None], np.sin(half)[:, None] * self._axis], axis=1)
+        moved = self._position + np.where(self._slides, values, 0.0)[:, None] * self._along
+        return moved, multiply(self._quaternion, turn)
+
+    def knows_base(self, record: TickRecord) -> bool:
+        """Whether the place of a floating base is known in a tick, and not only how it is turned."""
+        return record.qpos is not None and len(record.qpos) >= self._size
+
+    def floating_poses(self, record: TickRecord) -> FloatArray:
+        """Shape (F, 7), m and w x y z, of the children of `floating`, in their parents' frames.
+
+        As simulated; where that is not recorded, as on hardware, the base stands at its place in the model, turned as
+        the IMU says.
+        """
+        poses = np.empty((len(self.floating), 7))
+        for i, joint in enumerate(self.floating):
+            poses[i, :3], poses[i, 3:] = joint.position, joint.quaternion
+            if self.knows_base(record) and record.qpos is not None:
+                is_ball = joint.parent != "world"
+                own = record.qpos[joint.qpos : joint.qpos + (4 if is_ball else 7)]
+                poses[i, 3:] = multiply(joint.quaternion, own) if is_ball else own[3:]
+                poses[i, :3] = joint.position if is_ball else own[:3]
+            elif self._to_imu and self._to_imu[0].parent == joint.child:
+                poses[i, 3:] = multiply(record.input.state.imu_quaternion, conjugate(self._imu_in_base(record)))
+        return poses
+
+    def _imu_in_base(self, record: TickRecord) -> FloatArray:
+        """Shape (4,), w x y z."""
+        _, turned = self.hinged_poses(self.joint_values(record))
+        by_name = {joint.name: turned[i] for i, joint in enumerate(self.hinged)}
+        quaternion = np.array([1.0, 0.0, 0.0, 0.0])
+        for joint in self._to_imu:
+            quaternion = multiply(quaternion, by_name.get(joint.name, joint.quaternion))
+        return quaternion
+
+
+def _imu(documents: Mapping[str, str]) -> str:
+    """The name of the robot's IMU; empty if the header does not say."""
+    try:
+        robot = parse_json(documents.get("robot", "{}"))
+    except ValueError:
+        return ""
+    return str(robot.get("imu", "")) if isinstance(robot, dict) else ""
+
+
+def _chain(joints: tuple[UrdfJoint, ...], link: str) -> tuple[UrdfJoint, ...]:
+    """The joints that lead to a link from what floats, or from the world; none for a link that there is not."""
+    carrying = {joint.child: joint for joint in joints}
+    chain: list[UrdfJoint] = []
+    while link in carrying and carrying[link].kind != "floating" and len(chain) <= len(joints):
+        chain.insert(0, carrying[link])
+        link = carrying[link].parent
+    return tuple(chain)
+
+
+def _stacked(rows: list[FloatArray], width: int) -> FloatArray:
+    return np.array(rows, dtype=np.float64).reshape(len(rows), width)
+
+
+def _joints(urdf: str, addresses: Mapping[str, int]) -> tuple[UrdfJoint, ...]:
+    if len(urdf) > _LARGEST:
+        raise BodyError(f"the URDF has {len(urdf)} characters, expected at most {_LARGEST}")
+    try:
+        root = ElementTree.fromstring(urdf)
+        joints = tuple(_joint(element, addresses) for element in root.findall("joint"))
+    except (ElementTree.ParseError, ValueError, KeyError, AttributeError, RecursionError) as error:
+        raise BodyError(f"the URDF cannot be read: {reason_of(error)}") from None
+    for joint in joints:
+        if not all(np.isfinite(values).all() for values in (joint.position, joint.quaternion, joint.axis)):
+            raise BodyError(f"the URDF's joint '{joint.name}' is not finite")
+    return joints
+
+
+def _joint(element: ElementTree.Element, addresses: Mapping[str, int]) -> UrdfJoint:
+    name, kind = element.attrib["name"], element.attrib["type"]
+    parent, child = element.find("parent"), element.find("child")
+    if parent is None or child is None:
+        raise ValueError(f"joint '{name}' lacks a link")
+    origin, axis = element.find("origin"), element.find("axis")
+    place = {} if origin is None else origin.attrib
+    return UrdfJoint(
+        name,
+        kind,
+        parent.attrib["link"],
+        child.attrib["link"],
+        _three(place.get("xyz", "0 0 0")),
+        _quaternion(_three(place.get("rpy", "0 0 0"))),
+        _three("1 0 0" if axis is None else axis.attrib["xyz"]),
+        -1 if kind == "fixed" else addresses.get(name, -1) if kind not in _MOVING else addresses[name],
+    )
+
+
+def _three(text: str) -> FloatArray:
+    values = np.array([float(word) for word in text.split()])
+    if values.shape != (3,):
+        raise ValueError(f"'{text[:80]}' are not three numbers")
+    return values
+
+
+def _quaternion(rpy: FloatArray) -> FloatArray:
+    """Shape (4,), w x y z, of roll, pitch and yaw about fixed axes."""
+    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle), math.cos(angle)) for angle in rpy)
+    rotation = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    return quaternion_from_matrix(rotation)

@@ -1,0 +1,165 @@
+"""A URDF of a compiled MJCF: what viewers of recordings draw, with primitive geometry and no files beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.controllers.rotation import matrix
+from humanoid_sim.messages import QPOS_DOCUMENT, URDF_DOCUMENT
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.links import Link, links_of
+from humanoid_sim.robots.mjcf import bare_model
+
+__all__ = ["body_documents", "urdf_of"]
+
+_Element = ElementTree.Element
+_SHOWN_GROUPS = 3
+"""Groups of geoms that MuJoCo's own viewer shows; those beyond are for contacts."""
+_GIMBAL = 1e-12
+
+
+def body_documents(description: RobotDescription) -> dict[str, str]:
+    """What a recording's header says of the robot's body, for `humanoid_sim.recording.body`."""
+    model = bare_model(description)
+    links = links_of(model)
+    addresses = {link.joint: int(model.jnt_qposadr[link.joint_id]) for link in links if link.joint_id >= 0}
+    return {URDF_DOCUMENT: urdf_of(model, description), QPOS_DOCUMENT: json.dumps(addresses)}
+
+
+def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
+    """The robot as URDF: links, joints with their limits, inertia, and geoms as spheres, cylinders and boxes.
+
+    A capsule is a cylinder and two spheres; a mesh or an ellipsoid is the box around it. The IMU is a link of its own.
+    A floating base hangs on the link `world` by a joint of type `floating`.
+    """
+    root = ElementTree.Element("robot", name=description.name)
+    world = ElementTree.SubElement(root, "link", name="world")
+    _add_geoms(world, model, 0, np.zeros(3))
+    limits = {joint.name: (joint.lower, joint.upper, joint.effort_limit) for joint in description.joints}
+    links = links_of(model)
+    for link in links:
+        element = ElementTree.SubElement(root, "link", name=link.name)
+        if link.body >= 0:
+            _add_inertia(element, model, link)
+            _add_geoms(element, model, link.body, link.shift)
+    for link in links:
+        _add_joint(root, link, _limits(model, link, limits))
+    _add_imu(root, model, description, links)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _add_joint(root: _Element, link: Link, limits: tuple[float, float, float]) -> None:
+    joint = ElementTree.SubElement(root, "joint", name=link.joint, type=link.kind)
+    ElementTree.SubElement(joint, "parent", link=link.parent)
+    ElementTree.SubElement(joint, "child", link=link.name)
+    _add_origin(joint, link.position, link.quaternion)
+    if link.kind in ("revolute", "prismatic", "continuous"):
+        ElementTree.SubElement(joint, "axis", xyz=_numbers(link.axis))
+        lower, upper, effort = limits
+        bounds = {"effort": _number(effort), "velocity": "0"}  # which MJCF does not know
+        if link.kind != "continuous":
+            bounds |= {"lower": _number(lower), "upper": _number(upper)}
+        ElementTree.SubElement(joint, "limit", bounds)
+
+
+def _limits(
+    model: mujoco.MjModel, link: Link, limits: Mapping[str, tuple[float, float, float]]
+) -> tuple[float, float, float]:
+    """Lower and upper, rad or m, and the effort limit: the description's, or the model's."""
+    if link.joint_id < 0:
+        return 0.0, 0.0, 0.0
+    lower, upper = (float(value) for value in model.jnt_range[link.joint_id])
+    lower, upper, effort = limits.get(link.joint, (lower, upper, 0.0))
+    return lower, upper, effort if math.isfinite(effort) else 0.0
+
+
+def _add_imu(root: _Element, model: mujoco.MjModel, description: RobotDescription, links: tuple[Link, ...]) -> None:
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, description.imu)
+    if site < 0 or description.imu in (link.name for link in links):
+        return  # the IMU is a body
+    body = int(model.site_bodyid[site])
+    owner = next((link for link in links if link.body == body), None)
+    shift = np.zeros(3) if owner is None else owner.shift
+    ElementTree.SubElement(root, "link", name=description.imu)
+    joint = ElementTree.SubElement(root, "joint", name=f"{description.imu}_fixed", type="fixed")
+    ElementTree.SubElement(joint, "parent", link="world" if owner is None else owner.name)
+    ElementTree.SubElement(joint, "child", link=description.imu)
+    _add_origin(joint, model.site_pos[site] - shift, model.site_quat[site])
+
+
+def _add_inertia(element: _Element, model: mujoco.MjModel, link: Link) -> None:
+    mass = float(model.body_mass[link.body])
+    if not mass:
+        return
+    inertial = ElementTree.SubElement(element, "inertial")
+    _add_origin(inertial, model.body_ipos[link.body] - link.shift, model.body_iquat[link.body])
+    ElementTree.SubElement(inertial, "mass", value=_number(mass))
+    xx, yy, zz = (_number(value) for value in model.body_inertia[link.body])
+    ElementTree.SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
+
+
+def _add_geoms(element: _Element, model: mujoco.MjModel, body: int, shift: FloatArray) -> None:
+    first = int(model.body_geomadr[body])
+    for geom in range(first, first + int(model.body_geomnum[body])):
+        if model.geom_group[geom] >= _SHOWN_GROUPS:
+            continue
+        position, quaternion = model.geom_pos[geom] - shift, model.geom_quat[geom]
+        for tag, attributes, offset in _shapes(model, geom):
+            visual = ElementTree.SubElement(element, "visual")
+            _add_origin(visual, position + matrix(quaternion) @ offset, quaternion)
+            ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), tag, attributes)
+            material = ElementTree.SubElement(visual, "material", name=f"geom_{geom}")
+            ElementTree.SubElement(material, "color", rgba=_numbers(_colour(model, geom)))
+
+
+def _shapes(model: mujoco.MjModel, geom: int) -> Iterator[tuple[str, dict[str, str], FloatArray]]:
+    """What a geom is made of: the tag, its attributes, and where it is in the geom's frame, (3,) m."""
+    kind, (a, b, _) = mujoco.mjtGeom(int(model.geom_type[geom])), (float(value) for value in model.geom_size[geom])
+    here = np.zeros(3)
+    match kind:
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            yield "sphere", {"radius": _number(a)}, here
+        case mujoco.mjtGeom.mjGEOM_CAPSULE | mujoco.mjtGeom.mjGEOM_CYLINDER:
+            yield "cylinder", {"radius": _number(a), "length": _number(2.0 * b)}, here
+            for end in (-b, b) if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else ():
+                yield "sphere", {"radius": _number(a)}, np.array([0.0, 0.0, end])
+        case mujoco.mjtGeom.mjGEOM_BOX | mujoco.mjtGeom.mjGEOM_ELLIPSOID | mujoco.mjtGeom.mjGEOM_MESH:
+            yield "box", {"size": _numbers(2.0 * model.geom_aabb[geom, 3:])}, np.array(model.geom_aabb[geom, :3])
+        case _:  # planes and height fields are the ground, not the robot
+            return
+
+
+def _colour(model: mujoco.MjModel, geom: int) -> FloatArray:
+    material = int(model.geom_matid[geom])
+    colour: FloatArray = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    return colour
+
+
+def _add_origin(element: _Element, position: FloatArray, quaternion: FloatArray) -> None:
+    ElementTree.SubElement(element, "origin", xyz=_numbers(position), rpy=_numbers(_roll_pitch_yaw(quaternion)))
+
+
+def _roll_pitch_yaw(quaternion: FloatArray) -> FloatArray:
+    """Shape (3,), rad, about the fixed axes x, y, z in this order: URDF's."""
+    rotation = matrix(np.asarray(quaternion, dtype=np.float64))
+    level = math.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = math.atan2(-rotation[2, 0], level)
+    if level < _GIMBAL:  # roll and yaw turn about one axis
+        return np.array([math.atan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
+    return np.array([math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])])
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(_number(float(value)) for value in values)
+
+
+def _number(value: float) -> str:
+    return repr(round(float(value), 12) + 0.0)

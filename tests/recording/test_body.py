@@ -1,0 +1,160 @@
+"""A recording's body: /tf as an independent reader sees it, against MuJoCo's forward kinematics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from recording_samples import make_tick, write_recording
+from rosbags.highlevel import AnyReader
+
+from humanoid_sim.controllers.rotation import matrix
+from humanoid_sim.messages import SessionHeader, TickInput, TickRecord
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.recording.body import BodyError, RecordedBody
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.mjcf import bare_model
+from humanoid_sim.stack import run_header
+
+
+def tick_of(description: RobotDescription, index: int, position: np.ndarray, qpos: np.ndarray | None) -> TickRecord:
+    """A tick at 50 Hz in which the robot has these joint positions."""
+    n = description.joint_count
+    zeros = np.zeros(n)
+    state = MITState(
+        0.02 * index, position, zeros, zeros, zeros, np.array([0.8, 0.0, 0.6, 0.0]), np.zeros(3), np.zeros(3)
+    )
+    output = replace(
+        make_tick(0).output, command=MITCommand(zeros, zeros, zeros, zeros, zeros), policy_step=None, standby=None
+    )
+    return TickRecord(index, TickInput(state), output, 0.001, False, qpos)
+
+
+def topics(path: Path) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+    return found
+
+
+def tree(message: Any) -> dict[str, tuple[str, np.ndarray]]:
+    """By child its parent and the transform (4, 4)."""
+    found = {}
+    for stamped in message.transforms:
+        moved, turned = stamped.transform.translation, stamped.transform.rotation
+        pose = np.eye(4)
+        pose[:3, :3] = matrix(np.array([turned.w, turned.x, turned.y, turned.z]))
+        pose[:3, 3] = moved.x, moved.y, moved.z
+        found[stamped.child_frame_id] = stamped.header.frame_id, pose
+    return found
+
+
+def in_world(links: dict[str, tuple[str, np.ndarray]], name: str) -> np.ndarray:
+    pose = np.eye(4)
+    while name != "world":
+        name, step = links[name]
+        pose = step @ pose
+    return pose
+
+
+@pytest.mark.parametrize("name", ["lite", "lite_biped"])
+def test_links_are_where_mujoco_has_them(name: str, tmp_path: Path) -> None:
+    description = load_robot(name)
+    model, rng = bare_model(description), np.random.default_rng(7)
+    data, ticks, expected = mujoco.MjData(model), [], []
+    addresses = [int(model.joint(joint).qposadr[0]) for joint in description.joint_names]
+    for index in range(3):
+        if description.is_floating:
+            data.qpos[:3], data.qpos[3:7] = rng.normal(size=3), rng.normal(size=4)
+            data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
+        data.qpos[addresses] = rng.uniform(-1.0, 1.0, len(addresses))
+        mujoco.mj_kinematics(model, data)
+        expected.append(data.xmat.copy().reshape(-1, 3, 3))
+        ticks.append(tick_of(description, index, data.qpos[addresses].copy(), data.qpos.copy()))
+    write_recording(tmp_path / "run.mcap", ticks, run_header(description, 0.02, None, settings={}))
+    found = topics(tmp_path / "run.mcap")
+    assert len(found["/tf"]) == 3
+    assert len(found["/tf_static"]) == len(found["/robot_description"]) == 1
+    assert found["/robot_description"][0].data.startswith("<robot")
+    static = tree(found["/tf_static"][0])
+    for i, message in enumerate(found["/tf"]):
+        links = static | tree(message)
+        for body in range(1, model.nbody):
+            pose = in_world(links, model.body(body).name)
+            assert np.abs(pose[:3, :3] - expected[i][body]).max() < 1e-6
+    if description.is_floating:
+        pose = found["/base_pose"][2].pose
+        assert [pose.position.x, pose.position.y, pose.position.z] == data.qpos[:3].tolist()
+        assert [pose.orientation.w, pose.orientation.x] == data.qpos[3:5].tolist()
+    else:
+        assert "/base_pose" not in found
+    assert "offered_qos_profiles" not in found
+
+
+def test_frames_are_sent_at_50_hz_and_the_description_once(tmp_path: Path) -> None:
+    lite = load_robot("lite")
+    ticks = [tick_of(lite, index, np.zeros(14), None) for index in range(40)]
+    write_recording(tmp_path / "run.mcap", ticks, run_header(lite, 0.005, None, settings={}))
+    found = topics(tmp_path / "run.mcap")
+    assert (len(found["/tf"]), len(found["/tf_static"]), len(found["/robot_description"])) == (10, 1, 1)
+
+
+def test_without_a_simulation_the_imu_turns_the_base() -> None:
+    biped = load_robot("lite_biped")
+    header = run_header(biped, 0.02, None, settings={})
+    body = RecordedBody.of(header)
+    assert body is not None
+    record = tick_of(biped, 0, np.zeros(biped.joint_count), None)
+    (pose,) = body.floating_poses(record)
+    imu = bare_model(biped).site(biped.imu).quat
+    assert imu.tolist() == [1.0, 0.0, 0.0, 0.0]  # the IMU's axes are the base's
+    assert np.abs(pose[3:] - [0.8, 0.0, 0.6, 0.0]).max() < 1e-9
+    assert not body.knows_base(record)
+
+
+def test_a_silent_joint_stays_where_it_was() -> None:
+    lite = load_robot("lite")
+    body = RecordedBody.of(run_header(lite, 0.02, None, settings={}))
+    assert body is not None
+    heard = np.linspace(0.1, 1.4, 14)
+    assert sorted(body.joint_values(tick_of(lite, 0, heard, None))) == heard.tolist()
+    silent = heard.copy()
+    silent[3] = np.nan
+    assert sorted(body.joint_values(tick_of(lite, 1, silent, None))) == heard.tolist()
+
+
+@pytest.mark.parametrize(
+    ("documents", "problem"),
+    [
+        ({"urdf": "<robot>"}, "the URDF cannot be read: "),
+        ({"urdf": "<robot/>", "qpos_addresses": "{"}, "'qpos_addresses' are no JSON: "),
+        ({"urdf": "<robot/>", "qpos_addresses": '{"a": -1}'}, "no JSON object of whole numbers"),
+        (
+            {"urdf": '<robot><joint name="a" type="revolute"/></robot>', "qpos_addresses": "{}"},
+            "the URDF cannot be read: joint 'a' lacks a link",
+        ),
+        (
+            {
+                "urdf": '<robot><joint name="a" type="fixed"><parent link="w"/><child link="b"/>'
+                '<origin xyz="0 nan 0"/></joint></robot>'
+            },
+            "the URDF's joint 'a' is not finite",
+        ),
+    ],
+)
+def test_a_damaged_body_is_refused(documents: dict[str, str], problem: str) -> None:
+    header = SessionHeader("lite", ("a",), 0.02, 0, documents=documents)
+    with pytest.raises(BodyError) as refused:
+        RecordedBody.of(header)
+    assert problem in str(refused.value)
+
+
+def test_earlier_recordings_have_no_body() -> None:
+    path = Path(__file__).parents[1] / "data" / "recordings" / "simulated_locomotion.mcap"
+    assert RecordedBody.of(open_recording(path).header) is None

@@ -1,0 +1,131 @@
+"""The URDF of a model, as an independent reader sees it, against MuJoCo's forward kinematics."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+import yourdfpy
+
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.links import links_of
+from humanoid_sim.robots.mjcf import bare_model
+from humanoid_sim.robots.urdf import urdf_of
+
+_BESIDE = Path(__file__).parents[3] / "shared" / "policies"
+POLICIES = Path(os.environ.get("HUMANOID_SIM_POLICIES", _BESIDE))
+needs_policies = pytest.mark.skipif(not POLICIES.is_dir(), reason=f"no published models in {POLICIES}")
+
+SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+MANY_JOINTS = """\
+<mujoco model="odd"><compiler angle="radian"/><worldbody>
+  <body name="base" pos="0.1 0.2 0.3" quat="0.8 0.2 0.4 0.4">
+    <joint name="turn" axis="0 0 1" pos="0.05 0.02 0.01" ref="0.4"/>
+    <joint name="slide" type="slide" axis="0.6 0.8 0" ref="-0.1" range="-1 1" limited="true"/>
+    <joint name="swing" axis="1 0 0" pos="-0.03 0.04 0.06"/>
+    <geom type="capsule" size="0.02 0.1"/>
+    <site name="imu" pos="0.01 0.02 0.03" quat="0.5 0.5 0.5 -0.5"/>
+    <body name="tip" pos="0 0 0.2" euler="0.3 -0.2 0.1"><geom type="box" size="0.01 0.02 0.03"/>
+      <body pos="0 0.1 0"><joint name="last" axis="0 1 0" pos="0 0 0.07"/><geom size="0.01" group="4"/></body></body>
+  </body></worldbody></mujoco>
+"""
+
+
+def odd_robot(folder: Path) -> RobotDescription:
+    (folder / "odd.xml").write_text(MANY_JOINTS)
+    return load_robot(folder / "odd.xml")
+
+
+def robots(folder: Path) -> Iterator[tuple[str, RobotDescription]]:
+    for name in ("lite", "lite_neck", "lite_biped"):
+        yield name, load_robot(name)
+    yield "hopper", load_robot(Path(__file__).parents[1] / "data" / "hopper.xml")
+    yield "odd", odd_robot(folder)
+    g1 = POLICIES / "models" / "unitree_g1" / "robot.xml"
+    if g1.is_file():
+        yield "g1", load_robot(g1)
+
+
+def read(description: RobotDescription) -> yourdfpy.URDF:
+    text = urdf_of(bare_model(description), description)
+    return yourdfpy.URDF.load(BytesIO(text.encode()), load_meshes=False, build_scene_graph=True)
+
+
+@pytest.mark.parametrize(
+    "name", ["lite", "lite_neck", "lite_biped", "hopper", "odd", pytest.param("g1", marks=needs_policies)]
+)
+def test_an_independent_reader_has_the_links_where_mujoco_has_them(name: str, tmp_path: Path) -> None:
+    description = dict(robots(tmp_path))[name]
+    model = bare_model(description)
+    urdf, data, rng = read(description), mujoco.MjData(model), np.random.default_rng(3)
+    links = [link for link in links_of(model) if link.body >= 0]
+    assert len(links) == model.nbody - 1
+    for _ in range(5):
+        values = {}
+        for joint in range(model.njnt):
+            if mujoco.mjtJoint(int(model.jnt_type[joint])) in SCALAR:
+                values[model.joint(joint).name] = data.qpos[model.jnt_qposadr[joint]] = rng.uniform(-1.2, 1.2)
+        assert len(values) >= len(description.joint_names)
+        mujoco.mj_kinematics(model, data)
+        urdf.update_cfg(values)
+        base = links[0].name  # a floating base is where the reader puts it
+        at_base = urdf.get_transform(base, "world")
+        moved = _pose(data, links[0].body, links[0].shift) @ np.linalg.inv(at_base)
+        for link in links:
+            expected = _pose(data, link.body, link.shift)
+            found = moved @ urdf.get_transform(link.name, "world")
+            assert np.abs(found - expected).max() < 1e-6, link.name
+        if not description.is_floating:
+            assert np.abs(moved - np.eye(4)).max() < 1e-6
+
+
+def _pose(data: mujoco.MjData, body: int, shift: np.ndarray) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = data.xmat[body].reshape(3, 3)
+    pose[:3, 3] = data.xpos[body] + pose[:3, :3] @ shift
+    return pose
+
+
+def test_every_geom_that_is_shown_has_its_shapes() -> None:
+    description = load_robot("lite")
+    model = bare_model(description)
+    root = ElementTree.fromstring(urdf_of(model, description))
+    shown = [geom for geom in range(model.ngeom) if model.geom_group[geom] < 3]
+    kinds = [mujoco.mjtGeom(int(model.geom_type[geom])) for geom in shown]
+    capsules = kinds.count(mujoco.mjtGeom.mjGEOM_CAPSULE)
+    assert len(root.findall(".//visual/geometry/cylinder")) == capsules + kinds.count(mujoco.mjtGeom.mjGEOM_CYLINDER)
+    assert len(root.findall(".//visual/geometry/sphere")) == 2 * capsules + kinds.count(mujoco.mjtGeom.mjGEOM_SPHERE)
+    assert capsules > 10
+    assert root.find(".//mesh") is None
+
+
+def test_limits_inertia_and_the_imu(tmp_path: Path) -> None:
+    description = load_robot("lite")
+    model = bare_model(description)
+    root = ElementTree.fromstring(urdf_of(model, description))
+    limit = root.find("joint[@name='left_elbow_pitch']/limit")
+    assert limit is not None
+    joint = next(joint for joint in description.joints if joint.name == "left_elbow_pitch")
+    assert (float(limit.attrib["lower"]), float(limit.attrib["upper"])) == (joint.lower, joint.upper)
+    assert float(limit.attrib["effort"]) == joint.effort_limit
+    masses = [float(mass.attrib["value"]) for mass in root.iter("mass")]
+    assert sum(masses) == pytest.approx(model.body_mass.sum(), rel=1e-9)
+    odd = odd_robot(tmp_path)
+    imu = ElementTree.fromstring(urdf_of(bare_model(odd), odd)).find("joint[@name='imu_fixed']/child")
+    assert imu is not None
+    assert imu.attrib["link"] == "imu"
+
+
+def test_a_floating_base_hangs_on_the_world() -> None:
+    description = load_robot("lite_biped")
+    root = ElementTree.fromstring(urdf_of(bare_model(description), description))
+    (joint,) = root.findall("joint[@type='floating']")
+    parent = joint.find("parent")
+    assert parent is not None
+    assert parent.attrib["link"] == "world"
