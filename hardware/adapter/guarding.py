@@ -28,19 +28,26 @@ class MotorGuard:
     `take_back`; after: `release`.
     """
 
-    def __init__(self, wiring: Wiring, addresses: Sequence[BusAddress], damping: FloatArray) -> None:
+    def __init__(
+        self,
+        wiring: Wiring,
+        addresses: Sequence[BusAddress],
+        damping: FloatArray,
+        joints: Collection[int] | None = None,
+    ) -> None:
         """Nothing is started yet.
 
         Args:
             wiring: the motors.
             addresses: of the channels.
             damping: shape (n,), N·m·s/rad, with which the guardian brakes.
+            joints: that will be enabled; None: all.
         """
         self._wiring = wiring
         self._addresses = addresses
         self._damping = damping
         self._guardian: Guardian | None = None
-        self.joints = frozenset(wiring.endless)
+        self.joints = frozenset(wiring.endless if joints is None else set(wiring.endless) & set(joints))
         """Whose motors need one."""
 
     def start(self, locks: Locks, checks: CheckList, open_bus: OpenBus) -> OpenBus:

@@ -72,8 +72,7 @@ def identify(config: Identify) -> int:
         )
     guard = None
     if joint in wiring.endless:
-        guard = MotorGuard(wiring, addresses, np.full(wiring.count, _GUARDIANS_DAMPING))
-        guard.joints = frozenset([joint])
+        guard = MotorGuard(wiring, addresses, np.full(wiring.count, _GUARDIANS_DAMPING), [joint])
     with open_bench(addresses, config.host_id, wiring, guard=guard) as channels:
         if wiring.model[joint].family != "sito":
             read_device_id(channels, joint)
