@@ -23,7 +23,7 @@ VERBS = {
     "policy": "show, check, stamp or diagnose a checkpoint",
     "mode": "send an intent to a running session",
     "replay": "repeat a recording bit for bit",
-    "record": "look into a recording, or recover one that was cut off",
+    "record": "look into a recording, recover one that was cut off, or export it (URDF, CSV, MP4, rerun)",
     "prepare": "check a motion from elsewhere on the robot and convert it; fetch a checkpoint",
     "record_dataset": "make a LeRobot dataset of recordings",
     "compare": "how far apart recordings of one policy are, frame by frame",

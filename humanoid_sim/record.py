@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.record info|recover`: look into a recording, or save what is sound in one that was cut."""
+"""`python -m humanoid_sim.record info|recover|export`: look into a recording, save what is sound, or export it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from rich.table import Table
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.evaluation.definitions import DEFINITIONS, differing
+from humanoid_sim.record_export import Export, export
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recover import default_output, recover
 from humanoid_sim.recording.summary import Summary, summarize
@@ -54,10 +55,10 @@ class Recover:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record` with command-line arguments; returns the exit status."""
-    command: Info | Recover = tyro.cli(
-        Info | Recover,
+    command: Info | Recover | Export = tyro.cli(
+        Info | Recover | Export,
         prog="humanoid_sim.record",
-        description="Look into a recording, or recover one that was cut off or damaged.",
+        description="Look into a recording, recover one that was cut off or damaged, or export it for other programs.",
         args=arguments,
         config=(tyro.conf.PositionalRequiredArgs,),
     )
@@ -66,6 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _info(command)
         case Recover():
             _recover(command)
+        case Export():
+            return export(command)
         case _:
             assert_never(command)
     return 0

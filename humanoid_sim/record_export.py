@@ -1,0 +1,257 @@
+"""`record export`: a recording as a URDF, a table, a video, or for the rerun viewer."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from humanoid_sim.errors import InputError, MissingPackageError
+
+if TYPE_CHECKING:
+    from humanoid_sim.messages import TickRecord
+    from humanoid_sim.mit import FloatArray
+    from humanoid_sim.recording.body import RecordedBody
+    from humanoid_sim.recording.reader import Recording
+    from humanoid_sim.robots.description import RobotDescription
+
+__all__ = ["Export", "export"]
+
+_FRAME_PERIOD = 0.02
+"""s between two poses for the rerun viewer."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write what a recording holds for other programs; any of the options, each with the file to write.
+
+    Recordings of earlier versions have no body: theirs is made from the robot's MJCF.
+    """
+
+    file: Path
+    """Recording (.mcap), finished or cut off."""
+    urdf: Path | None = None
+    """The robot, with primitive geometry (.urdf)."""
+    csv: Path | None = None
+    """A row per tick: time, mode, joint states, commands, IMU, the policy's frame and action (.csv)."""
+    mp4: Path | None = None
+    """A video (.mp4)."""
+    rerun: Path | None = None
+    """For the rerun viewer (.rrd): the robot and its plots. Needs the extra 'rerun'."""
+    robot: Annotated[str | None, tyro.conf.arg(name="robot")] = None
+    """The robot's YAML file or MJCF, where the recording's own MJCF is not among the shipped robots'."""
+    overwrite: bool = False
+    """Replace files that exist."""
+
+
+def export(options: Export) -> int:
+    """Write the files; returns the exit status.
+
+    Raises:
+        InputError: nothing is asked for, a file cannot be written, or the recording lacks what it takes.
+    """
+    from humanoid_sim.files import output_file  # noqa: PLC0415 - heavy imports stay out of `--help`
+    from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
+
+    writers: dict[str, Callable[[Recording, Path, Export], str]] = {
+        "urdf": _urdf,
+        "csv": _csv,
+        "mp4": _mp4,
+        "rerun": _rerun,
+    }
+    suffixes = {"rerun": ".rrd"}
+    chosen = {name: path for name in writers if (path := getattr(options, name)) is not None}
+    if not chosen:
+        raise InputError("record export: expected --urdf, --csv, --mp4 or --rerun, each with a file to write")
+    for name, path in chosen.items():
+        output_file(path, f"--{name}", suffixes.get(name, f".{name}"), overwrite=options.overwrite)
+    recording = open_recording(options.file)
+    for name, path in chosen.items():
+        print(f"{path}: {writers[name](recording, path, options)}")
+    return 0
+
+
+def _urdf(recording: Recording, path: Path, options: Export) -> str:
+    from humanoid_sim.files import whole_file  # noqa: PLC0415
+
+    body = _body(recording, options)
+    with whole_file(path) as file:
+        file.write(body.urdf.encode())
+    return f"{len(body.joints)} joints"
+
+
+def _csv(recording: Recording, path: Path, options: Export) -> str:
+    from humanoid_sim.files import whole_file  # noqa: PLC0415
+
+    del options
+    joints, action = recording.header.joint_names, _action_names(recording)
+    names = ["time_s", "mode", "controller"]
+    for quantity in ("position", "velocity", "effort"):
+        names += [f"{quantity}/{joint}" for joint in joints]
+    for quantity in ("position", "velocity", "effort", "stiffness", "damping"):
+        names += [f"command_{quantity}/{joint}" for joint in joints]
+    names += [f"imu_quaternion/{part}" for part in "wxyz"]
+    names += [f"{name}/{part}" for name in ("imu_angular_velocity", "imu_linear_acceleration") for part in "xyz"]
+    names += ["policy_frame", *(f"action/{name}" for name in action)]
+    rows = 0
+    with whole_file(path) as file:
+        text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(names)
+        for tick in recording.ticks():
+            table.writerow(_row(tick, len(action)))
+            rows += 1
+        text.flush()
+        text.detach()
+    return f"{rows} ticks"
+
+
+def _row(tick: TickRecord, actions: int) -> Iterator[object]:
+    state, command, step = tick.input.state, tick.output.command, tick.output.policy_step
+    yield float(state.time)
+    yield tick.output.control_mode.mode.name
+    yield tick.output.control_mode.controller_name
+    for values in (state.joint_position, state.joint_velocity, state.joint_effort):
+        yield from values.tolist()
+    for values in (command.position, command.velocity, command.effort, command.stiffness, command.damping):
+        yield from values.tolist()
+    for values in (state.imu_quaternion, state.imu_angular_velocity, state.imu_linear_acceleration):
+        yield from values.tolist()
+    yield "" if step is None else step.frame
+    answer = [] if step is None else step.action.reshape(-1).tolist()[:actions]
+    yield from answer + [""] * (actions - len(answer))
+
+
+def _mp4(recording: Recording, path: Path, options: Export) -> str:
+    from humanoid_sim.rendering.video import VideoSink  # noqa: PLC0415
+    from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
+
+    description = _description(recording, options)
+    model = build_model(description)
+    addresses = joint_addresses(model, description.joint_names).qpos
+    body = _body(recording, options)
+    base = [joint for joint in body.floating if joint.parent == "world"]
+    video = VideoSink(path, lambda: model)
+    try:
+        for tick in recording.ticks():
+            if tick.qpos is not None and len(tick.qpos) == model.nq:
+                video.tick(tick)
+                continue
+            qpos = model.qpos0.copy()  # on hardware: the joints, and how the base is turned
+            measured = tick.input.state.joint_position
+            qpos[addresses] = [value if math.isfinite(value) else 0.0 for value in measured]
+            for joint, pose in zip(body.floating, body.floating_poses(tick), strict=True):
+                if joint in base:
+                    qpos[joint.qpos : joint.qpos + 7] = pose
+            video.tick(replace(tick, qpos=qpos))
+        report = video.finish()
+    except BaseException:
+        video.abandon()
+        raise
+    return f"{report.frame_count} frames, {report.duration:.1f} s"
+
+
+def _rerun(recording: Recording, path: Path, options: Export) -> str:
+    try:
+        import rerun as rr  # noqa: PLC0415 - an extra
+        import rerun.urdf as rerun_urdf  # noqa: PLC0415
+    except ImportError:
+        raise MissingPackageError("rerun-sdk", "rerun", "record export --rerun") from None
+    import tempfile  # noqa: PLC0415
+
+    body = _body(recording, options)
+    with tempfile.TemporaryDirectory(dir=path.absolute().parent, prefix=".rerun-") as folder:
+        description, made = Path(folder, "robot.urdf"), Path(folder, "run.rrd")
+        description.write_text(body.urdf, encoding="utf-8")
+        stream = rr.RecordingStream("humanoid_sim")
+        stream.save(str(made))
+        rerun_urdf.UrdfTree.from_file_path(description).log_urdf_to_recording(stream)
+        count = _log_ticks(recording, body, stream, rr)
+        stream.flush()
+        stream.disconnect()
+        made.replace(path)
+    return f"{count} poses"
+
+
+def _log_ticks(recording: Recording, body: RecordedBody, stream: Any, rr: Any) -> int:
+    """Poses and plots at 50 Hz; returns how many."""
+    joints, action = recording.header.joint_names, _action_names(recording)
+    plots = dict.fromkeys(("position", "velocity", "effort", "command"), joints) | {"action": action}
+    for name, series in plots.items():
+        if series:
+            stream.log(f"plots/{name}", rr.SeriesLines(names=list(series)), static=True)
+    count, due = 0, -math.inf
+    for tick in recording.ticks():
+        time, state, step = float(tick.input.state.time), tick.input.state, tick.output.policy_step
+        if not math.isfinite(time) or time < due - 1e-9:
+            continue
+        due = max(time, due + _FRAME_PERIOD) if math.isfinite(due) else time + _FRAME_PERIOD
+        stream.set_time("robot_time", duration=time)
+        for (parent, child), position, (w, x, y, z) in _poses(body, tick):
+            turned = rr.Quaternion(xyzw=[x, y, z, w])
+            transform = rr.Transform3D(translation=position, quaternion=turned, parent_frame=parent, child_frame=child)
+            stream.log(f"transforms/{child}", transform)
+        values = {"position": state.joint_position, "velocity": state.joint_velocity, "effort": state.joint_effort}
+        for name, row in (values | {"command": tick.output.command.position}).items():
+            stream.log(f"plots/{name}", rr.Scalars(row))
+        if step is not None and step.action.shape == (len(action),):
+            stream.log("plots/action", rr.Scalars(step.action))
+        stream.log("mode", rr.TextLog(tick.output.control_mode.mode.name))
+        count += 1
+    return count
+
+
+def _poses(body: RecordedBody, tick: TickRecord) -> Iterator[tuple[tuple[str, str], FloatArray, FloatArray]]:
+    """Frames of parent and child, and where the child is: (3,) m, (4,) w x y z."""
+    positions, quaternions = body.hinged_poses(body.joint_values(tick))
+    for joint, position, quaternion in zip(body.hinged, positions, quaternions, strict=True):
+        yield (joint.parent, joint.child), position, quaternion
+    for joint, pose in zip(body.floating, body.floating_poses(tick), strict=True):
+        yield (joint.parent, joint.child), pose[:3], pose[3:]
+
+
+def _action_names(recording: Recording) -> tuple[str, ...]:
+    """The joints that the recorded policy drives."""
+    from humanoid_sim.stack import recorded_contract  # noqa: PLC0415
+
+    contract = recorded_contract(recording.header)
+    return () if contract is None else contract.action_joint_names
+
+
+def _body(recording: Recording, options: Export) -> RecordedBody:
+    from humanoid_sim.messages import URDF_DOCUMENT  # noqa: PLC0415
+    from humanoid_sim.recording.body import BodyError, RecordedBody  # noqa: PLC0415
+    from humanoid_sim.robots.urdf import body_documents  # noqa: PLC0415
+
+    documents = dict(recording.header.documents)
+    if URDF_DOCUMENT not in documents or options.robot is not None:
+        documents |= body_documents(_description(recording, options))
+    try:
+        body = RecordedBody.of(recording.header, documents)
+    except BodyError as error:
+        raise InputError(f"{recording.path}: its robot's body cannot be used: {error}") from None
+    assert body is not None  # it has a URDF by now
+    return body
+
+
+def _description(recording: Recording, options: Export) -> RobotDescription:
+    """The recorded robot, with an MJCF that is there."""
+    from humanoid_sim.robots.description import RobotDescription, load_robot  # noqa: PLC0415
+
+    if options.robot is not None:
+        robot = load_robot(options.robot)
+    elif "robot" in recording.header.documents:
+        robot = RobotDescription.from_json(recording.header.documents["robot"])
+    else:
+        raise InputError(f"{recording.path}: does not describe its robot; name it with --robot")
+    if robot.joint_names != recording.header.joint_names:
+        raise InputError(f"--robot: '{robot.name}' has other joints than the robot of {recording.path}")
+    if not robot.mjcf_path.is_file():
+        raise InputError(f"{recording.path}: its robot's MJCF '{robot.mjcf}' is not here; name the robot with --robot")
+    return robot
