@@ -51,6 +51,8 @@ __all__ = [
 
 SUFFIX = ".session"
 """Of the file that a running session holds locked; its name is the process id."""
+REPLY_SUFFIX = ".reply"
+"""Of the socket that a client gets its answers by; its name begins with the process id."""
 FEED_MAGIC = b"hsfeed01"
 FEED_HEAD = struct.Struct("<8sQQI4xQ")
 """The feed's first bytes: magic; offset, length and CRC-32 of its description; 1 once the session has ended."""
@@ -458,7 +460,7 @@ class Intake:
         """
         self.session = session
         self.producer = " ".join(producer.split())[:40] or "?"
-        self._reply = str(Path(session.intents).parent / f"{os.getpid()}-{next(_NAMES)}.reply")
+        self._reply = str(Path(session.intents).parent / f"{os.getpid()}-{next(_NAMES)}{REPLY_SUFFIX}")
         self._intents: socket.socket | None = None
         self._data: socket.socket | None = None
         try:

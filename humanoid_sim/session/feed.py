@@ -7,10 +7,12 @@ up nor remove what others read. A sample carries its number and a checksum, so a
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import mmap
 import os
 import secrets
+import time
 import zlib
 from collections import deque
 from collections.abc import Mapping
@@ -44,6 +46,8 @@ _EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
 _ROOM = 1 << 14
 """Bytes for what a tick holds beside its numbers: texts, live inputs."""
 _PAGE = 4096
+_YOUNG = 10.0
+"""s"""
 
 
 class _Ring:
@@ -115,20 +119,23 @@ class FeedWriter(Sink):
             offset = _aligned(offset + 64 + slots * size)
         text = json.dumps({**told, "blobs": places, "rings": rings}).encode()
         folder = _SHARED_MEMORY if os.access(_SHARED_MEMORY, os.W_OK) else Path(os.environ.get("TMPDIR", "/tmp"))
-        self.path = folder / f"humanoid_sim-{os.getuid()}-{os.getpid()}-{secrets.token_hex(8)}"
+        prefix = f"humanoid_sim-{os.getuid()}-"
+        _sweep(folder, prefix)
+        self.path = folder / f"{prefix}{os.getpid()}-{secrets.token_hex(8)}"
         try:
             handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
         except OSError as error:
             raise InputError(f"{self.path}: the feed cannot be made: {error.strerror}") from None
+        self._handle = handle
         try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until the process ends, however it does
             # Taken now, whole: memory that is not there when it is written to would be a signal, not an exception.
             os.posix_fallocate(handle, 0, offset + len(text))
             self._memory = mmap.mmap(handle, offset + len(text))
         except OSError as error:
-            self.path.unlink()
-            raise InputError(f"{self.path}: the feed cannot be made: {error.strerror}") from None
-        finally:
             os.close(handle)
+            self.path.unlink(missing_ok=True)
+            raise InputError(f"{self.path}: the feed cannot be made: {error.strerror}") from None
         for name, (place, length) in places.items():
             self._memory[place : place + length] = files[name]
         self._memory[offset : offset + len(text)] = text
@@ -165,6 +172,7 @@ class FeedWriter(Sink):
         self._publish_events()
         self._memory[ENDED_OFFSET] = 1
         self._memory.close()
+        os.close(self._handle)
         with contextlib.suppress(OSError):
             self.path.unlink()
 
@@ -174,6 +182,19 @@ class FeedWriter(Sink):
             # A character takes four bytes at most.
             text = event.text if len(event.text) <= _EVENT_SIZE // 5 else f"{event.text[: _EVENT_SIZE // 5]} …"
             self._events.put(encode_event(Event(event.time, text, event.kind)))
+
+
+def _sweep(folder: Path, prefix: str) -> None:
+    """Remove the feeds of killed sessions: those that nobody holds locked. A young one may be about to be locked."""
+    for path in folder.glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):
+            handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            try:
+                if time.time() - os.fstat(handle).st_ctime > _YOUNG:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    path.unlink()
+            finally:
+                os.close(handle)
 
 
 def _tick_size(header: SessionHeader) -> int:

@@ -8,7 +8,7 @@ import json
 import os
 from pathlib import Path
 
-from humanoid_sim.client import SUFFIX, SessionError, session_folder
+from humanoid_sim.client import REPLY_SUFFIX, SUFFIX, SessionError, session_folder
 from humanoid_sim.errors import InputError
 
 __all__ = ["Registration", "made_session_folder"]
@@ -32,6 +32,8 @@ def made_session_folder() -> Path:
         raise InputError(f"{error.filename}: cannot be made: {error.strerror}") from None
     for path in folder.glob(f"*{SUFFIX}"):
         _sweep(path)
+    for path in folder.glob(f"*{REPLY_SUFFIX}"):
+        _sweep_reply(path)
     return folder
 
 
@@ -97,6 +99,15 @@ def _sweep(path: Path) -> None:
                 feed.unlink(missing_ok=True)
         finally:
             os.close(handle)
+
+
+def _sweep_reply(path: Path) -> None:
+    """Remove the socket for answers of a client that was killed."""
+    with contextlib.suppress(OSError, ValueError):
+        try:
+            os.kill(int(path.name.partition("-")[0]), 0)
+        except ProcessLookupError:
+            path.unlink(missing_ok=True)
 
 
 def _feed_of(handle: int) -> Path | None:

@@ -15,6 +15,7 @@ from local_session import HEADER, LocalSession
 from humanoid_sim.client import SLOT_HEAD, Feed, SessionError
 from humanoid_sim.messages import Event, EventKind, Intent
 from humanoid_sim.recording.codec import decode_event, decode_tick
+from humanoid_sim.session import feed as feed_module
 from humanoid_sim.session.feed import FeedWriter
 
 
@@ -191,6 +192,26 @@ def test_what_is_no_feed_is_refused(local: LocalSession, tmp_path: Path) -> None
     local.feed.close()
     with pytest.raises(SessionError, match="its feed cannot be opened: No such file"):
         Feed(info)
+
+
+def test_the_feed_of_a_killed_session_is_removed_by_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    code = """
+import os, signal
+from humanoid_sim.messages import SessionHeader
+from humanoid_sim.session.feed import FeedWriter
+print(FeedWriter(SessionHeader("r", ("a",), 0.02, 0)).path, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    out = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, check=False).stdout
+    left = Path(out.strip())
+    first = FeedWriter(HEADER)
+    assert left.exists()  # it is young
+    monkeypatch.setattr(feed_module, "_YOUNG", 0.0)
+    second = FeedWriter(HEADER)
+    assert not left.exists()
+    assert first.path.exists()  # locked, and so alive
+    first.close()
+    second.close()
 
 
 def test_closing_twice_is_fine_and_leaves_nothing() -> None:

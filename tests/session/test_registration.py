@@ -62,6 +62,7 @@ def test_what_a_killed_session_left_is_no_session_and_the_next_one_removes_it(fo
     assert running_sessions() == []
     (folder / f"{process}.intents").rename(folder / f"{os.getppid()}.intents")
     (folder / f"{process}.data").rename(folder / f"{os.getppid()}.data")
+    (folder / f"{process}-0.reply").touch()
     (folder / "strange.session").write_text('{"feed": "/etc/passwd"}')
     Registration()
     assert list(folder.iterdir()) == []
