@@ -176,6 +176,14 @@ def transition(
     return Decision(rule.target, message=f"{intent.name} requested")
 
 
+def granted(
+    current: str, safety: SafetyStatus, standby_finished: bool, available: Container[str]
+) -> tuple[Intent, ...]:
+    """The intents that `transition` would not refuse; arguments as there."""
+    asked = ((intent, transition(current, safety, intent, standby_finished, available)) for intent in RULES)
+    return tuple(intent for intent, decision in asked if not decision.refusal)
+
+
 def _unsafe(
     mode: Mode, current: str, safety: SafetyStatus, intent: Intent | None, available: Container[str]
 ) -> Decision:

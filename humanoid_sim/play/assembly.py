@@ -18,6 +18,7 @@ from humanoid_sim.play.local_ends import LocalEnds
 from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
+from humanoid_sim.play.status_line import Told
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
@@ -72,7 +73,14 @@ def assemble(plan: Plan, console: Console) -> Run:
     """
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     tracking, anchor = _errors(policy, description)
-    shown = ConsoleSink(console, expected_duration(config, policy, description))
+    told = Told(
+        has_keys=config.manual,
+        available=plan.supervisor.controllers,
+        walks=policy.walks,
+        motion_frames=policy.motion_frames,
+        expected_duration=expected_duration(config, policy, description),
+    )
+    shown = ConsoleSink(console, told)
     recorder = None
     if plan.outputs.record is not None:
         recorder = McapRecorder(

@@ -1,28 +1,24 @@
-"""What an operator sees while a run goes on: every transition with its reason, every refusal, and a progress bar."""
+"""What an operator sees while a run goes on: every transition with its reason, every refusal, and a line of status."""
 
 from __future__ import annotations
 
-import contextlib
-import os
+import math
 import sys
+from time import monotonic
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from humanoid_sim.cli import mute_output
-from humanoid_sim.messages import Event, EventKind, Mode, SessionHeader, TickRecord
+from humanoid_sim.messages import Event, EventKind, Intent, Mode, TickOutput, TickRecord
+from humanoid_sim.play.status_line import MODE_STYLES, StatusLine, Told, possible, status_parts
+from humanoid_sim.session.keyboard import key_of
 from humanoid_sim.session.sinks import WorkerSink
 
-__all__ = ["MODE_STYLES", "ConsoleSink", "PlayConsole"]
+__all__ = ["ConsoleSink", "PlayConsole"]
 
-MODE_STYLES = {
-    Mode.ZERO_TORQUE: "bright_black",
-    Mode.DAMPING: "yellow",
-    Mode.STANDBY: "cyan",
-    Mode.LOCOMOTION: "green",
-    Mode.REMOTE: "magenta",
-}
+_REDRAW = 0.1
+"""s between two drawings of the line, if nothing is printed between them."""
 
 
 class PlayConsole(Console):
@@ -41,96 +37,105 @@ class PlayConsole(Console):
 
 
 class ConsoleSink(WorkerSink):
-    """Prints transitions, refusals and events; draws the bar where the output is a terminal."""
+    """Prints transitions, refusals and events; keeps a line of status at the bottom where the output is a terminal."""
 
-    def __init__(self, console: Console, expected_duration: float | None) -> None:
+    def __init__(self, console: Console, told: Told) -> None:
         """Prepare.
 
         Args:
             console: where to print.
-            expected_duration: s on the robot's clock, for the bar; None if nobody can know.
+            told: what the line needs beside the ticks.
         """
         super().__init__("console", period=0.05)
         self._console = console
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=None),
-            TaskProgressColumn(),
-            TextColumn("{task.fields[clock]}"),
-            TimeElapsedColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
-        self._task = self._progress.add_task("", total=expected_duration, clock="")
+        self._told = told
+        self._line = StatusLine(console)
         self._mode: Mode | None = None
         self._controller = ""
+        self._status = ""
+        self._is_reached = False
         self._time = 0.0
+        self._drawn = -math.inf
         # Written by the control thread, read by the worker's.
         self._queued_status = ("", "")
-        self._clock = 0.0
-
-    def pause(self) -> None:
-        """Show the cursor that the bar hides: the terminal is about to be another program's."""
-        if self._console.is_terminal:
-            with contextlib.suppress(OSError):
-                os.write(self._console.file.fileno(), b"\x1b[?25h")
+        self._queued_reached = False
+        self._latest: TickRecord | None = None
+        self._frame: int | None = None
+        self._overruns = 0
 
     def tick(self, record: TickRecord) -> None:
-        """Queue a tick that has something to print; of the others only the time is needed, for the bar."""
+        """Queue a tick that has something to print; of the others only the latest is needed, for the line."""
         output = record.output
-        self._clock = float(record.input.state.time)
+        self._latest = record
+        self._overruns += record.overrun
+        if output.policy_step is not None:
+            self._frame = output.policy_step.frame
         status = (output.control_mode.controller_name, output.control_mode.status_message)
-        if status != self._queued_status or output.faults or output.refusals:
-            self._queued_status = status
+        is_new, self._queued_status = status != self._queued_status, status
+        is_reached = _is_reached(output)
+        has_arrived, self._queued_reached = is_reached and not self._queued_reached, is_reached
+        if is_new or has_arrived or output.faults or output.refusals or record.input.intents:
             super().tick(record)
-
-    def event(self, event: Event) -> None:
-        """Queue an event."""
-        self._clock = event.time
-        super().event(event)
-
-    def handle_start(self, header: SessionHeader) -> None:
-        """Show the bar."""
-        self._progress.start()
 
     def handle_tick(self, record: TickRecord) -> None:
         """Print what is new in this tick."""
-        control = record.output.control_mode
+        output = record.output
+        control = output.control_mode
         self._time = float(record.input.state.time)
+        bad = [*(f"{fault.controller} failed: {fault.message}" for fault in output.faults), *output.refusals]
         if control.controller_name != self._controller:
             before = f"{_styled(self._mode)} → " if self._mode is not None else ""
             self._print(f"{before}{_styled(control.mode)}  [dim]{escape(control.status_message)}[/dim]")
             self._mode, self._controller = control.mode, control.controller_name
-        else:
-            faults = (f"{fault.controller} failed: {fault.message}" for fault in record.output.faults)
-            bad = (*faults, *record.output.refusals)
+        elif bad:
             for text in bad:
                 self._print(f"[red]{escape(text)}[/red]")
-            if not bad:
-                self._print(f"[dim]{escape(control.status_message)}[/dim]")
+        elif control.status_message != self._status:
+            self._print(f"[dim]{escape(control.status_message)}[/dim]")
+        elif record.input.intents:
+            names = ", ".join(intent.name for intent in record.input.intents)
+            self._print(f"[dim]{names}: {control.mode.name} already[/dim]")
+        self._status = control.status_message
+        is_reached = _is_reached(output)
+        if is_reached and not self._is_reached:
+            self._print(f"standby reached{self._what_comes_next(record)}")
+        self._is_reached = is_reached
 
     def handle_event(self, event: Event) -> None:
         """Print an event."""
         self._time = event.time
-        style = "bold red" if event.kind in (EventKind.FAILURE, EventKind.FALL) else "dim"
+        style = "bold red" if event.kind is EventKind.FAILURE else "dim"
         self._print(f"[{style}]{escape(event.text)}[/]")
 
     def handle_pause(self) -> None:
-        """Move the bar."""
-        self._progress.update(
-            self._task,
-            completed=self._clock,
-            description=_styled(self._mode) if self._mode is not None else "",
-            clock=f"{self._clock:6.2f} s",
-        )
+        """Draw the line, ten times a second at most."""
+        record, now = self._latest, monotonic()
+        if record is None or now - self._drawn < _REDRAW:
+            return
+        self._drawn = now
+        mode = record.output.control_mode.mode
+        self._line.draw(status_parts(record, self._frame, self._overruns, self._told, self._line.width), mode)
 
     def handle_close(self) -> None:
-        """Take the bar away."""
-        self._progress.stop()
+        """Take the line away."""
+        self._line.clear()
+
+    def _what_comes_next(self, record: TickRecord) -> str:
+        if not self._told.has_keys:
+            return ""
+        found = [
+            intent for intent in possible(record, self._told.available) if intent not in (Intent.DAMP, Intent.QUIT)
+        ]
+        return f": {', '.join(f'{key_of(intent)} {intent.name}' for intent in found)}" if found else ""
 
     def _print(self, text: str) -> None:
+        self._line.clear()
+        self._drawn = -math.inf
         self._console.print(f"[bold]{self._time:8.3f} s[/bold]  {text}", highlight=False)
+
+
+def _is_reached(output: TickOutput) -> bool:
+    return output.standby is not None and output.standby.is_finished
 
 
 def _styled(mode: Mode | None) -> str:

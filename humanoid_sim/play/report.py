@@ -20,8 +20,8 @@ from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
 from humanoid_sim.files import whole_file
 from humanoid_sim.play.assembly import Run
-from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.status_line import MODE_STYLES
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult

@@ -42,7 +42,6 @@ def handled_signals(run: Run) -> Iterator[list[int]]:
             return
         for keyboard in keyboards:
             keyboard.restore_terminal()
-        run.console.pause()
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)  # returns when the process is continued
         signal.signal(number, suspend)

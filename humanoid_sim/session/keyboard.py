@@ -19,7 +19,7 @@ from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, IntentSource, VelocityCommand, velocity_key_help
 
-__all__ = ["KEYS", "REACTIVATE_KEY", "KeyReader", "Keyboard", "key_help"]
+__all__ = ["HELP_KEYS", "KEYS", "REACTIVATE_KEY", "KeyReader", "Keyboard", "key_help", "key_of"]
 
 KEYS = MappingProxyType(
     {
@@ -40,34 +40,65 @@ _POLL = 0.1
 _LATE = 0.2
 """s beyond that by which a process that runs is never late."""
 
+HELP_KEYS = ("h", "?")
+_DAMP_KEYS = frozenset(key for key, intent in KEYS.items() if intent is Intent.DAMP)
+_ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _ESCAPE = "\x1b"
+_SEQUENCE = re.compile(r"\x1b(?:\[([0-9;]*)([A-Za-z~])|O([A-Z]))")
+"""What an arrow key or a function key sends."""
 _UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")
-"""The beginning of what an arrow key or a function key sends."""
+"""The beginning of that."""
 
 
 class KeyReader:
-    """From what a terminal sends to intents.
+    """From what a terminal sends to keys.
 
     An arrow key sends an escape character and letters: `A` for up must not load pose A. Of what comes in one piece with
-    an escape character only DAMP counts, and likewise of a piece that continues an unfinished one.
+    an escape character, beside arrows only DAMP counts, and likewise of a piece that continues an unfinished one.
     """
 
     def __init__(self) -> None:
         """Start with no sequence under way."""
         self._unfinished = ""
 
-    def intents(self, text: str) -> list[Intent]:
-        """The intents in a piece of input, in order."""
+    def keys(self, text: str) -> list[str]:
+        """The keys in a piece of input, in order, letters in lower case; `up`, `down`, `left` and `right` for arrows.
+
+        A key that sends something else with an escape character is all that it sends.
+        """
         text = self._unfinished + text
         unfinished = _UNFINISHED.search(text)
         self._unfinished = unfinished[0] if unfinished else ""
-        found = [KEYS[key] for key in text.lower() if key in KEYS]
-        return [intent for intent in found if intent is Intent.DAMP] if _ESCAPE in text else found
+        text = text[: len(text) - len(self._unfinished)]
+        if _ESCAPE not in text:
+            return list(text.lower())
+        found, end = [], 0
+        for sequence in _SEQUENCE.finditer(text):
+            found += _beside_a_sequence(text[end : sequence.start()])
+            end = sequence.end()
+            arrow = sequence[3] or (sequence[2] if not sequence[1] else "")
+            found.append(_ARROWS.get(arrow, sequence[0]))
+        return found + _beside_a_sequence(text[end:])
+
+
+def _beside_a_sequence(text: str) -> list[str]:
+    """The DAMP keys of a text; where there is none, all of it as one key, which means nothing."""
+    damps = [key for key in text.lower() if key in _DAMP_KEYS]
+    return damps or ([f"{_ESCAPE}{text.removeprefix(_ESCAPE)}"] if text else [])
+
+
+def key_of(intent: Intent) -> str:
+    """The key of an intent, as operators call it."""
+    key = next(key for key, meant in KEYS.items() if meant is intent)
+    return "space" if key == " " else key
 
 
 def key_help() -> str:
     """One line that names the keys."""
-    return "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT"
+    return (
+        "keys: space or d DAMP, a LOAD_A, b LOAD_B, l START_LOCOMOTION, r START_REMOTE, e reactivate, q QUIT, "
+        "h or ? this help"
+    )
 
 
 def _by_key(attributes: list[Any]) -> list[Any]:
@@ -94,7 +125,7 @@ class Keyboard(IntentSource):
         Args:
             velocity: the command that the velocity keys change, if the robot walks.
             reactivation: what the key for it asks for.
-            tell: shows the operator a line; called on the reading thread, once, at the first key that means nothing.
+            tell: shows the operator a line; called on the reading thread. Must not wait.
 
         Raises:
             InputError: if standard input is no terminal.
@@ -103,7 +134,7 @@ class Keyboard(IntentSource):
         self._reader = KeyReader()
         self._velocity = velocity
         self._reactivation = reactivation
-        self._tell: Callable[[str], None] | None = tell
+        self._tell = tell
         self._stop = threading.Event()
         try:
             self._fd = sys.stdin.fileno()
@@ -174,25 +205,33 @@ class Keyboard(IntentSource):
             self._heard(keys.decode(errors="replace"), is_late=monotonic() - begin > _POLL + _LATE)
 
     def _heard(self, text: str, *, is_late: bool) -> None:
-        intents = self._reader.intents(text)
+        keys = self._reader.keys(text)
         if is_late:  # the process stood still: what was typed meanwhile was meant for something else
             termios.tcflush(self._fd, termios.TCIFLUSH)
-            intents = [intent for intent in intents if intent is Intent.DAMP]
-        for intent in intents:
-            self._queue.put(intent)
-        if _ESCAPE not in text and not is_late:
-            self._press(text.lower())
+            self._tell("keys that were pressed while the process stood still are left out, but for DAMP")
+            keys = [key for key in keys if key in _DAMP_KEYS]
+        unknown = [key for key in keys if not self._press(key)]
+        if unknown:
+            named, verb = ", ".join(map(repr, unknown)), "means" if len(unknown) == 1 else "mean"
+            self._tell(f"the key{'s' * (len(unknown) > 1)} {named} {verb} nothing; h or ? shows those that do")
 
-    def _press(self, keys: str) -> None:
-        """Do what keys mean that are no intents; at the first that means nothing, tell the operator which do."""
-        if self._velocity is not None:
-            for key in keys:
-                self._velocity.press(key)
-        if self._reactivation is not None and REACTIVATE_KEY in keys:
+    def _press(self, key: str) -> bool:
+        """Do what a key means; whether it means anything."""
+        if key in KEYS:
+            self._queue.put(KEYS[key])
+        elif key in HELP_KEYS:
+            for line in self._help():
+                self._tell(line)
+        elif self._velocity is not None and key in VELOCITY_KEYS:
+            before = self._velocity.command
+            self._velocity.press(key)
+            if any(VELOCITY_KEYS[key]) and (self._velocity.command == before).all():
+                self._tell("the velocity command is at its limit: {:g} m/s, {:g} m/s, {:g} rad/s".format(*before))
+        elif self._reactivation is not None and key == REACTIVATE_KEY:
             self._reactivation.request()
-        known = {*KEYS, REACTIVATE_KEY, *(VELOCITY_KEYS if self._velocity is not None else ())}
-        unknown = [key for key in keys if key not in known]
-        if unknown and self._tell is not None:
-            help_lines = (key_help(), velocity_key_help()) if self._velocity is not None else (key_help(),)
-            self._tell(f"the key {unknown[0]!r} means nothing; {'; '.join(help_lines)}")
-            self._tell = None
+        else:
+            return False
+        return True
+
+    def _help(self) -> tuple[str, ...]:
+        return (key_help(),) if self._velocity is None else (key_help(), velocity_key_help())

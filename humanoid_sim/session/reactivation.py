@@ -10,12 +10,13 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
 
-__all__ = ["REACTIVATE", "Answer", "Reactivation", "flattened"]
+__all__ = ["REACTIVABLE", "REACTIVATE", "Answer", "Reactivation", "flattened"]
 
 REACTIVATE = "reactivate"
 """What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
 
-_FROM = (Mode.ZERO_TORQUE, Mode.DAMPING)
+REACTIVABLE = (Mode.ZERO_TORQUE, Mode.DAMPING)
+"""Modes in which it is granted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +61,8 @@ class Reactivation:
         answer to that.
         """
         self._asked.clear()
-        if mode not in _FROM:
-            names = " or ".join(mode.name for mode in _FROM)
+        if mode not in REACTIVABLE:
+            names = " or ".join(mode.name for mode in REACTIVABLE)
             self.answer = Answer(False, f"REACTIVATE refused: requires {names}, mode is {mode.name}")
             return self.answer.text, EventKind.NOTE
         try:

@@ -139,6 +139,10 @@ VELOCITY_KEYS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
         "j": (0.0, 0.0, _STEP),
         "k": (0.0, 0.0, -_STEP),
         "0": (0.0, 0.0, 0.0),
+        "up": (_STEP, 0.0, 0.0),
+        "down": (-_STEP, 0.0, 0.0),
+        "left": (0.0, 0.0, _STEP),
+        "right": (0.0, 0.0, -_STEP),
     }
 )
 """Key to what it adds to vx, vy and the yaw rate; all zeros: stop."""
@@ -146,7 +150,10 @@ VELOCITY_KEYS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 
 def velocity_key_help() -> str:
     """One line that names the keys."""
-    return f"velocity, by {_STEP:g}: w s forward and back, , . left and right, j k turn left and right, 0 stop"
+    return (
+        f"velocity, by {_STEP:g}: w s or arrow up down: forward, back; , . left, right; j k or arrow left right: turn; "
+        "0 stop"
+    )
 
 
 def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:

@@ -12,6 +12,7 @@ from humanoid_sim.controllers.fsm import (
     Decision,
     choose_intent,
     describe_safety,
+    granted,
     merge_safety,
     transition,
 )
@@ -349,3 +350,21 @@ def test_describe_safety(status, line):
 
 def test_modes_are_enough_for_the_wire():
     assert set(MODES.values()) == set(Mode)
+
+
+@pytest.mark.parametrize(
+    ("current", "finished", "expected"),
+    [
+        ("zero_torque_controller", False, {Intent.DAMP, Intent.QUIT}),
+        ("damping_controller", False, {Intent.DAMP, Intent.LOAD_A, Intent.LOAD_B, Intent.QUIT}),
+        ("standby_controller_b", False, {Intent.DAMP}),
+        ("standby_controller_b", True, {Intent.DAMP, Intent.START_LOCOMOTION, Intent.START_REMOTE}),
+        ("rl_policy_controller", False, {Intent.DAMP}),
+    ],
+)
+def test_granted_intents_are_those_that_are_not_refused(current, finished, expected):
+    assert set(granted(current, OK, finished, set(MODES))) == expected
+    without = set(MODES) - {"remote_policy_controller"}
+    assert set(granted(current, OK, finished, without)) == expected - {Intent.START_REMOTE}
+    unsafe = SafetyStatus(SafetyLevel.FAULT)
+    assert set(granted(current, unsafe, finished, set(MODES))) == expected & {Intent.DAMP, Intent.QUIT}

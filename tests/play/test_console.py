@@ -1,27 +1,37 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Container
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.messages import (
     ControlMode,
     Event,
     FaultReport,
+    Intent,
     Mode,
     SessionHeader,
+    StandbyState,
     TickInput,
     TickOutput,
     TickRecord,
 )
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.play.console import MODE_STYLES, ConsoleSink
+from humanoid_sim.play.console import ConsoleSink
+from humanoid_sim.play.status_line import MODE_STYLES, Told
 
 MESSAGES = ["joint_pos[3] is nan", "extern['keys']", "[/dim] [bold]", "ends with \\", "a\\[b]"]
-NAMES = {Mode.ZERO_TORQUE: "zero_torque_controller", Mode.DAMPING: "damping_controller"}
+AUTOMATIC = Told(expected_duration=10.0)
+NAMES = {
+    Mode.ZERO_TORQUE: "zero_torque_controller",
+    Mode.DAMPING: "damping_controller",
+    Mode.STANDBY: "standby_controller_a",
+}
 
 
 def record(index: int, mode: Mode, message: str = "", **output: object) -> TickRecord:
@@ -30,9 +40,15 @@ def record(index: int, mode: Mode, message: str = "", **output: object) -> TickR
     return TickRecord(index, TickInput(MITState.unknown(2, time=index * 0.5)), tick, 0.0, False, np.zeros(2))
 
 
-def printed(*records: TickRecord, events: tuple[tuple[float, str], ...] = (), terminal: bool = False) -> str:
+def with_intents(tick: TickRecord, *intents: Intent) -> TickRecord:
+    return replace(tick, input=replace(tick.input, intents=intents))
+
+
+def printed(
+    *records: TickRecord, events: tuple[tuple[float, str], ...] = (), terminal: bool = False, told: Told = AUTOMATIC
+) -> str:
     out = io.StringIO()
-    sink = ConsoleSink(Console(file=out, width=200, force_terminal=terminal, highlight=False), 10.0)
+    sink = ConsoleSink(Console(file=out, width=200, force_terminal=terminal, highlight=False), told)
     sink.start(SessionHeader("fake", ("a", "b"), 0.5, 0))
     for item in records:
         sink.tick(item)
@@ -78,15 +94,46 @@ def test_messages_are_printed_as_they_are(message: str) -> None:
     assert text.splitlines() == [f"   0.000 s  DAMPING  {message}", f"   0.500 s  {message}"]
 
 
-def test_a_terminal_gets_colours_and_a_bar() -> None:
+def test_a_terminal_gets_colours_and_a_line_of_status() -> None:
     text = printed(record(0, Mode.DAMPING, "started"), record(4, Mode.DAMPING), terminal=True)
     assert "\x1b[33mDAMPING" in text  # yellow
-    assert "20%" in text
-    assert "2.00 s" in text
+    assert "DAMPING\x1b[0m  0 missed  20 %  2.0 s" in text
+    assert text.endswith("\r\x1b[2K")  # and it is taken away in the end
+
+
+def test_an_intent_that_changes_nothing_is_answered() -> None:
+    text = printed(
+        record(0, Mode.DAMPING, "DAMP requested"),
+        with_intents(record(1, Mode.DAMPING, "DAMP requested"), Intent.DAMP),
+        record(2, Mode.DAMPING, "DAMP requested"),
+    )
+    assert text.splitlines()[1:] == ["   0.500 s  DAMP: DAMPING already"]
+
+
+@pytest.mark.parametrize(
+    ("has_keys", "available", "expected"),
+    [
+        (True, MODES, "standby reached: l START_LOCOMOTION, r START_REMOTE"),
+        (True, set(MODES) - {"remote_policy_controller"}, "standby reached: l START_LOCOMOTION"),
+        (True, (), "standby reached"),
+        (False, MODES, "standby reached"),
+    ],
+)
+def test_standby_that_is_reached_is_announced_once(has_keys: bool, available: Container[str], expected: str) -> None:
+    def standby(index: int, progress: float, *, reached: bool) -> TickRecord:
+        return record(index, Mode.STANDBY, "LOAD_A requested", standby=StandbyState(1, 2, progress, reached))
+
+    text = printed(
+        standby(0, 0.5, reached=False),
+        standby(1, 1.0, reached=True),
+        standby(2, 1.0, reached=True),
+        told=Told(has_keys=has_keys, available=available),
+    )
+    assert text.splitlines() == ["   0.000 s  STANDBY  LOAD_A requested", f"   0.500 s  {expected}"]
 
 
 def test_only_ticks_that_print_something_are_queued() -> None:
-    sink = ConsoleSink(Console(file=io.StringIO()), 10.0)
+    sink = ConsoleSink(Console(file=io.StringIO()), AUTOMATIC)
     for index, mode in enumerate((Mode.ZERO_TORQUE, Mode.ZERO_TORQUE, Mode.DAMPING, Mode.DAMPING, Mode.DAMPING)):
         sink.tick(record(index, mode, refusals=("LOAD_A refused: mode",) if index == 4 else ()))
     sink.event(Event(2.5, "ending: QUIT"))

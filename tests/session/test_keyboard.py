@@ -14,7 +14,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
-from humanoid_sim.session.keyboard import KEYS, REACTIVATE_KEY, Keyboard, KeyReader, key_help
+from humanoid_sim.session.keyboard import HELP_KEYS, KEYS, REACTIVATE_KEY, Keyboard, KeyReader, key_help, key_of
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.sources import VELOCITY_KEYS, VelocityCommand, velocity_key_help
 
@@ -107,42 +107,59 @@ def test_without_a_terminal_there_is_no_keyboard(monkeypatch: pytest.MonkeyPatch
 
 
 SEQUENCES = {
-    "up": "\x1b[A",
-    "down": "\x1b[B",
-    "right": "\x1b[C",
     "F1": "\x1bOP",
     "F2": "\x1bOQ",
     "F3": "\x1bOR",
     "shift up": "\x1b[1;2A",
+    "shift left": "\x1b[1;2D",
     "alt a": "\x1ba",
     "alt q": "\x1bq",
     "delete": "\x1b[3~",
 }
+ARROWS = {"up": "\x1b[A", "down": "\x1b[B", "right": "\x1b[C", "left": "\x1b[D"}
 
 
 @pytest.mark.parametrize("name", SEQUENCES)
-def test_keys_that_send_letters_move_nothing(name: str) -> None:
+def test_keys_that_send_letters_mean_nothing(name: str) -> None:
     text = SEQUENCES[name]
-    assert KeyReader().intents(text) == []
+    assert KeyReader().keys(text) == [text]
+    assert text not in {*KEYS, *VELOCITY_KEYS, REACTIVATE_KEY, *HELP_KEYS}
     for cut in range(1, len(text)):  # a slow line may cut it anywhere
         reader = KeyReader()
-        assert reader.intents(text[:cut]) + reader.intents(text[cut:]) == []
-        assert reader.intents("a") == [Intent.LOAD_A]  # and the next key counts again
+        assert reader.keys(text[:cut]) + reader.keys(text[cut:]) == [text]
+        assert reader.keys("a") == ["a"]  # and the next key counts again
+
+
+@pytest.mark.parametrize("name", ARROWS)
+def test_arrows_are_keys_of_their_own(name: str) -> None:
+    for text in (ARROWS[name], ARROWS[name].replace("[", "O")):  # an application's mode of the terminal
+        assert KeyReader().keys(text + text) == [name, name]
+        for cut in range(1, len(text)):
+            reader = KeyReader()
+            assert reader.keys(text[:cut]) + reader.keys(text[cut:]) == [name]
 
 
 def test_damp_is_heard_even_beside_an_escape_sequence() -> None:
-    assert KeyReader().intents("\x1b[A ") == [Intent.DAMP]
+    assert KeyReader().keys("\x1b[A ") == ["up", " "]
+    assert KeyReader().keys("d\x1b[3~") == ["d", "\x1b[3~"]
     reader = KeyReader()
-    assert reader.intents("\x1b") == []
-    assert reader.intents(" ") == [Intent.DAMP]
+    assert reader.keys("\x1b") == []
+    assert reader.keys(" ") == [" "]
+
+
+def test_nothing_else_is_heard_beside_an_escape_sequence() -> None:
+    for text in ("l\x1b[A", "\x1b[Al", "\x1b[Aup", "\x1b[3~b"):
+        assert not {*KEYS, REACTIVATE_KEY, *HELP_KEYS} & set(KeyReader().keys(text))
+    assert KeyReader().keys("\x1b[Aup") == ["up", "\x1bup"]
 
 
 def test_the_help_names_every_intent() -> None:
     for intent in KEYS.values():
+        assert f"{key_of(intent)} " in key_help()
         assert intent.name in key_help()
     assert set(KEYS.values()) == set(Intent)
     assert f"{REACTIVATE_KEY} reactivate" in key_help()
-    assert REACTIVATE_KEY not in {*KEYS, *VELOCITY_KEYS}
+    assert len({REACTIVATE_KEY, *HELP_KEYS, *KEYS, *VELOCITY_KEYS}) == 3 + len(KEYS) + len(VELOCITY_KEYS)
 
 
 def until(condition: Callable[[], object]) -> None:
@@ -152,29 +169,58 @@ def until(condition: Callable[[], object]) -> None:
         time.sleep(0.005)
 
 
-def test_a_key_that_means_nothing_says_once_which_do(terminal: Terminal) -> None:
+def test_every_key_that_means_nothing_is_said(terminal: Terminal) -> None:
     told: list[str] = []
     keyboard = Keyboard(tell=told.append)
-    terminal.type("d\x1b[A")
-    heard(keyboard, 1)
-    assert told == []
     terminal.type("w")  # a velocity key, where nothing walks
-    until(lambda: told)
-    terminal.type("xyzd")
-    heard(keyboard, 1)
+    until(lambda: len(told) == 1)
+    terminal.type("x")
+    until(lambda: len(told) == 2)
+    terminal.type("\x1b[Ayz")
+    until(lambda: len(told) == 3)
+    terminal.type("e")  # no reactivation here
+    until(lambda: len(told) == 4)
     keyboard.close()
-    assert told == [f"the key 'w' means nothing; {key_help()}"]
+    shown = "mean nothing; h or ? shows those that do"
+    assert told == [
+        "the key 'w' means nothing; h or ? shows those that do",
+        "the key 'x' means nothing; h or ? shows those that do",
+        f"the keys 'up', '\\x1byz' {shown}",
+        "the key 'e' means nothing; h or ? shows those that do",
+    ]
 
 
-def test_where_the_robot_walks_the_velocity_keys_mean_something(terminal: Terminal) -> None:
+def test_h_and_the_question_mark_name_the_keys(terminal: Terminal) -> None:
     told: list[str] = []
-    keyboard = Keyboard(VelocityCommand(np.zeros(3)), tell=told.append)
-    terminal.type("wsjk0d")
-    heard(keyboard, 1)
-    terminal.type("!")
-    until(lambda: told)
+    keyboard = Keyboard(tell=told.append)
+    terminal.type("hH?")
+    until(lambda: len(told) == 3)
     keyboard.close()
-    assert told == [f"the key '!' means nothing; {key_help()}; {velocity_key_help()}"]
+    assert told == [key_help()] * 3
+    keyboard = Keyboard(VelocityCommand(np.zeros(3)), tell=told.append)
+    terminal.type("?")
+    until(lambda: len(told) == 5)
+    keyboard.close()
+    assert told[3:] == [key_help(), velocity_key_help()]
+
+
+def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal: Terminal) -> None:
+    told: list[str] = []
+    velocity = VelocityCommand(np.zeros(3), np.array([[-0.2, 0.2], [-0.1, 0.1], [-0.1, 0.1]]))
+    keyboard = Keyboard(velocity, tell=told.append)
+    terminal.type("w,")
+    until(lambda: velocity.command.tolist() == [0.1, 0.1, 0.0])
+    terminal.type("\x1b[D")
+    until(lambda: velocity.command.tolist() == [0.1, 0.1, 0.1])
+    terminal.type("\x1b[A\x1b[B\x1b[A")
+    until(lambda: velocity.command.tolist() == [0.2, 0.1, 0.1])
+    assert told == []
+    terminal.type("\x1b[A")
+    until(lambda: told)
+    terminal.type("0")
+    until(lambda: not velocity.command.any())
+    keyboard.close()
+    assert told == ["the velocity command is at its limit: 0.2 m/s, 0.1 m/s, 0.1 rad/s"]
 
 
 def test_one_key_asks_for_a_fresh_start(terminal: Terminal) -> None:

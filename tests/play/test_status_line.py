@@ -1,0 +1,197 @@
+from __future__ import annotations
+
+import os
+import pty
+import termios
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pyte
+import pytest
+from rich.console import Console
+
+from humanoid_sim.controllers.fsm import MODES
+from humanoid_sim.messages import (
+    ControlMode,
+    Event,
+    Mode,
+    SafetyLevel,
+    SafetyStatus,
+    SessionHeader,
+    StandbyState,
+    TickInput,
+    TickOutput,
+    TickRecord,
+)
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern, MITCommand, MITState
+from humanoid_sim.play.console import ConsoleSink
+from humanoid_sim.play.status_line import Told, status_parts
+
+CONTROLLERS = {mode: name for name, mode in reversed(MODES.items())}
+OPERATOR = Told(has_keys=True, available=MODES, walks=True, motion_frames=400)
+
+
+def tick(mode: Mode, time: float = 12.34, *, standby: StandbyState | None = None, safety: bool = True) -> TickRecord:
+    extern = {VELOCITY_COMMAND: Extern(np.array([0.3, 0.0, -0.1]), 0.0)}
+    state = replace(MITState.unknown(2, time=time), extern=extern)
+    output = TickOutput(MITCommand.zeros(2), ControlMode(mode, CONTROLLERS[mode], "why"), standby)
+    statuses = () if safety else (SafetyStatus(SafetyLevel.FAULT, source="can0"),)
+    return TickRecord(0, TickInput(state, statuses), output, 0.0, False, None)
+
+
+def line(record: TickRecord, frame: int | None = None, told: Told = OPERATOR, width: int = 160) -> str:
+    return "  ".join(status_parts(record, frame, 2, told, width))
+
+
+def test_it_shows_what_is_and_what_is_possible_with_which_key() -> None:
+    end = "v 0.30 0.00 -0.10  2 missed  12.3 s"
+    damp = "space DAMP"
+    assert line(tick(Mode.ZERO_TORQUE)) == f"ZERO_TORQUE  {damp}  q QUIT  e reactivate  ? help  {end}"
+    keys = "a LOAD_A  b LOAD_B  q QUIT  e reactivate  ? help"
+    assert line(tick(Mode.DAMPING)) == f"DAMPING  {damp}  {keys}  {end}"
+    half = tick(Mode.STANDBY, standby=StandbyState(1, 2, 0.5, False))
+    assert line(half) == f"STANDBY 75 %  {damp}  ? help  {end}"
+    reached = tick(Mode.STANDBY, standby=StandbyState(1, 2, 1.0, True))
+    assert line(reached) == f"STANDBY reached  {damp}  l START_LOCOMOTION  r START_REMOTE  ? help  {end}"
+    assert line(tick(Mode.LOCOMOTION), 99) == f"LOCOMOTION 25 %  {damp}  arrows velocity  ? help  {end}"
+    assert line(tick(Mode.LOCOMOTION), 500) == f"LOCOMOTION 100 %  {damp}  arrows velocity  ? help  {end}"
+    assert line(tick(Mode.REMOTE)) == f"REMOTE  {damp}  ? help  {end}"
+
+
+def test_what_a_fault_refuses_is_not_shown() -> None:
+    assert line(tick(Mode.DAMPING, safety=False)).startswith("DAMPING  space DAMP  q QUIT  e reactivate  ? help  v ")
+
+
+def test_without_an_operator_at_the_keys_it_shows_how_far_the_run_is() -> None:
+    told = Told(available=MODES, expected_duration=24.68)
+    assert line(tick(Mode.LOCOMOTION), told=told) == "LOCOMOTION  2 missed  50 %  12.3 s"
+
+
+@pytest.mark.parametrize("width", [79, 60, 40, 20, 12])
+@pytest.mark.parametrize("mode", Mode)
+def test_a_narrow_terminal_gets_the_most_important_first(mode: Mode, width: int) -> None:
+    standby = StandbyState(1, 2, 1.0, True) if mode is Mode.STANDBY else None
+    found = line(tick(mode, standby=standby), 99, width=width)
+    assert len(found) <= max(width, len(f"{mode.name} reached"))
+    assert found.startswith(mode.name)
+    if width == 79:  # of a terminal of 80 columns
+        assert "v 0.30 0.00 -0.10" in found
+        assert "2 missed" in found
+        assert "space" in found
+    if mode is Mode.DAMPING and width == 60:
+        assert found == "DAMPING  keys space a b q e ?  v 0.30 0.00 -0.10  2 missed"
+
+
+@dataclass
+class Screen:
+    """A terminal of 24 lines of 80: what a run prints into `console` can be looked at."""
+
+    console: Console
+    master: int
+    slave: int
+    screen: pyte.Screen
+
+    @property
+    def lines(self) -> list[str]:
+        """What the screen shows, without empty lines at the end."""
+        return "\n".join(row.rstrip() for row in self.screen.display).rstrip().split("\n")
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Screen]:
+    monkeypatch.setenv("TERM", "xterm")
+    for name in ("COLUMNS", "LINES"):
+        monkeypatch.delenv(name, raising=False)
+    master, slave = pty.openpty()
+    termios.tcsetwinsize(slave, (24, 80))
+    with os.fdopen(slave, "w", closefd=False, encoding="utf-8") as file:
+        yield Screen(Console(file=file, highlight=False), master, slave, pyte.Screen(80, 24))
+    os.close(slave)
+    os.close(master)
+
+
+def shown(terminal: Screen, *, seconds: float = 0.4) -> list[str]:
+    """The screen after it has been read for a while."""
+    stream = pyte.ByteStream(terminal.screen)
+    os.set_blocking(terminal.master, False)
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        try:
+            stream.feed(os.read(terminal.master, 65536))
+        except BlockingIOError:
+            time.sleep(0.01)
+    return terminal.lines
+
+
+def started(terminal: Screen, told: Told = OPERATOR) -> ConsoleSink:
+    sink = ConsoleSink(terminal.console, told)
+    sink.start(SessionHeader("fake", ("a", "b"), 0.005, 0))
+    return sink
+
+
+def test_it_stays_at_the_bottom_beside_a_long_list(terminal: Screen) -> None:
+    for index in range(40):  # longer than the screen, as the check list of a real robot is
+        terminal.console.print(f"ok      joint_{index}  at 0.000 rad")
+    sink = started(terminal)
+    sink.tick(tick(Mode.DAMPING))
+    lines = shown(terminal)
+    assert len(lines) == 24
+    status = "DAMPING  keys space a b q e ?  v 0.30 0.00 -0.10  0 missed  12.3 s"
+    assert lines[-3:] == ["ok      joint_39  at 0.000 rad", "  12.340 s  DAMPING  why", status]
+    sink.event(Event(13.0, "reactivated"))
+    assert shown(terminal)[-2:] == ["  13.000 s  reactivated", status]
+    sink.tick(tick(Mode.DAMPING, 99.0))  # in place, not below
+    assert shown(terminal)[-2:] == ["  13.000 s  reactivated", status.replace("12.3 s", "99.0 s")]
+    sink.close()
+    assert shown(terminal)[-1] == "  13.000 s  reactivated"
+
+
+def test_it_follows_the_size_of_the_terminal(terminal: Screen) -> None:
+    termios.tcsetwinsize(terminal.slave, (24, 160))
+    terminal.screen.resize(24, 160)
+    sink = started(terminal)
+    sink.tick(tick(Mode.DAMPING))
+    assert "a LOAD_A  b LOAD_B  q QUIT  e reactivate  ? help" in shown(terminal)[-1]
+    termios.tcsetwinsize(terminal.slave, (24, 40))
+    sink.tick(tick(Mode.DAMPING, 14.0))
+    assert shown(terminal)[-1] == "DAMPING  keys space a b q e ?"
+    sink.close()
+
+
+def test_a_terminal_that_knows_no_control_sequences_has_it_too(
+    terminal: Screen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    sink = started(terminal, Told())
+    sink.tick(tick(Mode.DAMPING, 100.0))
+    shown(terminal)
+    sink.tick(tick(Mode.DAMPING, 2.0))
+    assert shown(terminal)[-1] == "DAMPING  0 missed  2.0 s"
+    sink.event(Event(3.0, "news"))
+    assert shown(terminal)[-2:] == ["   3.000 s  news", "DAMPING  0 missed  2.0 s"]
+    sink.close()
+
+
+def test_a_terminal_that_takes_nothing_never_makes_a_tick_wait(terminal: Screen) -> None:
+    sink = started(terminal)
+    longest = 0.0
+    for index in range(4000):  # nobody reads the other end: it is full after the first few hundred lines
+        if index % 2:
+            sink.event(Event(0.0, "x" * 60))
+        begin = time.perf_counter()
+        sink.tick(tick(Mode.DAMPING, 0.01 * index))
+        longest = max(longest, time.perf_counter() - begin)
+        if index % 100 == 0:
+            time.sleep(0.005)
+    assert sink.backlog > 1000
+    assert longest < 0.05
+    reader = threading.Thread(target=shown, args=(terminal,), kwargs={"seconds": 2.0})
+    reader.start()  # somebody reads again, and it shows the present
+    time.sleep(1.5)
+    sink.tick(tick(Mode.DAMPING, 77.0))
+    reader.join()
+    sink.close()
+    assert sink.error is None
