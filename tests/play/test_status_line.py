@@ -1,9 +1,9 @@
 from __future__ import annotations
 
+import contextlib
 import os
 import pty
 import termios
-import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -107,10 +107,11 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Screen]:
         monkeypatch.delenv(name, raising=False)
     master, slave = pty.openpty()
     termios.tcsetwinsize(slave, (24, 80))
-    with os.fdopen(slave, "w", closefd=False, encoding="utf-8") as file:
-        yield Screen(Console(file=file, highlight=False), master, slave, pyte.Screen(80, 24))
-    os.close(slave)
-    os.close(master)
+    file = os.fdopen(slave, "w", encoding="utf-8")
+    yield Screen(Console(file=file, highlight=False), master, slave, pyte.Screen(80, 24))
+    os.close(master)  # first: whoever still waits to write is let go
+    with contextlib.suppress(OSError):
+        file.close()
 
 
 def shown(terminal: Screen, *, seconds: float = 0.4) -> list[str]:
@@ -188,10 +189,10 @@ def test_a_terminal_that_takes_nothing_never_makes_a_tick_wait(terminal: Screen)
             time.sleep(0.005)
     assert sink.backlog > 1000
     assert longest < 0.05
-    reader = threading.Thread(target=shown, args=(terminal,), kwargs={"seconds": 2.0})
-    reader.start()  # somebody reads again, and it shows the present
-    time.sleep(1.5)
     sink.tick(tick(Mode.DAMPING, 77.0))
-    reader.join()
+    deadline = time.monotonic() + 30.0
+    while "77.0 s" not in shown(terminal, seconds=0.1)[-1]:  # somebody reads again: all that waits, then the present
+        assert time.monotonic() < deadline
+    assert sink.backlog == 0
     sink.close()
     assert sink.error is None
