@@ -30,6 +30,7 @@ VERBS = {
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
     "training": "make the sample motions and the sample policy again, and measure them",
+    "gamepad": "drive a running session with a gamepad",
     "gravity": "compensate gravity in REMOTE, on a running session",
     "bench": "measure this machine's figures",
 }

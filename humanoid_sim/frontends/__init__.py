@@ -29,6 +29,7 @@ class FrontEnd:
 
 FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
     {
+        "gamepad": FrontEnd("a gamepad", ("pygame",), "gamepad"),
         "gravity": FrontEnd("gravity compensation, for REMOTE"),
     }
 )

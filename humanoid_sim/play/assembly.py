@@ -14,6 +14,7 @@ from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
 from humanoid_sim.play.conflicts import shows_window
 from humanoid_sim.play.console import ConsoleSink
+from humanoid_sim.play.front_ends import needs_gamepad
 from humanoid_sim.play.local_ends import LocalEnds
 from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
@@ -27,6 +28,7 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.monitor import RunMonitor
+from humanoid_sim.session.operator_device import OperatorDevice
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script
@@ -122,7 +124,12 @@ def assemble(plan: Plan, console: Console) -> Run:
     script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
     is_hardware = config.hardware is not None
     interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
-    sources = operators if interruption is None else (interruption, *operators)
+    watched: list[IntentSource] = []
+    if is_hardware and needs_gamepad(config):
+        watched.append(OperatorDevice("gamepad", ends.data.heartbeats, lambda text: session.event(text)))  # noqa: PLW0108
+    if interruption is not None:
+        watched.append(interruption)
+    sources = (*watched, *operators)
     intents, safety = _drive(sources, script, plan.injector.safety)
     session = Session(
         setup.robot,

@@ -39,6 +39,8 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
     Raises:
         InputError: naming the option.
     """
+    if config.gamepad and config.no_gamepad:
+        raise InputError("--gamepad and --no-gamepad: expected at most one of them")
     _refuse_hardware_conflicts(config)
     if config.manual and config.script is not None:
         raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
@@ -115,6 +117,7 @@ _HARDWARE_ONLY = (
     "host_id",
     "imu",
     "imu_mounting",
+    "no_gamepad",
     "yes",
 )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -9,8 +11,10 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import FRONT_ENDS, Wanted, require_packages
 from humanoid_sim.play.options import PlayConfig
 
-__all__ = ["refuse_old_names", "wanted_front_ends"]
+__all__ = ["needs_gamepad", "refuse_old_names", "require_gamepad", "wanted_front_ends"]
 
+_LOOK_WITHIN = 20.0
+"""s for the program that looks for a gamepad."""
 _OLD_NAMES = {("--viewer", "web"): "--console", ("--remote", "dds"): "--dds"}
 
 
@@ -47,4 +51,38 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
         if front_end.name not in FRONT_ENDS:
             raise InputError(f"--{front_end.name}: is not in this version; there are: {', '.join(FRONT_ENDS)}")
         require_packages(front_end.name)
+    if needs_gamepad(config) and not config.gamepad:
+        wanted.append(Wanted("gamepad"))
     return tuple(wanted)
+
+
+def needs_gamepad(config: PlayConfig) -> bool:
+    """Whether a gamepad takes part: where one was asked for, and on a real bus unless it was declined."""
+    return config.gamepad or (_is_real_bus(config) and not config.no_gamepad and not config.dry_run)
+
+
+_EMULATED = ("virtual:", "udp_multicast:")
+"""Buses on which no real motor is."""
+
+
+def _is_real_bus(config: PlayConfig) -> bool:
+    return config.hardware is not None and not config.hardware.startswith(_EMULATED)
+
+
+def require_gamepad(config: PlayConfig) -> None:
+    """Refuse a real bus without a gamepad. The library that looks for one stays out of this process.
+
+    Raises:
+        InputError: none is plugged in, or its package is not installed.
+    """
+    if not _is_real_bus(config) or not needs_gamepad(config):
+        return
+    require_packages("gamepad")
+    program = [sys.executable, "-m", "humanoid_sim.gamepad", "--list"]
+    try:
+        found = subprocess.run(program, check=False, capture_output=True, text=True, timeout=_LOOK_WITHIN)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise InputError(f"--hardware: nobody can tell whether a gamepad is there: {error}; --no-gamepad") from None
+    if found.returncode:
+        why = (found.stderr or found.stdout).strip().splitlines()[-1:] or [f"status {found.returncode}"]
+        raise InputError(f"--hardware: {why[0]}; plug one in to damp the robot by, or say --no-gamepad")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 __all__ = ["DEFAULT_ROBOT", "PlayConfig"]
 
@@ -69,8 +71,11 @@ class PlayConfig:
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False
     """Replace files named by --record, --video, --snapshot or --summary that exist."""
-    gamepad: bool = False
-    """Drive the FSM with a gamepad (not in this version)."""
+    gamepad: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """Drive the FSM with a gamepad. On a real bus one must be there, asked for or not; with --hardware its loss damps
+    the robot."""
+    no_gamepad: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """On a real bus: do without a gamepad."""
     dds: bool = False
     """Start the DDS bridge (not in this version)."""
     foxglove: bool = False

@@ -22,7 +22,7 @@ from humanoid_sim.play.conflicts import (
     refuse_without_effect,
     shows_window,
 )
-from humanoid_sim.play.front_ends import wanted_front_ends
+from humanoid_sim.play.front_ends import require_gamepad, wanted_front_ends
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy
@@ -112,6 +112,7 @@ def make_plan(config: PlayConfig) -> Plan:
             action_limit=config.action_limit,
         )
         warnings = setup.check_policy(contract)
+        require_gamepad(config)
         if steps is None and not config.manual and config.hardware is None:
             steps = parse_script(_automatic_script(config, policy.motion_frames))
         velocity = VelocityCommand(parse_velocity(config.command, contract.command_ranges), contract.command_ranges)

@@ -1,0 +1,178 @@
+"""`python -m humanoid_sim.gamepad`: drives a running session with a gamepad."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from time import sleep
+
+import numpy as np
+import tyro
+
+from humanoid_sim.client import Intake, SessionError
+from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.frontends import require_packages
+from humanoid_sim.frontends.attach import attached, ready
+from humanoid_sim.frontends.gamepad.device import Pad, Pads
+from humanoid_sim.frontends.gamepad.sticks import SpeedRange, Sticks, speed_range
+from humanoid_sim.messages import Intent
+
+__all__ = ["Driver", "GamepadConfig", "main"]
+
+_PERIOD = 0.01
+"""s between two looks at the buttons."""
+_HEARTBEAT_EVERY = 2
+"""Looks."""
+_ANSWER_WITHIN = 0.05
+"""s for which an answer of the session is waited for; on a session's own machine it comes within a tick."""
+_MOVED = 0.02
+"""m/s or rad/s by which a stick must move to say that somebody moved it."""
+
+
+@dataclass(frozen=True)
+class GamepadConfig:
+    """Drive a running session with a gamepad.
+
+    X damps, L1+A and L1+B load pose A and B, R1+A starts LOCOMOTION, R1+B REMOTE, BACK quits; the sticks command a
+    velocity, of a policy that takes one. X damps on every gamepad that is plugged in; all else is the chosen one's.
+    """
+
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+    device: str = ""
+    """Part of the gamepad's name. Default: the first one that is plugged in."""
+    list: bool = False
+    """Show the gamepads that are plugged in, with the buttons that are down, and end; 1 if there is none."""
+    raw: bool = False
+    """Number buttons and axes as the driver does, not in the order of an Xbox pad."""
+    joy: JoyBindings = field(default_factory=JoyBindings)
+    sticks: Sticks = field(default_factory=Sticks)
+
+
+class Driver:
+    """From what the gamepads show to what a session is asked for; `step` once a period."""
+
+    def __init__(self, intake: Intake, config: GamepadConfig, *, speeds: SpeedRange | None, is_hardware: bool) -> None:
+        """Prepare.
+
+        Args:
+            intake: of the session.
+            config: which pad, and what its buttons do.
+            speeds: shape (3, 2), what full sticks command; None: the policy takes no velocity.
+            is_hardware: the loss of the gamepad damps.
+        """
+        self._intake, self._config, self._speeds, self._is_hardware = intake, config, speeds, is_hardware
+        self._pad: Pad | None = None
+        self._before: dict[int, tuple[bool, ...]] = {}
+        self._velocity = np.zeros(3)
+        self._looks = 0
+
+    def step(self, pads: Sequence[Pad]) -> list[str]:
+        """Act on one look at the gamepads; lines for the operator.
+
+        Raises:
+            SessionError: the session has ended.
+        """
+        lines = self._choose(pads)
+        asked = []
+        for pad in pads:
+            before = self._before.get(pad.identity, ())
+            intents = pressed_intents(self._config.joy, pad.buttons, before)
+            is_chosen = self._pad is not None and pad.identity == self._pad.identity
+            asked += [intent for intent in intents if is_chosen or intent is Intent.DAMP]
+        self._before = {pad.identity: pad.buttons for pad in pads}
+        if Intent.DAMP in asked:
+            asked = [Intent.DAMP]
+        lines += [self._ask(intent) for intent in asked]
+        if self._pad is not None:
+            if self._looks % _HEARTBEAT_EVERY == 0:
+                self._intake.heartbeat()
+            self._steer(self._pad)
+        self._looks += 1
+        return lines
+
+    def _choose(self, pads: Sequence[Pad]) -> list[str]:
+        """Take the chosen gamepad as it is now, or another one where it is gone."""
+        before = self._pad
+        fitting = [pad for pad in pads if self._config.device.lower() in pad.name.lower()]
+        self._pad = next((pad for pad in fitting if before is not None and pad.identity == before.identity), None)
+        if self._pad is not None:
+            return []
+        lines = []
+        if before is not None:
+            lines.append(f"gamepad: {before.name} is gone")
+            self._velocity = np.zeros(3)
+            if self._is_hardware:
+                lines.append(self._ask(Intent.DAMP))
+        for pad in fitting:
+            try:
+                self._config.joy.check(len(pad.buttons))
+            except FieldError as error:
+                lines.append(f"gamepad: {pad} is not used: {error}" if pad.identity not in self._before else "")
+                continue
+            self._pad = pad
+            lines.append(f"gamepad: {pad} drives")
+            if not pad.is_known:
+                lines.append("gamepad: its buttons have their driver's numbers; see --list, and --joy.* to bind them")
+            break
+        return [line for line in lines if line]
+
+    def _ask(self, intent: Intent) -> str:
+        token = self._intake.post(intent.name.lower())
+        try:
+            return f"gamepad: {self._intake.answer(token, _ANSWER_WITHIN).text}"
+        except SessionError:
+            return f"gamepad: {intent.name} asked for"
+
+    def _steer(self, pad: Pad) -> None:
+        if self._speeds is None:
+            return
+        velocity = self._config.sticks.velocity(pad.axes, self._speeds)
+        moved = bool(np.abs(velocity - self._velocity).max() > _MOVED)
+        if moved:
+            self._velocity = velocity
+        self._intake.velocity(*velocity.tolist(), deliberate=moved and bool(velocity.any()))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until the session ends; returns the exit status."""
+    config = tyro.cli(GamepadConfig, prog="humanoid_sim.gamepad", args=arguments)
+    require_packages("gamepad")
+    pads = Pads(raw=config.raw)
+    try:
+        if config.list:
+            return _list(pads)
+        return _drive(pads, config)
+    finally:
+        pads.close()
+
+
+def _list(pads: Pads) -> int:
+    found = pads.look()
+    for pad in found:
+        down = [str(index) for index, is_down in enumerate(pad.buttons) if is_down]
+        print(f"{pad}; down: {', '.join(down) or 'none'}")
+    if not found:
+        print("no gamepad is plugged in")
+    return 0 if found else 1
+
+
+def _drive(pads: Pads, config: GamepadConfig) -> int:
+    with attached(config.session, "gamepad") as attachment:
+        contract, is_hardware = attachment.contract, bool(attachment.session.hardware)
+        walks = contract is not None and contract.takes_velocity_command
+        speeds = speed_range(contract.command_ranges) if walks and contract is not None else None
+        driver = Driver(attachment.intake, config, speeds=speeds, is_hardware=is_hardware)
+        found = pads.look()
+        if not found and is_hardware:
+            raise InputError("no gamepad is plugged in")
+        ready(f"gamepad: {found[0] if found else 'waits for one to be plugged in'}")
+        while attachment.feed.is_running():
+            try:
+                for line in driver.step(pads.look()):
+                    print(line, flush=True)
+            except SessionError:
+                break
+            sleep(_PERIOD)
+    return 0

@@ -1,0 +1,286 @@
+"""The gamepad's driver on gamepads that SDL makes, against a session without a loop."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from local_session import LocalSession
+
+pytest.importorskip("pygame", reason="pygame-ce is not installed (extra 'gamepad')")
+
+from virtual_pads import VirtualPad
+
+from humanoid_sim.controllers.joy import JoyBindings
+from humanoid_sim.errors import FieldError
+from humanoid_sim.frontends.gamepad.device import Pads
+from humanoid_sim.frontends.gamepad.program import Driver, GamepadConfig
+from humanoid_sim.frontends.gamepad.sticks import Sticks, speed_range
+from humanoid_sim.messages import Intent, Mode
+from humanoid_sim.session.operator_device import OperatorDevice
+
+SPEEDS = speed_range(np.array([[-0.4, 0.8], [-0.2, 0.2], [-1.0, 1.0]]))
+
+
+@pytest.fixture(scope="module")
+def pads() -> Iterator[Pads]:
+    pads = Pads()
+    yield pads
+    pads.close()
+
+
+@pytest.fixture
+def pad(pads: Pads) -> Iterator[VirtualPad]:
+    pad = VirtualPad()
+    yield pad
+    pad.unplug()
+    pads.look()
+
+
+class Desk:
+    """A driver on a session; `look` is a look at the gamepads and the session's next tick."""
+
+    def __init__(
+        self, local: LocalSession, pads: Pads, config: GamepadConfig | None = None, *, hardware: bool = False
+    ) -> None:
+        self.local, self.pads = local, pads
+        self.driver = Driver(local.intake("gamepad"), config or GamepadConfig(), speeds=SPEEDS, is_hardware=hardware)
+
+    def look(self, ticks: int = 1) -> list[str]:
+        lines = self.driver.step(self.pads.look())
+        for _ in range(ticks):
+            self.mode = self.local.tick().output.control_mode.mode
+        return lines
+
+    def press(self, pad: VirtualPad, *buttons: str) -> Mode:
+        """One after the other, a look each; then all are released."""
+        for button in buttons:
+            pad.press(button)
+            self.look()
+        mode = self.mode
+        pad.release(*buttons)
+        self.look()
+        return mode
+
+
+def test_buttons_walk_through_the_modes(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+    desk = Desk(local, pads)
+    assert desk.look() == ["gamepad: Test Pad (8 buttons, known layout) drives"]
+    assert desk.press(pad, "X") is Mode.DAMPING
+    assert desk.press(pad, "L1", "A") is Mode.STANDBY
+    desk.look(10)
+    assert desk.press(pad, "R1", "B") is Mode.REMOTE
+    assert desk.press(pad, "X") is Mode.DAMPING
+    assert desk.press(pad, "L1", "B") is Mode.STANDBY
+    assert desk.press(pad, "X") is Mode.DAMPING
+
+
+def test_a_combination_that_is_held_acts_once_and_in_any_order(
+    local: LocalSession, pads: Pads, pad: VirtualPad
+) -> None:
+    desk = Desk(local, pads)
+    desk.look()
+    assert desk.press(pad, "X") is Mode.DAMPING
+    pad.press("A")
+    desk.look()
+    pad.press("L1")
+    desk.look()
+    assert desk.mode is Mode.STANDBY
+    pad.press("X")
+    desk.look()
+    assert desk.mode is Mode.DAMPING
+    pad.release("X")
+    desk.look(5)
+    assert desk.mode is Mode.DAMPING, "L1 and A are still down"
+    pad.release("A")
+    desk.look()
+    pad.press("A")
+    desk.look()
+    assert desk.mode is Mode.STANDBY
+
+
+def test_damp_wins_over_whatever_else_is_pressed_at_once(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+    desk = Desk(local, pads)
+    desk.look()
+    desk.press(pad, "X")
+    pad.press("L1", "A", "X")
+    desk.look()
+    assert desk.mode is Mode.DAMPING
+
+
+def test_buttons_that_are_down_when_a_pad_is_plugged_in_are_no_press_but_damp_is(
+    local: LocalSession, pads: Pads, pad: VirtualPad
+) -> None:
+    desk = Desk(local, pads)
+    local.tick(Intent.DAMP)
+    pad.press("L1", "A")
+    desk.look()
+    assert desk.mode is Mode.DAMPING
+    pad.press("X")
+    other = Desk(local, pads)
+    local.tick(Intent.LOAD_A)
+    other.look()
+    assert other.mode is Mode.DAMPING
+
+
+def test_the_session_s_answer_is_told(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+    desk = Desk(local, pads)
+    desk.look()
+    done = threading.Event()
+
+    def loop() -> None:
+        while not done.wait(0.002):
+            local.tick()
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    try:
+        pad.press("R1", "A")
+        lines = desk.driver.step(pads.look())
+    finally:
+        done.set()
+        thread.join()
+    (line,) = lines
+    assert line.endswith("START_LOCOMOTION refused: requires finished STANDBY, mode is ZERO_TORQUE")
+
+
+def test_only_the_chosen_pad_drives_and_every_pad_damps(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+    second = VirtualPad("Second Pad")
+    try:
+        desk = Desk(local, pads, GamepadConfig(device="second"))
+        assert desk.look() == ["gamepad: Second Pad (8 buttons, known layout) drives"]
+        assert desk.press(second, "X") is Mode.DAMPING
+        assert desk.press(pad, "L1", "A") is Mode.DAMPING
+        assert desk.press(second, "L1", "A") is Mode.STANDBY
+        assert desk.press(pad, "X") is Mode.DAMPING
+    finally:
+        second.unplug()
+
+
+def test_a_foreign_layout_is_bound_by_its_own_numbers_or_not_used(local: LocalSession, pads: Pads) -> None:
+    odd = VirtualPad("Odd Pad", known=False, buttons=4, axes=2)
+    try:
+        refused = Desk(local, pads)
+        (line,) = refused.look()
+        assert line.startswith(
+            "gamepad: Odd Pad (4 buttons, unknown layout) is not used: JoyBindings.quit_button: is (6,)"
+        )
+        assert refused.look() == [], "told once"
+    finally:
+        odd.unplug()
+
+
+def test_buttons_can_be_bound_anew(local: LocalSession, pads: Pads) -> None:
+    odd = VirtualPad("Odd Pad", known=False, buttons=8, axes=2)
+    joy = JoyBindings(damp_button=7, quit_button=6, load_combo_a=(0, 1), load_combo_b=(0, 2))
+    try:
+        desk = Desk(local, pads, GamepadConfig(joy=joy))
+        assert desk.look() == [
+            "gamepad: Odd Pad (8 buttons, unknown layout) drives",
+            "gamepad: its buttons have their driver's numbers; see --list, and --joy.* to bind them",
+        ]
+        for button, mode in ((7, Mode.DAMPING), (0, Mode.DAMPING), (1, Mode.STANDBY)):
+            odd.press(button)
+            desk.look()
+            assert desk.mode is mode
+    finally:
+        odd.unplug()
+
+
+def test_sticks_steer_and_one_at_rest_claims_nothing(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+    desk = Desk(local, pads)
+    desk.look()
+    local.velocity.press("w")  # the keyboard's, until somebody pushes a stick
+    desk.look(2)
+    np.testing.assert_allclose(local.velocity.command, [0.1, 0.0, 0.0])
+    pad.push(1, -1.0)
+    desk.look(2)
+    np.testing.assert_allclose(local.velocity.command, [0.8, 0.0, 0.0])
+    pad.push(1, 0.1)  # in the dead zone
+    pad.push(2, 1.0)
+    desk.look(2)
+    np.testing.assert_allclose(local.velocity.command, [0.0, 0.0, -1.0])
+    pad.push(2, 0.0)
+    desk.look(2)
+    np.testing.assert_allclose(local.velocity.command, [0.0, 0.0, 0.0])
+    local.velocity.press("w")
+    desk.look(2)
+    np.testing.assert_allclose(local.velocity.command, [0.1, 0.0, 0.0])
+
+
+def test_a_velocity_ends_with_the_gamepad(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+    desk = Desk(local, pads)
+    desk.look()
+    pad.push(1, -1.0)
+    desk.look(2)
+    assert local.velocity.command[0] == pytest.approx(0.8)
+    pad.unplug()
+    local.time += 0.25
+    assert desk.look(1) == ["gamepad: Test Pad is gone"]
+    np.testing.assert_allclose(local.velocity.command, 0.0)
+
+
+def test_on_hardware_a_gamepad_that_is_unplugged_damps(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+    desk = Desk(local, pads, hardware=True)
+    desk.look()
+    local.enter_remote()
+    pad.unplug()
+    lines = desk.look()
+    assert lines[0] == "gamepad: Test Pad is gone"
+    assert desk.mode is Mode.DAMPING
+
+
+def test_silence_damps_in_every_mode_and_nothing_gets_past(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+    desk = Desk(local, pads, hardware=True)
+    told: list[str] = []
+    device = OperatorDevice("gamepad", local.data.heartbeats, told.append)
+    local.tick(*device.poll(local.time, None), Intent.DAMP)
+    desk.look()
+    assert device.poll(local.time, None) == ()
+    local.enter_remote()
+    local.time += 0.2
+    record = local.tick(*device.poll(local.time, None), Intent.LOAD_A)
+    assert record.output.control_mode.mode is Mode.DAMPING
+    assert told[0].startswith("gamepad lost, silent for ")
+    assert told[0].endswith(" ms: DAMP")
+    record = local.tick(*device.poll(local.time, record.output), Intent.LOAD_A)
+    assert record.output.control_mode.mode is Mode.DAMPING, "DAMP comes first"
+    assert len(told) == 1
+    desk.driver.step(pads.look())
+    desk.look()
+    assert device.poll(local.time, None) == ()
+    assert told[1:] == ["gamepad is there again"]
+
+
+def test_a_device_that_was_never_heard_lets_nothing_drive_the_joints(local: LocalSession) -> None:
+    told: list[str] = []
+    device = OperatorDevice("gamepad", {}, told.append)
+    damped = local.tick(Intent.DAMP)
+    assert device.poll(local.time, damped.output) == ()
+    loaded = local.tick(Intent.LOAD_A)
+    assert loaded.output.control_mode.mode is Mode.STANDBY
+    assert device.poll(local.time, loaded.output) == (Intent.DAMP,)
+    assert told == ["gamepad lost, never heard: DAMP"]
+
+
+@pytest.mark.parametrize(
+    ("axes", "velocity"),
+    [
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        ((0.0, -0.15, 0.15), (0.0, 0.0, 0.0)),
+        ((0.0, -0.575, 0.0), (0.4, 0.0, 0.0)),
+        ((-1.0, 1.0, 1.0), (-0.4, 0.2, -1.0)),
+        ((), (0.0, 0.0, 0.0)),
+    ],
+)
+def test_a_stick_s_way_is_the_policy_s_range(axes: tuple[float, ...], velocity: tuple[float, ...]) -> None:
+    np.testing.assert_allclose(Sticks().velocity(axes, SPEEDS), velocity, atol=1e-12)
+
+
+def test_sticks_that_cannot_work_are_refused() -> None:
+    with pytest.raises(FieldError, match=r"^dead_zone: is 1.0, expected 0 or more, below 1$"):
+        Sticks(dead_zone=1.0)
+    with pytest.raises(FieldError, match=r"^axes: are \(-1, 0, 2\), expected indices >= 0$"):
+        Sticks(forward_axis=-1)

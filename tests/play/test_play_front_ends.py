@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+from typing import Any
+
+import pytest
+
+from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.play import front_ends
+from humanoid_sim.play.front_ends import needs_gamepad, require_gamepad, wanted_front_ends
+from humanoid_sim.play.options import PlayConfig
+
+
+@pytest.mark.parametrize(
+    ("options", "needed"),
+    [
+        ({}, False),
+        ({"gamepad": True}, True),
+        ({"hardware": "virtual:a"}, False),
+        ({"hardware": "udp_multicast:239.74.163.2"}, False),
+        ({"hardware": "virtual:a", "gamepad": True}, True),
+        ({"hardware": "can0"}, True),
+        ({"hardware": "can0,can1", "no_gamepad": True}, False),
+        ({"hardware": "can0", "dry_run": True}, False),
+    ],
+)
+def test_a_gamepad_is_needed_on_a_real_bus_and_where_it_is_asked_for(options: dict[str, Any], needed: bool) -> None:
+    assert needs_gamepad(PlayConfig(**options)) is needed
+
+
+def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
+    answer = subprocess.CompletedProcess([], 1, stdout="no gamepad is plugged in\n", stderr="")
+    monkeypatch.setattr(front_ends.subprocess, "run", lambda *_, **__: answer)
+    with pytest.raises(InputError, match=r"^--hardware: no gamepad is plugged in; plug one in .* or say --no-gamepad$"):
+        require_gamepad(PlayConfig(hardware="can0"))
+    answer.returncode = 0
+    require_gamepad(PlayConfig(hardware="can0"))
+    assert [wanted.name for wanted in wanted_front_ends(PlayConfig(hardware="can0"))] == ["gamepad"]
+
+
+def test_a_front_end_whose_package_is_missing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(MissingPackageError, match="pygame"):
+        wanted_front_ends(PlayConfig(gamepad=True))
