@@ -86,7 +86,7 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
         InputError: the file cannot be read, is no calibration, or names another motor for a joint: it is another
             robot's. One line with joint, field, value and what is accepted.
     """
-    document = read_strictly(Path(path), str(path))
+    document = read_strictly(Path(path), str(path), "a calibration (YAML)")
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
         raise InputError(f"{path}: expected a mapping from joint names to {', '.join(_FIELDS)}")
     entries = {name: _entry(f"{path}: {name}", value) for name, value in document.items()}

@@ -152,14 +152,14 @@ def _problem(error: yaml.YAMLError) -> str:
     return one_line(text)
 
 
-def read_strictly(path: Path, label: str) -> Any:
-    """The document in a file; `label` is what to call the file in messages.
+def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
+    """The document in a file; `label` is what to call the file in messages, `what` it should be.
 
     Raises:
         InputError: one line with the label, the place and what is wrong.
     """
     try:
-        return load_strictly(regular_file(path, "a YAML file", YAML_BYTES).read_text(encoding="utf-8"))
+        return load_strictly(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

@@ -25,10 +25,10 @@ from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.session.device_watch import DeviceWatch
 from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.monitor import RunMonitor
-from humanoid_sim.session.operator_device import OperatorDevice
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script
@@ -126,7 +126,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
     watched: list[IntentSource] = []
     if is_hardware and needs_gamepad(config):
-        watched.append(OperatorDevice("gamepad", ends.data.heartbeats, lambda text: session.event(text)))  # noqa: PLW0108
+        watched.append(DeviceWatch("gamepad", lambda: ends.data.heartbeats, lambda text: session.event(text)))  # noqa: PLW0108
     if interruption is not None:
         watched.append(interruption)
     sources = (*watched, *operators)

@@ -27,7 +27,7 @@ class DeviceWatch(IntentSource):
         tell: Callable[[str], None],
         timeout: float = DEVICE_TIMEOUT,
     ) -> None:
-        """Watch from the first heartbeat on.
+        """Watch. Before the first heartbeat the device is missing, but not lost: only driven joints are damped.
 
         Args:
             name: of the producer of the heartbeats.
@@ -44,13 +44,15 @@ class DeviceWatch(IntentSource):
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """DAMP while the device is lost and the robot is not damped."""
         heard = self._heartbeats().get(self._name)
-        if heard is None:  # it was never there: whoever declared it waits for it before anything is enabled
-            return ()
-        is_lost = not time - heard <= self._timeout
+        mode = Mode.ZERO_TORQUE if output is None else output.control_mode.mode
+        drives = mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
+        is_lost = drives if heard is None else not time - heard <= self._timeout
         if is_lost != self._is_lost:
             self._is_lost = is_lost
-            lost = f"{self._name}: lost, nothing heard for {self._timeout:g} s: DAMP"
-            self._tell(lost if is_lost else f"{self._name}: there again")
+            silence = "never heard" if heard is None else f"nothing heard for {self._timeout:g} s"
+            if is_lost:
+                self._tell(f"{self._name}: lost, {silence}: DAMP")
+            elif heard is not None:
+                self._tell(f"{self._name}: there again")
             return (Intent.DAMP,) if is_lost else ()
-        mode = Mode.ZERO_TORQUE if output is None else output.control_mode.mode
-        return (Intent.DAMP,) if is_lost and mode not in (Mode.ZERO_TORQUE, Mode.DAMPING) else ()
+        return (Intent.DAMP,) if is_lost and drives else ()

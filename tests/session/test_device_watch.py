@@ -29,6 +29,15 @@ def test_a_device_that_was_never_there_asks_for_nothing() -> None:
     assert [watched.tick() for _ in range(50)] == [()] * 50
 
 
+def test_a_device_that_was_never_there_lets_nothing_drive_the_joints() -> None:
+    watched = Watched()
+    watched.tick(Intent.DAMP)
+    watched.tick(Intent.LOAD_A)
+    assert watched.tick() == (Intent.DAMP,)
+    assert watched.told == ["gamepad: lost, never heard: DAMP"]
+    assert watched.tick() == ()
+
+
 def test_its_loss_is_a_damp_in_every_mode_within_its_timeout() -> None:
     for controller, path in rig.PATHS.items():
         watched = Watched()
