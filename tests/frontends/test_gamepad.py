@@ -237,8 +237,9 @@ def test_its_heartbeats_keep_the_robot_driven(local: LocalSession, pads: Pads, p
     watch = DeviceWatch("gamepad", lambda: local.data.heartbeats, local.told.append)
     desk.look()
     local.enter_remote()
+    desk.look()
     for _ in range(10):
-        local.time += 0.02
+        desk.look()
         desk.look()
         assert watch.poll(local.time, None) == ()
     local.time += 0.2
