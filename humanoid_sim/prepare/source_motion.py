@@ -54,7 +54,8 @@ class SourceMotion:
 
     def __post_init__(self) -> None:
         for name, array in self.arrays().items():
-            object.__setattr__(self, name, np.asarray(array, dtype=np.float64))
+            with np.errstate(invalid="ignore", over="ignore"):  # what becomes of it is refused below
+                object.__setattr__(self, name, np.asarray(array, dtype=np.float64))
         arrays = self.arrays()
         if not arrays:
             raise InputError(f"{self.source}: holds neither joint positions nor body poses")
@@ -103,7 +104,8 @@ class SourceMotion:
                 raise InputError(f"{self.source}: {name} has '{twice[0]}' twice")
 
     def _unit(self, name: str, quaternion: FloatArray) -> FloatArray:
-        norm = np.sqrt((quaternion * quaternion).sum(axis=-1))
+        with np.errstate(over="ignore"):  # becomes infinite, which is no unit
+            norm = np.sqrt((quaternion * quaternion).sum(axis=-1))
         bad = np.argwhere(np.abs(norm - 1.0) > _UNIT)
         if len(bad):
             frame, *index = (int(i) for i in bad[0])

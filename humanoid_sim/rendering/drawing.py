@@ -8,6 +8,7 @@ None, nobody waits for the file, and it is removed.
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
 import sys
@@ -86,7 +87,8 @@ def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], No
         stream.time_base = stream.codec_context.time_base = 1 / job.fps
         for count, moment in enumerate(chain([first], moments), start=1):
             frame = av.VideoFrame.from_ndarray(_picture(job, pictures, moment), format="rgb24")
-            frame.pts, frame.time_base = round(moment.time * job.fps), 1 / job.fps
+            # As moments are chosen: rounding would give two of them, half a frame off, one place.
+            frame.pts, frame.time_base = math.floor(moment.time * job.fps), 1 / job.fps
             container.mux(stream.encode(frame))
             progress(count)
         container.mux(stream.encode(None))

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.simulation.floating_base import add_support
@@ -64,7 +64,10 @@ def build_model(
     driven = [sensor for sensor in spec.sensors if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype)]
     for element in (*driven, *spec.actuators, *spec.keys):
         spec.delete(element)
-    _check_names(description, spec)
+    try:
+        _check_names(description, spec)
+    except ValueError as error:  # names given twice, where MuJoCo looks them up
+        raise InputError(f"{description.mjcf_path}: not a valid MJCF model: {reason_of(error)}") from None
     spec.option.timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)

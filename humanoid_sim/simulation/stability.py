@@ -72,7 +72,14 @@ class DampingStability:
             mujoco.mj_comPos(model, data)
             mujoco.mj_makeM(model, data)
             mujoco.mj_fullM(model, data, mass)
-            self._inverse_mass[i] = np.linalg.inv(mass)[np.ix_(addresses.dof, addresses.dof)]
+            try:
+                inverse = np.linalg.inv(mass)
+            except np.linalg.LinAlgError:
+                what = "a joint moves nothing that has mass or inertia"
+                raise InputError(
+                    f"{description.mjcf_path}: {what}; give its body a mass, or the joint an armature"
+                ) from None
+            self._inverse_mass[i] = inverse[np.ix_(addresses.dof, addresses.dof)]
 
     def measure(self, damping: npt.ArrayLike) -> DampingMeasure:
         """Measure a K_d: shape (n,) or scalar, N·m·s/rad. Infinite at the largest if it is beyond all measure."""

@@ -19,7 +19,7 @@ from mutate import mutated_bytes, mutated_document, odd, written
 from humanoid_sim.recording import header as header_module
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
 
-__all__ = ["mutated_json", "mutated_mcap", "mutated_npz", "mutated_onnx", "mutated_xml", "shortened"]
+__all__ = ["mutated_json", "mutated_mcap", "mutated_npz", "mutated_onnx", "mutated_xml", "rewritten", "shortened"]
 
 _HOSTILE = ("[" * 100_000, "{", "\udcff", "", "0", "-1", "1e400", "null", '{"version": 1}', "NaN", "9" * 5000)
 """Texts where another format is expected inside a record."""
@@ -63,12 +63,25 @@ def mutated_mcap(data: bytes, rng: np.random.Generator) -> bytes:
                 records[i] = _changed_record(records[i], rng)
         if not records:
             break
-    session = next((r for r in records if isinstance(r, Metadata) and r.name == header_module.SESSION), None)
-    documents = next((r for r in records if isinstance(r, Metadata) and r.name == header_module.DOCUMENTS), None)
-    if session is not None and documents is not None and rng.random() < 0.9:
-        fields = {key: value for key, value in session.metadata.items() if key != "digest"}
-        session.metadata["digest"] = header_module._digest(fields, documents.metadata)
+    if rng.random() < 0.9:
+        _sign(records)
     return _written(records)
+
+
+def rewritten(data: bytes, change: Callable[[Any], Any]) -> bytes:
+    """An MCAP file with every record changed, and a header's digest that is right."""
+    records = [change(record) for record in McapStream(BytesIO(data))]
+    _sign(records)
+    return _written(records)
+
+
+def _sign(records: list[Any]) -> None:
+    """Give a recording's header the digest that it has to have."""
+    named = {record.name: record.metadata for record in records if isinstance(record, Metadata)}
+    session, documents = named.get(header_module.SESSION), named.get(header_module.DOCUMENTS)
+    if session is not None and documents is not None:
+        fields = {key: value for key, value in session.items() if key != "digest"}
+        session["digest"] = header_module._digest(fields, documents)
 
 
 def _changed_record(record: Any, rng: np.random.Generator) -> Any:

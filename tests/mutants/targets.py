@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from formats import shortened
+from formats import rewritten, shortened
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import load_program
@@ -255,8 +255,28 @@ def _hopper(folder: Path) -> bytes:
 
 def _recording(folder: Path) -> bytes:
     whole = (_DATA / "recordings" / "simulated_locomotion.mcap").read_bytes()
-    (folder / "other.mcap").write_bytes(whole)
-    return shortened(whole, messages=400, skip=800)
+    short = shortened(whole, messages=400, skip=800)
+    (folder / "short.mcap").write_bytes(short)
+    return _with_body(short, folder / "short.mcap")
+
+
+def _with_body(data: bytes, path: Path) -> bytes:
+    """The recording with the robot's body in its header, as today's have it."""
+    from mcap.records import Metadata  # noqa: PLC0415
+
+    from humanoid_sim.recording import header as header_module  # noqa: PLC0415
+    from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
+    from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
+    from humanoid_sim.robots.urdf import body_documents  # noqa: PLC0415
+
+    body = body_documents(load_robot(open_recording(path).header.robot))
+
+    def changed(record: Any) -> Any:
+        if isinstance(record, Metadata) and record.name == header_module.DOCUMENTS:
+            record.metadata |= body
+        return record
+
+    return rewritten(data, changed)
 
 
 def _read_recording(path: Path) -> None:
@@ -274,6 +294,7 @@ def _read_recording(path: Path) -> None:
         for episode in read_episodes(recording, frozenset(Mode)):
             _task(recording, episode)
 
+    beside = {kind: path.with_name(f"recovered.{kind}") for kind in ("csv", "urdf")}
     reads: tuple[Callable[[], object], ...] = (
         lambda: _run("record", "info", path),
         lambda: _run("record", "info", path, "--json"),
@@ -281,6 +302,7 @@ def _read_recording(path: Path) -> None:
         lambda: _run("replay", path),
         lambda: _run("replay", path, "--infer", "--json"),
         lambda: _run("compare", path, path),
+        lambda: _run("record", "export", path, "--csv", beside["csv"], "--urdf", beside["urdf"], "--overwrite"),
         episodes,
         lambda: read_motion(path),
         lambda: with_recorded_options(PlayConfig(again=str(path))),

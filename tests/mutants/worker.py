@@ -51,7 +51,10 @@ def main(folder: Path, seed: int, targets: Mapping[str, Target], descriptor: int
         name, _, number = line.strip().rpartition(" ")
         place = folder / str(list(targets).index(name))
         os.chdir(place)
-        before, length = set(os.listdir(place)) | {"recovered.mcap"}, log.stat().st_size
+        before, length = (
+            set(os.listdir(place)) | {"recovered.mcap", "recovered.csv", "recovered.urdf"},
+            log.stat().st_size,
+        )
         outcome = _one(targets[name], place, mutant_of(targets[name], name, sound[name], seed, int(number)))
         left = sorted(set(os.listdir(place)) - before)
         sys.stdout.flush()

@@ -75,7 +75,8 @@ class _Reader:
     def __init__(self, path: Path, document: Any) -> None:
         self.path = path
         self.document: Mapping[str, Any] = document
-        self.size = self.count("num_joints", len(document["action_indices"]), least=1)
+        driven = document["action_indices"]
+        self.size = self.count("num_joints", len(driven) if isinstance(driven, list) else 1, least=1)
         self.names = document.get("joints")
         if self.names is not None and not (_is_texts(self.names) and len(self.names) == self.size):
             raise self._wrong("joints", self.names, f"{self.size} names, as num_joints says")
