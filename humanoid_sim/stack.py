@@ -27,7 +27,7 @@ from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, action_li
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.standby import StandbyController
-from humanoid_sim.controllers.supervisor import Supervisor
+from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
@@ -38,6 +38,7 @@ from humanoid_sim.policy.metadata import parse_metadata
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
 from humanoid_sim.recording.labels import LABELS_DOCUMENT, labels_document
 from humanoid_sim.recording.rules import CORRECTIONS
+from humanoid_sim.recording.start import START_DOCUMENT, start_document
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import GuardRecord, guards_of
 from humanoid_sim.robots.schema import StandbySettings
@@ -148,6 +149,7 @@ def run_header(
     remote: bool = False,
     action_limit: float | None = None,
     guards: ChosenGuards = "description",
+    start: SupervisorMemory | None = None,
 ) -> SessionHeader:
     """What a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
@@ -162,6 +164,7 @@ def run_header(
         remote: as given to `build_supervisor`.
         action_limit: likewise.
         guards: likewise.
+        start: the control stack's memory to begin with; None for its own.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
@@ -181,6 +184,8 @@ def run_header(
             }
         ),
     }
+    if start is not None:
+        documents[START_DOCUMENT] = start_document(start)
     if loaded is not None:
         documents["contract"] = encode(loaded.contract)
         labels = observation_labels(loaded.contract, loaded.layout)

@@ -31,10 +31,11 @@ from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.script import OverriddenScript, Script
+from humanoid_sim.session.recorded_inputs import RecordedInputs
+from humanoid_sim.session.script import OverriddenScript, Planned, Script
 from humanoid_sim.session.session import SafetyFilter, Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import IntentSource
+from humanoid_sim.session.sources import ExternSource, IntentSource
 from humanoid_sim.stack import run_header
 
 __all__ = ["Run", "assemble"]
@@ -121,7 +122,10 @@ def assemble(plan: Plan, console: Console) -> Run:
     # The last one is closed first: what the monitor finds in the last ticks still reaches console, recording and feed.
     chosen = (ends.feed, shown, recorder, video, viewer, monitor, ends.intents, ends.data, ends.front_ends)
     sinks: list[Sink] = [sink for sink in chosen if sink is not None]
-    script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
+    script: Planned | None = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
+    inputs = None if plan.branch is None else plan.branch.inputs
+    if inputs is not None and script is None and not config.manual:
+        script = inputs
     is_hardware = config.hardware is not None
     interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
     watched: list[IntentSource] = []
@@ -130,7 +134,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     if interruption is not None:
         watched.append(interruption)
     sources = (*watched, *operators)
-    intents, safety = _drive(sources, script, plan.injector.safety)
+    intents, safety = _drive(sources, script, plan.injector.safety if inputs is None else _both(plan, inputs))
     session = Session(
         setup.robot,
         plan.supervisor,
@@ -143,17 +147,29 @@ def assemble(plan: Plan, console: Console) -> Run:
         ),
         header=header,
         intents=intents,
-        remote=plan.injector.remote(ends.inbox),
+        remote=plan.injector.remote(ends.inbox if inputs is None else inputs.remote(ends.inbox)),
         sinks=sinks,
         safety_filter=safety,
-        externs=(ends.data, plan.velocity) if policy.walks else (ends.data,),
+        externs=_externs(plan, ends),
         qpos=lambda: setup.qpos(session.state),
         mode_listener=setup.mode_listener,
         reactivation=reactivation,
         interruption=interruption,
+        memory=None if plan.branch is None else plan.branch.memory,
     )
     plan.clock.session = session
     return Run(plan, session, monitor, shown, ends, keyboard, tracking, anchor, recorder, video, interruption)
+
+
+def _externs(plan: Plan, ends: LocalEnds) -> tuple[ExternSource, ...]:
+    """Live inputs of other programs, the velocity command, and what a recorded run took in."""
+    own: tuple[ExternSource, ...] = (ends.data, plan.velocity) if plan.policy.walks else (ends.data,)
+    return own if plan.branch is None else (*own, plan.branch.inputs)
+
+
+def _both(plan: Plan, inputs: RecordedInputs) -> SafetyFilter:
+    """Injected safety statuses, and recorded ones."""
+    return lambda statuses: plan.injector.safety(inputs.safety(statuses))
 
 
 def _tell(event: Event, *sinks: Sink | None) -> None:
@@ -198,6 +214,7 @@ def _header(plan: Plan) -> SessionHeader:
             "checks": None if bring_up is None else [": ".join(check) for check in bring_up.checks()],
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
+        start=None if plan.branch is None else plan.branch.memory,
         remote=True,
         action_limit=config.action_limit,
     )
@@ -212,7 +229,7 @@ def _keyboard(plan: Plan, reactivation: Reactivation, shown: ConsoleSink) -> Key
 
 
 def _drive(
-    operators: Sequence[IntentSource], script: Script | None, safety: SafetyFilter
+    operators: Sequence[IntentSource], script: Planned | None, safety: SafetyFilter
 ) -> tuple[tuple[IntentSource, ...], SafetyFilter]:
     """The sources of intents, and the safety filter with the script, if there is one, looking on."""
     if script is None:

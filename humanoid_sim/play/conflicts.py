@@ -21,6 +21,7 @@ from humanoid_sim.session.inject import Injection
 __all__ = [
     "Outputs",
     "choose_outputs",
+    "refuse_beside_branch",
     "refuse_conflicts",
     "refuse_without_effect",
     "shows_window",
@@ -120,6 +121,34 @@ _HARDWARE_ONLY = (
     "no_gamepad",
     "yes",
 )
+
+
+_BRANCH_KEEPS = (
+    "robot",
+    "imu_site",
+    "yaw",
+    "base_height",
+    "actuation",
+    "control_frequency",
+    "physics_timestep",
+    "command_delay",
+    "state_delay",
+    "state_sampling",
+)
+"""Of the simulated robot, which goes on as it was."""
+
+
+def refuse_beside_branch(config: PlayConfig) -> None:
+    """Refuse options that contradict the run in which a branch begins; called before its options are taken over.
+
+    Raises:
+        InputError: naming the option.
+    """
+    if config.branch is None:
+        return
+    for name in ("again", "hardware", "policy_seconds", *_BRANCH_KEEPS):
+        if getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
+            raise InputError(f"--{name.replace('_', '-')}: means nothing with --branch, which goes on as recorded")
 
 
 def _refuse_hardware_conflicts(config: PlayConfig) -> None:

@@ -29,6 +29,9 @@ class PlayConfig:
     again: str | None = None
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
     with the same motion or command. Options override the recording's."""
+    branch: str | None = None
+    """FILE@SECONDS: begin a simulation in that instant of a recording (.mcap) of play, and go on with what it took in,
+    or with another --policy, --contract (gains), --motion, --command, --script or --manual."""
     robot: str = DEFAULT_ROBOT
     """A shipped robot (lite, lite_neck, lite_biped, lite_sito), or the path of a robot's YAML file or of an MJCF."""
     imu_site: str | None = None

@@ -15,6 +15,7 @@ from humanoid_sim.files import is_file
 from humanoid_sim.frontends import Wanted
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.play.branch import Branch, open_branch, reach
 from humanoid_sim.play.conflicts import (
     Outputs,
     choose_outputs,
@@ -25,7 +26,7 @@ from humanoid_sim.play.conflicts import (
 from humanoid_sim.play.front_ends import require_gamepad, wanted_front_ends
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
-from humanoid_sim.play.policies import PolicyChoice, choose_policy
+from humanoid_sim.play.policies import PolicyChoice, choose_policy, parse_branch
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.sources import assumptions
@@ -72,6 +73,8 @@ class Plan:
     steps: Sequence[ScriptStep] | None
     """What drives the FSM if no operator does; None: only operators do."""
     velocity: VelocityCommand
+    branch: Branch | None
+    """The recorded instant in which it begins; None for a beginning of its own."""
     injector: Injector
     clock: RobotClock
     outputs: Outputs
@@ -94,14 +97,19 @@ def make_plan(config: PlayConfig) -> Plan:
     steps: Sequence[ScriptStep] | None = None if config.script is None else parse_script(config.script)
     refuse_conflicts(config, injections)
     front_ends = wanted_front_ends(config)
-    description = with_imu(load_robot(config.robot), config.imu_site)
+    point = None if config.branch is None else open_branch(config)
+    description = with_imu(load_robot(config.robot), config.imu_site) if point is None else point.description
     clock = RobotClock()
     injector = Injector(injections, clock)
-    policy, description = _policy_on_robot(config, description, injector)
+    policy, suited = _policy_on_robot(config, description, injector)
+    description = suited if point is None else description
     contract = policy.loaded.contract
     refuse_without_effect(config, contract, description)
-    control_period, notice = control_rate(config, description, contract.policy_dt)
-    setup = _robot(config, description, control_period, contract)
+    if point is None:
+        control_period, notice = control_rate(config, description, contract.policy_dt)
+    else:
+        control_period, notice = point.control_period, ""
+    setup = _robot(config, description, control_period, contract if point is None else point.contract)
     try:
         supervisor = build_supervisor(
             description,
@@ -113,12 +121,28 @@ def make_plan(config: PlayConfig) -> Plan:
         )
         warnings = setup.check_policy(contract)
         require_gamepad(config)
-        if steps is None and not config.manual and config.hardware is None:
+        branch = None if point is None else reach(point, setup, supervisor, contract, clock)
+        setup = setup if branch is None else branch.setup
+        if steps is None and not config.manual and config.hardware is None and branch is None:
             steps = parse_script(_automatic_script(config, policy.motion_frames))
-        velocity = VelocityCommand(parse_velocity(config.command, contract.command_ranges), contract.command_ranges)
+        command = parse_velocity(config.command, contract.command_ranges)
+        if branch is not None:
+            command = branch.take_velocity(command, is_given=config.command != PlayConfig.command)
+        velocity = VelocityCommand(command, contract.command_ranges)
+        if branch is not None:
+            branch.inputs.velocity = velocity
         golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""
         drivers = (*_who_drives(config, steps, walks=policy.walks), *_who_feeds(config, steps, contract))
-        texts = (notice, *setup.notices, *warnings, *assumptions(contract), golden, *drivers)
+        drivers = drivers if branch is None or config.manual else ()
+        texts = (
+            *(() if branch is None else branch.notices),
+            notice,
+            *setup.notices,
+            *warnings,
+            *assumptions(contract),
+            golden,
+            *drivers,
+        )
         return Plan(
             config=config,
             description=description,
@@ -129,6 +153,7 @@ def make_plan(config: PlayConfig) -> Plan:
             supervisor=supervisor,
             steps=steps,
             velocity=velocity,
+            branch=branch,
             injector=injector,
             clock=clock,
             outputs=Outputs() if config.dry_run else choose_outputs(config, _inputs(config, policy)),
@@ -142,7 +167,8 @@ def make_plan(config: PlayConfig) -> Plan:
 
 def _inputs(config: PlayConfig, policy: PolicyChoice) -> tuple[Path, ...]:
     """The files that the run reads."""
-    named = (config.policy, config.contract, config.again, config.robot, config.calibration)
+    branched = None if config.branch is None else parse_branch(config.branch)[0]
+    named = (config.policy, config.contract, config.again, branched, config.robot, config.calibration)
     return (*(Path(name) for name in named if name is not None and is_file(name)), *filter(None, [policy.motion_file]))
 
 
@@ -241,7 +267,7 @@ def expected_duration(config: PlayConfig, policy: PolicyChoice, description: Rob
     """About how long the run takes, s on the robot's clock; None if only its driver knows."""
     if config.duration is not None:
         return config.duration
-    if config.manual or config.script is not None or config.hardware is not None:
+    if config.manual or config.script is not None or config.hardware is not None or config.branch is not None:
         return None
     standby = description.standby_controller_a if config.pose == "a" else description.standby_controller_b
     motion = _OPEN_END if policy.motion is None or config.remote != "none" else policy.motion.duration

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -30,6 +31,7 @@ from humanoid_sim.robots.description import RobotDescription
 __all__ = [
     "PolicyChoice",
     "choose_policy",
+    "parse_branch",
     "with_recorded_options",
 ]
 
@@ -113,6 +115,22 @@ def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
     raise InputError(f"--motion: is missing; {checkpoint.source} is a {task} policy and follows a motion{hint}")
 
 
+def parse_branch(text: str) -> tuple[str, float]:
+    """The file, and s on the robot's clock, of FILE@SECONDS.
+
+    Raises:
+        InputError: it is something else.
+    """
+    path, _, seconds = text.rpartition("@")
+    try:
+        time = float(seconds)
+    except ValueError:
+        time = math.nan
+    if not path or not math.isfinite(time):
+        raise InputError(f"--branch: is '{text}', expected FILE@SECONDS, such as run.mcap@12.5")
+    return path, time
+
+
 _REPEATED = (
     "policy",
     "contract",
@@ -140,20 +158,27 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     Raises:
         InputError: the recording cannot be read, or does not say what it was made with.
     """
-    if config.again is None:
+    if config.again is None and config.branch is None:
         return config
-    header = open_recording(config.again).header
-    recorded = _options(config.again, header)
+    option, path = (
+        ("--again", config.again) if config.again is not None else ("--branch", parse_branch(config.branch or "")[0])
+    )
+    header = open_recording(path).header
+    recorded = _options(option, path, header)
+    if config.branch is not None:
+        if config.policy is not None:
+            recorded.pop("contract", None)  # it is for the recorded policy
+        recorded.pop("command", None)  # the velocity goes on as recorded
     known = {field.name: field for field in fields(config)}
     values = {
         name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
     }
     if config.motion is None and MOTION_ATTACHMENT in header.attachments:
-        values["motion"] = config.again  # a recording is read as the motion that it was made with
+        values["motion"] = path  # a recording is read as the motion that it was made with
     return replace(config, **values)
 
 
-def _options(path: str, header: SessionHeader) -> dict[str, Any]:
+def _options(option: str, path: str, header: SessionHeader) -> dict[str, Any]:
     """The options that a recording was made with, those that `play` knows and of a kind that it takes."""
     try:
         options = recorded_settings(path, header).get("options")
@@ -161,11 +186,11 @@ def _options(path: str, header: SessionHeader) -> dict[str, Any]:
         options = None
     if not isinstance(options, dict):
         raise InputError(
-            f"--again: '{path}' does not say what it was made with, expected a recording of play or regress"
+            f"{option}: '{path}' does not say what it was made with, expected a recording of play or regress"
         )
     for field in fields(PlayConfig):
         value = options.get(field.name, field.default)
         kinds = {type(field.default), str, float} if field.default is None else {type(field.default), int}
         if value is not None and type(value) not in kinds and field.name in _REPEATED:
-            raise InputError(f"--again: '{path}' was made with {field.name} {value!r}, which is no such option")
+            raise InputError(f"{option}: '{path}' was made with {field.name} {value!r}, which is no such option")
     return options

@@ -14,6 +14,7 @@ from rich.text import Text
 from humanoid_sim.cli import ExitStatus, complain, mute_output
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.play.assembly import Run, assemble
+from humanoid_sim.play.conflicts import refuse_beside_branch
 from humanoid_sim.play.console import PlayConsole
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan, make_plan
@@ -41,6 +42,7 @@ def play(config: PlayConfig) -> int:
         InputError: before anything moves.
     """
     output, console = sys.stdout, PlayConsole()
+    refuse_beside_branch(config)
     config = with_recorded_options(config)
     plan = make_plan(config)
     with ExitStack() as left:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
-__all__ = ["OverriddenScript", "Script", "ScriptStep", "parse_script"]
+__all__ = ["OverriddenScript", "Planned", "Script", "ScriptStep", "parse_script"]
 
 _INTENTS = {intent.value: intent for intent in Intent}
 _GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS"
@@ -142,13 +142,23 @@ class Script:
         return time >= self._hold_until
 
 
+class Planned(IntentSource, Protocol):
+    """Intents that were planned before, and that an operator's take the place of."""
+
+    def cancel(self) -> None:
+        """Drop those that are left."""
+
+    def note_safety(self, statuses: Sequence[SafetyStatus]) -> None:
+        """Take the tick's safety statuses into account."""
+
+
 class OverriddenScript:
     """A script, and operators whose first intent takes the script's place for good.
 
     So does a fresh start, for which an operator asked: it is seen by the outputs of ticks beginning again.
     """
 
-    def __init__(self, script: Script, operators: Sequence[IntentSource]) -> None:
+    def __init__(self, script: Planned, operators: Sequence[IntentSource]) -> None:
         """Prepare.
 
         Args:

@@ -96,6 +96,7 @@ class Session:
         mode_listener: Callable[[Mode], str] | None = None,
         reactivation: Reactivation | None = None,
         interruption: Interruption | None = None,
+        memory: SupervisorMemory | None = None,
     ) -> None:
         """Put the parts together; nothing moves before `run`.
 
@@ -115,6 +116,7 @@ class Session:
                 recorded as an event.
             reactivation: an operator's wish to begin afresh.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
+            memory: of the control stack, to begin with; None for its own.
         """
         self._robot = robot
         self._supervisor = supervisor
@@ -133,7 +135,7 @@ class Session:
         self._failures: list[str] = []
         self._stop_reason = ""
         self._hurry = threading.Event()
-        self._memory: SupervisorMemory = supervisor.initial()
+        self._memory: SupervisorMemory = supervisor.initial() if memory is None else memory
         self._output: TickOutput | None = None
         self._state = MITState.unknown(len(robot.joints))
         self._index = 0

@@ -219,6 +219,7 @@ class FloatingBase:
         self._position, self._quaternion, self._linear, self._angular = base_addresses(model, description)
         self._mocap = int(model.body(_SUPPORT).mocapid[0])
         self._weld = model.equality(_SUPPORT).id
+        self._model = model
 
         turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
         qpos = np.array(joint_qpos)
@@ -239,6 +240,19 @@ class FloatingBase:
         data.qpos[self._quaternion] = self._start[3:]
         data.qvel[self._linear] = 0.0
         data.qvel[self._angular] = 0.0
+
+    def stand(self, data: mujoco.MjData, turn: FloatArray) -> None:
+        """Turn the base, and put it on the floor.
+
+        Args:
+            data: of the simulation; a support that holds the base holds it there.
+            turn: shape (4,), w x y z, by which it is turned in the world frame.
+        """
+        held = self.is_held(data)
+        data.qpos[self._quaternion] = multiply(turn, data.qpos[self._quaternion])
+        data.qpos[self._position][2] -= clearance(self._model, data.qpos)
+        if held:
+            self.hold(data)
 
     def is_held(self, data: mujoco.MjData) -> bool:
         """Whether the support holds the base."""

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import mujoco
 import numpy as np
 
+from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
@@ -219,9 +220,36 @@ class MujocoRobot:
         if self._base is not None:
             self._base.place(self._plant.data)
             self.set_support(self._starts_held)
+        self._fault = ""
+        self._begin()
+
+    def begin_at(
+        self, time: float, joint_position: FloatArray, joint_velocity: FloatArray, imu_quaternion: FloatArray
+    ) -> None:
+        """Activate, and go on from where a robot was measured.
+
+        A floating base is tilted and turned as the IMU was, with the lowest part of the robot on the floor, at rest:
+        where it was, and how it moved, nobody measures.
+
+        Args:
+            time: s, of the robot's clock, to the nearest physics step.
+            joint_position: shape (n,), rad, joint frame.
+            joint_velocity: shape (n,), rad/s, joint frame.
+            imu_quaternion: shape (4,), w x y z, IMU frame in the world frame.
+        """
+        self.activate()
+        data, addresses = self._plant.data, self._plant.addresses
+        self._step = round(time / self._timestep)
+        data.qpos[addresses.qpos], data.qvel[addresses.dof] = joint_position, joint_velocity
+        if self._base is not None:
+            inverse = self._body_sample().imu.quaternion * (1.0, -1.0, -1.0, -1.0)
+            self._base.stand(data, multiply(imu_quaternion, inverse))
+        self._begin()
+
+    def _begin(self) -> None:
+        """Nothing is under way, and all is seen as it now is."""
         self._plant.data.time = self.time
         self._pending.clear()
-        self._fault = ""
         self._state = None
         self._joint_line.restart(self._step, self._joint_sample())
         self._body_line.restart(self._step, self._body_sample())

@@ -11,6 +11,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot, StateSampling
 from humanoid_sim.simulation.plant import Actuation, make_plant
+from humanoid_sim.simulation.stance import clearance
 
 RobotFactory = Callable[..., RobotDescription]
 
@@ -259,3 +260,18 @@ def test_standby_reaches_its_pose_and_sags_little() -> None:
     assert safety[0].is_ok
     assert np.abs(state.joint_position - pose).max() < 0.05
     assert np.abs(state.joint_velocity).max() < 0.01
+
+
+def test_a_measured_robot_stands_tilted_on_the_floor() -> None:
+    robot = MujocoRobot(load_robot("lite_biped"))
+    joints = np.array(robot.description.initial_position) + 0.01
+    speeds = np.linspace(-0.1, 0.1, len(joints))
+    tilt = np.array([np.cos(0.1), 0.0, np.sin(0.1), 0.0])
+    robot.begin_at(12.5, joints, speeds, tilt)
+    state, _ = robot.read()
+    assert state.time == pytest.approx(12.5, abs=0.0003)
+    assert np.allclose(state.joint_position, joints, atol=1e-12)
+    assert np.allclose(state.joint_velocity, speeds, atol=1e-12)
+    assert abs(float(state.imu_quaternion @ tilt)) == pytest.approx(1.0, abs=1e-9)
+    assert clearance(robot.model, robot.qpos) == pytest.approx(0.0, abs=1e-9)
+    assert robot.supported

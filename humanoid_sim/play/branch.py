@@ -1,0 +1,316 @@
+"""A run that begins in a recorded instant: `--branch run.mcap@12.5`.
+
+An instant of a simulation is reached by simulating the recorded run again from its start, under the recorded commands;
+every reading must be the recorded one, bit for bit. The control stack's memory comes from repeating the recorded
+inputs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from humanoid_sim.controllers.base import REMOTE_POLICY, RL_POLICY
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
+from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import EventKind, Mode, SafetyStatus, TickRecord
+from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.played_robot import RobotSetup
+from humanoid_sim.play.policies import parse_branch
+from humanoid_sim.policy.contract_json import encode
+from humanoid_sim.recording.reader import Entry, Recording, open_recording
+from humanoid_sim.recording.repeat import RecordedPolicy, first_difference, state_difference
+from humanoid_sim.recording.settings import recorded_settings
+from humanoid_sim.recording.start import START_DOCUMENT
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.session.recorded_inputs import RecordedInputs
+from humanoid_sim.simulation.floating_base import support_in_mode
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.stack import rebuild_supervisor, recorded_contract
+from humanoid_sim.strict_json import parse_json
+
+__all__ = ["Branch", "BranchPoint", "open_branch", "reach"]
+
+
+@dataclass(frozen=True, slots=True)
+class BranchPoint:
+    """A recorded instant, and what is known of its run before it is reached."""
+
+    recording: Recording
+    time: float
+    """s, robot's clock, as asked for."""
+    description: RobotDescription
+    contract: PolicyContract
+    """Of the recorded policy: the simulated robot was built for it."""
+    is_simulated: bool
+
+    @property
+    def control_period(self) -> float:
+        """Of the recorded loop, s."""
+        return self.recording.header.control_period
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """A recorded instant that was reached."""
+
+    setup: RobotSetup
+    """With the robot as it was then."""
+    memory: SupervisorMemory
+    """Of the control stack, for the policy that goes on."""
+    inputs: RecordedInputs
+    """What the recorded run took in from then on."""
+    velocity: FloatArray | None
+    """Shape (3,), the velocity command of that instant, if there was one."""
+    notices: tuple[str, ...]
+
+    def take_velocity(self, command: FloatArray, *, is_given: bool) -> FloatArray:
+        """The velocity command, shape (3,), to begin with: the given one, or else the recorded one, which goes on."""
+        if is_given:
+            self.inputs.leaves_velocity = True
+            return command
+        return command if self.velocity is None else self.velocity
+
+
+def open_branch(config: PlayConfig) -> BranchPoint:
+    """Find the run, and the robot that it ran on.
+
+    Args:
+        config: the options, with the recorded ones in the place of defaults.
+
+    Raises:
+        InputError: it is no run of `play`, or a branch itself.
+    """
+    path, time = parse_branch(config.branch or "")
+    recording = open_recording(path)
+    header = recording.header
+    if START_DOCUMENT in header.documents:
+        raise InputError(f"--branch: '{path}' is a branch itself, expected the recording that it began in")
+    settings = recorded_settings(path, header)
+    if not str(settings.get("program", "")).startswith("humanoid_sim.play"):
+        raise InputError(f"--branch: '{path}' is not of play, expected a recording of play")
+    contract = recorded_contract(header)
+    if contract is None:
+        raise InputError(f"--branch: '{path}' ran no policy, expected a recording of play")
+    folder = load_robot(config.robot).folder
+    description = RobotDescription.from_json(header.documents.get("robot", ""), folder)
+    return BranchPoint(recording, time, description, contract, settings["options"].get("hardware") is None)
+
+
+def reach(
+    point: BranchPoint, setup: RobotSetup, supervisor: Supervisor, contract: PolicyContract, clock: Callable[[], float]
+) -> Branch:
+    """Bring a simulated robot, and a control stack, to the instant.
+
+    Args:
+        point: the instant.
+        setup: the robot, just built for the recorded contract.
+        supervisor: the control stack that goes on.
+        contract: of the policy that goes on.
+        clock: the robot's clock in the run that begins, s.
+
+    Raises:
+        InputError: the recording has no such instant, or cannot be simulated again.
+    """
+    robot, header = setup.robot, point.recording.header
+    if not isinstance(robot, MujocoRobot):
+        raise TypeError("only a simulation can branch")
+    _check_measured(point.contract, contract)
+    policy = RecordedPolicy()
+    stack = rebuild_supervisor(header, policy)
+    memory, record, entries = _repeated(point, stack, policy, robot if point.is_simulated else None)
+    state = record.input.state
+    notices = [f"branches at {float(state.time):g} s from {point.recording.path.name}, in {_mode(memory)}"]
+    if point.is_simulated:
+        _compare(point, record, robot)
+    else:
+        notices += _as_measured(point, robot, state, memory)
+    kept, notice = _for_policy(memory, stack, supervisor, record)
+    inputs = RecordedInputs(
+        chain([record], entries),
+        point.control_period,
+        clock,
+        measured=tuple(robot.extern),
+        repeats_safety=point.is_simulated,
+    )
+    velocity = state.extern.get(VELOCITY_COMMAND)
+    value = None if velocity is None else np.array(velocity.value)
+    return Branch(
+        replace(setup, robot=_Resumed(robot)), kept, inputs, value, tuple(text for text in (*notices, notice) if text)
+    )
+
+
+def _mode(memory: SupervisorMemory) -> str:
+    return memory.controller.removesuffix("_controller")
+
+
+def _check_measured(recorded: PolicyContract, contract: PolicyContract) -> None:
+    """The simulated robot measures what the recorded policy needed."""
+    if contract.anchor_body and contract.anchor_body != recorded.anchor_body:
+        raise InputError(
+            f"--branch: the policy needs the pose of '{contract.anchor_body}', "
+            f"the recorded run measured {repr(recorded.anchor_body) if recorded.anchor_body else 'none'}"
+        )
+    missing = [point for point in contract.velocity_points if point not in recorded.velocity_points]
+    if missing:
+        raise InputError(
+            f"--branch: the policy needs the velocity of {', '.join(missing)}, which the recorded run did not measure"
+        )
+
+
+def _repeated(
+    point: BranchPoint, stack: Supervisor, policy: RecordedPolicy, robot: MujocoRobot | None
+) -> tuple[SupervisorMemory, TickRecord, Iterator[Entry]]:
+    """Repeat the run up to the instant: the stack's memory before its tick, that tick, and what follows it."""
+    path, header = point.recording.path, point.recording.header
+    entries = point.recording.entries()
+    memory, mode = stack.initial(), None
+    following, record = 0, None
+    for entry in entries:
+        if not isinstance(entry, TickRecord):
+            if entry.kind is EventKind.FRESH_START:
+                memory = stack.initial()
+                if robot is not None:
+                    robot.activate()
+            continue
+        record = entry
+        if record.index != following:
+            raise InputError(f"--branch: '{path}' lacks {record.index - following} ticks before tick {record.index}")
+        time = float(record.input.state.time)
+        if following == 0 and point.time < time - 0.5 * point.control_period:
+            raise InputError(f"--branch: {point.time:g} s is before the recording's begin, {time:g} s")
+        if time > point.time - 0.5 * point.control_period:
+            return memory, record, entries
+        following += 1
+        if robot is not None:
+            _compare(point, record, robot)
+        policy.expect(record.output)
+        memory, output = stack.step(memory, record.input)
+        difference = first_difference(header, record.output, output)
+        if difference is not None:
+            raise InputError(f"--branch: '{path}' cannot be repeated: tick {record.index}: {difference}")
+        if robot is not None:
+            mode = _write(robot, record.output.command, mode, record.output.control_mode.mode)
+    end = "no ticks" if record is None else f"up to {float(record.input.state.time):g} s"
+    raise InputError(f"--branch: {point.time:g} s is behind the end of '{path}', which has {end}")
+
+
+def _write(robot: MujocoRobot, command: MITCommand, before: Mode | None, mode: Mode) -> Mode:
+    """As the loop did: the support first."""
+    if mode is not before and robot.description.is_floating:
+        support_in_mode(robot, mode)
+    robot.write(command)
+    return mode
+
+
+def _compare(point: BranchPoint, record: TickRecord, robot: MujocoRobot) -> None:
+    difference = state_difference(point.recording.header, record.input.state, robot.read()[0])
+    if difference is not None:
+        place = f" of {difference.where}" if difference.where else ""
+        raise InputError(
+            f"--branch: '{point.recording.path}' cannot be simulated again: tick {record.index} "
+            f"({float(record.input.state.time):g} s): {difference.field}{place} was {difference.recorded}, "
+            f"is {difference.replayed}; expected the same robot, and the MuJoCo and the machine that it was made with"
+        )
+
+
+def _as_measured(point: BranchPoint, robot: MujocoRobot, state: MITState, memory: SupervisorMemory) -> tuple[str, ...]:
+    """Put the simulated robot where the real one was measured; names what nobody measured."""
+    names = point.recording.header.joint_names
+    for what, values in (("position", state.joint_position), ("velocity", state.joint_velocity)):
+        silent = [name for name, value in zip(names, values, strict=True) if not math.isfinite(value)]
+        if silent:
+            raise InputError(f"--branch: the {what} of {', '.join(silent)} was not known at {float(state.time):g} s")
+    quaternion = state.imu_quaternion
+    has_imu = bool(np.isfinite(quaternion).all())
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    robot.begin_at(float(state.time), state.joint_position, state.joint_velocity, quaternion if has_imu else upright)
+    unknown = ["contacts", "forces from outside", "what the motors were about to do"]
+    if robot.description.is_floating:
+        unknown.insert(0, "place and motion of the base")
+        if memory.controller in (RL_POLICY, REMOTE_POLICY):
+            robot.set_support(False)
+    return (
+        f"joints as measured on the robot; unknown: {', '.join(unknown)}, so it goes on differently than the robot did",
+    )
+
+
+def _for_policy(
+    memory: SupervisorMemory, recorded: Supervisor, supervisor: Supervisor, record: TickRecord
+) -> tuple[SupervisorMemory, str]:
+    """The memory for the policy that goes on, and what it means for it."""
+    before, after = recorded.controllers[RL_POLICY], supervisor.controllers[RL_POLICY]
+    own = memory.controller_memory
+    if not (isinstance(own, RLPolicyMemory) and isinstance(before, RLPolicyController)):
+        return memory, ""
+    if not isinstance(after, RLPolicyController):
+        raise TypeError("LOCOMOTION is not a policy's")
+    same = _remembered(before) == _remembered(after)
+    held = own.held_ticks if before.decimation == after.decimation else after.decimation
+    policy, notice = own.policy, ""
+    if not same:
+        frame = after.reference.clamp(own.policy.frame)
+        policy = replace(after.wiring.activate(record.input.state), frame=frame)
+        notice = (
+            "this policy observes or moves something else than the recorded one: its history and its last action "
+            f"begin anew, its reference at frame {int(frame)}"
+        )
+    elif after.reference.frame_count != before.reference.frame_count:
+        policy = replace(policy, frame=after.reference.clamp(policy.frame))
+    return replace(memory, controller_memory=replace(own, policy=policy, held_ticks=held)), notice
+
+
+_REMEMBERED = (
+    "observation",
+    "history_layout",
+    "joint_names",
+    "action_joint_names",
+    "command_names",
+    "align_reference",
+    "anchor_body",
+    "phase",
+)
+"""Fields of a contract that say what a policy's memory means."""
+
+
+def _remembered(controller: RLPolicyController) -> tuple[object, ...]:
+    """What the memory of a policy means: with the same of these it fits another one."""
+    document, layout = parse_json(encode(controller.contract)), controller.wiring.layout
+    return layout.step_width, layout.history, *(document[name] for name in _REMEMBERED)
+
+
+class _Resumed:
+    """A simulated robot whose first activation leaves it as it is."""
+
+    def __init__(self, robot: MujocoRobot) -> None:
+        self._robot = robot
+        self._is_active = False
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self._robot.joints
+
+    @property
+    def is_closed(self) -> bool:
+        return self._robot.is_closed
+
+    def activate(self) -> None:
+        if self._is_active:
+            self._robot.activate()
+        self._is_active = True
+
+    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        return self._robot.read()
+
+    def write(self, command: MITCommand) -> None:
+        self._robot.write(command)
+
+    def close(self) -> None:
+        self._robot.close()

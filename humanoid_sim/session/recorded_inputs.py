@@ -1,0 +1,126 @@
+"""What a recorded run took in, at the same times again: intents, remote commands, live inputs, safety statuses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from humanoid_sim.messages import EventKind, Intent, RemoteCommand, SafetyStatus, TickOutput, TickRecord
+from humanoid_sim.mit import VELOCITY_COMMAND, Extern
+from humanoid_sim.recording.reader import Entry
+from humanoid_sim.session.sources import RemoteSource, VelocityCommand
+
+__all__ = ["RecordedInputs"]
+
+
+class RecordedInputs:
+    """Plays a recording's inputs, each tick's at its time on the robot's clock.
+
+    It ends where the recorded run was about to end, or where an operator had the robot reactivated: what followed
+    began afresh. The last values of data stay, and grow old as any that are not repeated.
+    """
+
+    def __init__(
+        self,
+        entries: Iterator[Entry],
+        control_period: float,
+        clock: Callable[[], float],
+        *,
+        measured: Sequence[str] = (),
+        repeats_safety: bool = True,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            entries: of the recording, from the tick on with which the run begins.
+            control_period: s
+            clock: the robot's clock, s.
+            measured: names of live inputs that the robot reports itself.
+            repeats_safety: whether safety statuses of sources that the robot does not have are repeated too.
+        """
+        self._entries = entries
+        self._tolerance = 0.5 * control_period
+        self._clock = clock
+        self._measured = frozenset(measured)
+        self._repeats_safety = repeats_safety
+        self._is_ending = False
+        self._is_cancelled = False
+        self._record: TickRecord | None = None
+        self._next = self._take()
+        self._is_asked = False
+        self.velocity: VelocityCommand | None = None
+        """Takes the place of the recorded one once somebody has changed it."""
+        self.leaves_velocity = False
+        """Whether another velocity was set from the beginning."""
+
+    def _take(self) -> TickRecord | None:
+        for entry in self._entries:
+            if isinstance(entry, TickRecord):
+                return entry
+            if entry.kind is EventKind.FRESH_START:
+                return None
+            self._is_ending = self._is_ending or entry.kind is EventKind.ENDING
+        return None
+
+    def _now(self) -> TickRecord | None:
+        """The recorded tick of this moment."""
+        due = self._clock() + self._tolerance
+        while self._next is not None and float(self._next.input.state.time) <= due:
+            self._record, self._next = self._next, self._take()
+            self._is_asked = False
+        return self._record
+
+    @property
+    def finished(self) -> bool:
+        """The recorded run was about to end, or nothing more is recorded."""
+        return self._is_ending or self._next is None
+
+    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
+        """The recorded intents of this tick."""
+        record = self._now()
+        if record is None or self._is_asked or self._is_cancelled:
+            return ()
+        self._is_asked = True
+        return record.input.intents
+
+    def cancel(self) -> None:
+        """An operator has taken over: no further intents. Data stays as recorded."""
+        self._is_cancelled = True
+
+    def note_safety(self, statuses: Sequence[SafetyStatus]) -> None:
+        """The recorded intents come whatever happens, as they did."""
+
+    def latest(self) -> Mapping[str, Extern]:
+        """The recorded live inputs of this tick that the robot does not report itself."""
+        record = self._now()
+        if record is None:
+            return {}
+        is_changed = self.leaves_velocity or (self.velocity is not None and bool(self.velocity.owner))
+        left_out = self._measured | ({VELOCITY_COMMAND} if is_changed else set())
+        return {name: value for name, value in record.input.state.extern.items() if name not in left_out}
+
+    def remote(self, inbox: RemoteSource) -> RemoteSource:
+        """The recorded remote commands, until one arrives by `inbox`."""
+        return _Either(inbox, self)
+
+    @property
+    def recorded_remote(self) -> RemoteCommand | None:
+        """Of this tick."""
+        record = self._now()
+        return None if record is None else record.input.remote
+
+    def safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
+        """The robot's statuses, and the recorded ones of other sources."""
+        record = self._now() if self._repeats_safety else None
+        if record is None or self._clock() > float(record.input.state.time) + self._tolerance:
+            return statuses
+        own = {status.source for status in statuses}
+        return (*statuses, *(status for status in record.input.safety if status.source not in own))
+
+
+class _Either(RemoteSource):
+    def __init__(self, inbox: RemoteSource, inputs: RecordedInputs) -> None:
+        self._inbox, self._inputs = inbox, inputs
+
+    def latest(self) -> RemoteCommand | None:
+        command = self._inbox.latest()
+        return self._inputs.recorded_remote if command is None else command

@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from result import Result
+
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.play.policies import parse_branch
+from humanoid_sim.recording.codec import TickEncoder
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.replay import main as replay
+
+Play = Callable[..., Result]
+
+
+@pytest.fixture
+def recorded(folder: Path, quick: str, run: Play) -> list[TickRecord]:
+    """A run of the sample policy to 3.2 s, in `run.mcap`; LOCOMOTION begins at 2.1 s."""
+    ticks = run("--robot", quick, "--duration", "3.2").ticks
+    shutil.move(folder / "r.mcap", folder / "run.mcap")
+    return ticks
+
+
+def bits(tick: TickRecord) -> bytes:
+    """All that a tick took in and decided; its number and how long it took aside."""
+    return TickEncoder(14).encode(replace(tick, index=0, duration=0.0, overrun=False))
+
+
+@pytest.mark.parametrize("seconds", ["0", "1.7", "2.605"])
+def test_the_same_policy_goes_on_bit_for_bit(folder: Path, recorded: list[TickRecord], run: Play, seconds: str) -> None:
+    """From ZERO_TORQUE, within STANDBY, and between two steps of the policy; to the end, and in as many ticks."""
+    result = run("--branch", f"run.mcap@{seconds}")
+    assert result.status == 0
+    expected = [tick for tick in recorded if float(tick.input.state.time) > float(seconds) - 0.001]
+    assert float(result.ticks[0].input.state.time) == pytest.approx(float(seconds))
+    assert len(result.ticks) == len(expected)
+    assert [bits(tick) for tick in result.ticks] == [bits(tick) for tick in expected]
+    assert replay([str(folder / "r.mcap")]) == 0
+
+
+def test_other_gains_go_on_from_the_same_state_and_frame(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+    (folder / "gains.yaml").write_text("override:\n  joint_stiffness: 30.0\n", encoding="utf-8")
+    result = run("--branch", "run.mcap@2.605", "--contract", "gains.yaml")
+    assert result.status == 0
+    before = next(tick for tick in recorded if float(tick.input.state.time) > 2.604)
+    assert np.array_equal(result.ticks[0].input.state.joint_position, before.input.state.joint_position)
+    steps = [tick.output.policy_step for tick in result.ticks if tick.output.policy_step is not None]
+    old = [tick.output.policy_step for tick in recorded[before.index :] if tick.output.policy_step is not None]
+    assert steps[0].frame == old[0].frame
+    assert result.ticks[-1].output.control_mode.mode is Mode.DAMPING
+    moving = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
+    assert moving[-1].output.command.stiffness[0] == 30.0
+    assert not np.array_equal(moving[-1].input.state.joint_position, recorded[-2].input.state.joint_position)
+    assert replay([str(folder / "r.mcap")]) == 0
+
+
+def test_a_script_takes_the_place_of_recorded_intents(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+    result = run("--branch", "run.mcap@2.7", "--script", "hold 0.2; damp; hold 0.2")
+    assert result.modes == ["LOCOMOTION", "DAMPING"]
+    assert result.ticks[0].output.control_mode.mode is Mode.LOCOMOTION
+
+
+def test_a_branch_cannot_branch(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+    assert run("--branch", "run.mcap@2.9").status == 0
+    shutil.move(folder / "r.mcap", folder / "second.mcap")
+    result = run("--branch", "second.mcap@3.0")
+    assert result.status == 2
+    assert "'second.mcap' is a branch itself" in result.err
+
+
+def test_an_instant_that_was_not_recorded(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+    result = run("--branch", "run.mcap@60")
+    assert result.status == 2
+    assert "60 s is behind the end of 'run.mcap'" in result.err
+    result = run("--branch", "run.mcap@-1")
+    assert "-1 s is before the recording's begin, 0 s" in result.err
+    assert not (folder / "r.mcap").exists()
+
+
+def test_another_simulation_is_named(
+    folder: Path, recorded: list[TickRecord], make_robot: Callable[..., str], run: Play, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The scene has changed since: the first reading that is not the recorded one is named."""
+    from humanoid_sim.simulation import plant  # noqa: PLC0415
+
+    step = plant.Plant.step
+
+    def heavier(self: plant.Plant, count: int) -> None:
+        self.model.opt.gravity[2] = -9.9
+        step(self, count)
+
+    monkeypatch.setattr(plant.Plant, "step", heavier)
+    result = run("--branch", "run.mcap@2.7")
+    assert result.status == 2
+    assert "cannot be simulated again: tick 1 (0.005 s): joint_position of left_shoulder_pitch was" in result.err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--yaw", "1"), "--yaw: means nothing with --branch"),
+        (("--again", "run.mcap"), "--again: means nothing with --branch"),
+        (("--hardware", "virtual:lite"), "--hardware: means nothing with --branch"),
+    ],
+)
+def test_what_a_branch_cannot_change(run: Play, options: tuple[str, ...], message: str) -> None:
+    result = run("--branch", "run.mcap@2.7", *options)
+    assert result.status == 2
+    assert message in result.err
+
+
+@pytest.mark.parametrize("text", ["run.mcap", "@3", "run.mcap@", "run.mcap@soon", "run.mcap@nan"])
+def test_what_is_no_instant(run: Play, text: str) -> None:
+    result = run("--branch", text)
+    assert result.status == 2
+    assert f"--branch: is '{text}', expected FILE@SECONDS" in result.err
+
+
+def test_a_name_may_hold_an_at_sign() -> None:
+    assert parse_branch("a@b.mcap@2.5") == ("a@b.mcap", 2.5)
+
+
+@pytest.mark.slow
+def test_a_run_on_hardware_goes_on_from_what_was_measured(folder: Path, quick: str, run: Play) -> None:
+    script = ("--script", "damp; hold 0.2; load_a; wait; start_locomotion; hold 1; damp; hold 0.2", "--allow-script")
+    real = run("--hardware", "virtual:lite", "--robot", quick, "--yes", *script, "--duration", "4")
+    shutil.move(folder / "r.mcap", folder / "real.mcap")
+    check_measured(folder, real.ticks, run)
+
+
+def test_what_was_measured_is_where_a_branch_of_a_real_run_begins(
+    folder: Path, recorded: list[TickRecord], run: Play
+) -> None:
+    """The recording says that it is of a real robot, so nothing is simulated again."""
+    header = open_recording(folder / "run.mcap").header
+    settings = json.loads(header.documents["settings"])
+    settings["options"]["hardware"] = "can0"
+    recorder = McapRecorder(folder / "real.mcap")
+    recorder.start(replace(header, documents={**header.documents, "settings": json.dumps(settings)}))
+    for tick in recorded:
+        recorder.tick(tick)
+    recorder.close()
+    check_measured(folder, recorded, run)
+
+
+def check_measured(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+    """Branch `real.mcap` in LOCOMOTION."""
+    moving = [tick for tick in recorded if tick.output.control_mode.mode is Mode.LOCOMOTION]
+    instant = moving[20]
+    time = float(instant.input.state.time)
+    result = run("--branch", f"real.mcap@{time}")
+    assert result.status == 0
+    first = result.ticks[0]
+    assert np.array_equal(first.input.state.joint_position, instant.input.state.joint_position)
+    assert np.array_equal(first.input.state.joint_velocity, instant.input.state.joint_velocity)
+    assert float(first.input.state.time) == pytest.approx(time, abs=0.0003)
+    assert first.output.control_mode.mode is Mode.LOCOMOTION
+    assert "joints as measured on the robot; unknown: contacts, forces from outside" in " ".join(result.out.split())
+    frames = [tick.output.policy_step.frame for tick in result.ticks if tick.output.policy_step is not None]
+    old = [tick.output.policy_step.frame for tick in moving[20:] if tick.output.policy_step is not None]
+    assert frames[0] == old[0]
+    assert replay([str(folder / "r.mcap")]) == 0
