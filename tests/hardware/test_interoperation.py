@@ -21,6 +21,7 @@ from humanoid_sim.robots.motors import MOTORS
 
 _CHANNEL = "interoperation"
 _LITE = load_robot("lite")
+ROBSTRIDES = [model for model in MOTORS.values() if model.family == "robstride"]
 _MOTORS = {joint.name: joint.motor for joint in _LITE.joints if joint.motor is not None}
 
 
@@ -32,7 +33,7 @@ def motors() -> Iterator[VirtualMotors]:
 
 @pytest.fixture
 def client(motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> Iterator[RobstrideBus]:
-    for model in MOTORS.values():
+    for model in ROBSTRIDES:
         monkeypatch.setitem(their_table.MODEL_MIT_VELOCITY_TABLE, model.name, model.velocity)
         monkeypatch.setitem(their_table.MODEL_MIT_TORQUE_TABLE, model.name, model.effort)
     client = RobstrideBus(_CHANNEL, {name: Motor(motor.can_id, motor.model) for name, motor in _MOTORS.items()})
@@ -47,7 +48,7 @@ def _joint(motors: VirtualMotors, name: str) -> float:
 
 
 def test_their_scales_are_the_manuals_but_for_what_is_patched() -> None:
-    for model in MOTORS.values():
+    for model in ROBSTRIDES:
         assert their_table.MODEL_MIT_POSITION_TABLE[model.name] == model.position
         assert their_table.MODEL_MIT_KP_TABLE[model.name] == model.stiffness
         assert their_table.MODEL_MIT_KD_TABLE[model.name] == model.damping

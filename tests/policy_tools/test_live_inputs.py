@@ -16,8 +16,6 @@ from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.onnx_policy import read_header
 from humanoid_sim.robots.description import RobotDescription
 
-FED = "(fed through `live` from Python)"
-
 
 @pytest.fixture
 def live(tmp_path: Path) -> Path:
@@ -80,9 +78,11 @@ def test_doctor_refuses_it(cli, live: Path, robot: RobotDescription) -> None:
     assert error == f"error: {live}: needs the live input 'foot_contact' of width 2, and doctor has none\n"
 
 
-def test_play_refuses_it(live: Path, robot: RobotDescription, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_program(play, ["--policy", str(live), "--robot", str(robot.mjcf_path)]) == 2
-    assert capsys.readouterr().err == (
-        f"error: policy on robot '{robot.name}': observation term 'foot_contact' needs the live input 'foot_contact' "
-        f"of width 2 {FED}, and there is none\n"
-    )
+def test_play_says_who_must_feed_it_and_damps_where_nobody_does(
+    live: Path, robot: RobotDescription, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--policy", str(live), "--robot", str(robot.mjcf_path), "--video", "none", "--record", "none"]
+    assert run_program(play, options) == 1
+    printed = capsys.readouterr().out
+    assert "the policy observes foot_contact, which a program has to send" in printed
+    assert "START_LOCOMOTION requested; rl_policy_controller failed: observation foot_contact[0] is nan" in printed

@@ -11,12 +11,13 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-import yourdfpy
 
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.links import links_of
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.urdf import urdf_of
+
+yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed (extra 'test-frontends')")
 
 _BESIDE = Path(__file__).parents[3] / "shared" / "policies"
 POLICIES = Path(os.environ.get("HUMANOID_SIM_POLICIES", _BESIDE))

@@ -259,12 +259,13 @@ def test_where_nobody_can_be_asked_a_yes_must_be_given(run: Play, quick: str, fo
         if joint.motor is not None
     ]
     calibration.write_text("\n".join(lines), encoding="utf-8")
-    result = run("--robot", quick, "--hardware", "can7", *PLACEHOLDER, record=False)
+    without = ("--no-gamepad", *PLACEHOLDER)
+    result = run("--robot", quick, "--hardware", "can7", *without, record=False)
     assert result.status == 2
     assert result.err.startswith("error: --yes: is needed where nobody can be asked")
-    result = run("--robot", quick, "--hardware", "can7", "--yes", *PLACEHOLDER)
+    result = run("--robot", quick, "--hardware", "can7", "--yes", *without)
     assert result.status == 2  # there is no such interface
-    plain = run("--robot", quick, "--hardware", "can7", "--yes", "--calibration", "none", *PLACEHOLDER)
+    plain = run("--robot", quick, "--hardware", "can7", "--yes", "--calibration", "none", *without)
     assert "no calibration: the motors' zeros are taken for the joints'" in plain.out
     assert "calibration calibration.yaml" in result.out
     assert "can7" in next(line for line in result.out.splitlines() if line.startswith("problem"))
