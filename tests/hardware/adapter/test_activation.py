@@ -349,10 +349,19 @@ def test_another_master_is_left_alone(
 ) -> None:
     monkeypatch.setattr("humanoid_sim.hardware.robstride.enabling._LISTENING", 0.05)
     frame = encode_command(OperationControl(11, 0.0, 0.0, 0.0, 10.0, 1.0), MOTORS["rs-02"])
-    timer = threading.Timer(0.02, ScriptedMotors.send_frame, [motors.buses[0], frame])
-    timer.start()
-    (problem,) = _refusal(robot)
-    timer.join()
+    done = threading.Event()
+
+    def drive() -> None:
+        while not done.wait(0.005):
+            ScriptedMotors.send_frame(motors.buses[0], frame)
+
+    master = threading.Thread(target=drive)
+    master.start()
+    try:
+        (problem,) = _refusal(robot)
+    finally:
+        done.set()
+        master.join()
     assert problem.endswith("another master drives these motors: another host sends 'operation control' to motor 11")
     assert left.heard == []
     assert right.heard == [], "its arms would fall"
