@@ -32,6 +32,7 @@ VERBS = {
     "training": "make the sample motions and the sample policy again, and measure them",
     "gamepad": "drive a running session with a gamepad",
     "gravity": "compensate gravity in REMOTE, on a running session",
+    "console": "serve a page for the operator, on a running session",
     "bench": "measure this machine's figures",
 }
 _MODULES = {"policy": "policy_tools"}

@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LINKED = ("controllers", "envs", "hardware", "assets")
-SUFFIXES = {".py", ".yaml", ".xml", ".html", ".onnx", ".mcap"}
+SUFFIXES = {".py", ".yaml", ".xml", ".html", ".css", ".js", ".onnx", ".mcap"}
 
 
 @pytest.fixture(scope="module")

@@ -29,6 +29,7 @@ class FrontEnd:
 
 FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
     {
+        "console": FrontEnd("the browser console", ("viser", "mjviser", "websockets"), "console"),
         "gamepad": FrontEnd("a gamepad", ("pygame",), "gamepad"),
         "gravity": FrontEnd("gravity compensation, for REMOTE"),
     }

@@ -69,7 +69,7 @@ class PlayConfig:
     viewer: Literal["auto", "none", "native"] = "auto"
     """A window to watch; auto opens one where there is a display, but none on hardware."""
     console: bool = False
-    """Start the browser console (not in this version)."""
+    """Start the console, a page for the operator, for browsers on this machine; prints its address."""
     record: str = "auto"
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False

@@ -1,0 +1,187 @@
+"""Between the session and its pages: what pages are told, and what they ask for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import threading
+import time
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+from websockets.asyncio.server import ServerConnection
+
+from humanoid_sim.client import Answer, Intake, SessionError, monotonic_ns
+from humanoid_sim.frontends.attach import Attachment
+from humanoid_sim.frontends.console.access import Access, RateLimit
+from humanoid_sim.frontends.console.server import encoded
+from humanoid_sim.frontends.console.state import available_controllers, state
+from humanoid_sim.messages import Intent, TickRecord
+from humanoid_sim.session.intent_socket import MARK
+
+__all__ = ["Hub"]
+
+_PERIOD = 0.1
+"""s between two states that a page is told."""
+_EVENTS = 200
+"""That a new page is shown."""
+_ASKS_PER_SECOND, _ASKS_AT_ONCE = 5.0, 10
+"""Of one page, of everything but DAMP."""
+_PATIENCE = 2.0
+"""s that an answer may take."""
+_WORDS = frozenset({*(intent.value for intent in Intent), MARK})
+
+
+class Hub:
+    """All pages of one session. Everything but waiting for answers happens on the event loop's thread."""
+
+    def __init__(self, attachment: Attachment) -> None:
+        """Know the session, and no page yet."""
+        self._attachment = attachment
+        self._available = available_controllers(attachment.header)
+        self._damping = Intake(attachment.session, "console")
+        """For DAMP alone, which so waits for no answer to anything else."""
+        self._asking = ThreadPoolExecutor(1, "asking")
+        self._posting = threading.Lock()
+        self._damps = 0
+        self._record: TickRecord | None = None
+        self._stamp = monotonic_ns()
+        self._number = self._event_number = 0
+        self._mode: tuple[str, str] | None = None
+        self._events: deque[tuple[int, float, str]] = deque(maxlen=_EVENTS)
+        self._told = 0
+        self._marks = 0
+        self._pages: set[ServerConnection] = set()
+
+    def close(self) -> None:
+        """Let go of the session."""
+        self._asking.shutdown()
+        self._damping.close()
+
+    def look(self) -> TickRecord | None:
+        """Take what is new in the feed; gives the newest tick, or None where none is new."""
+        feed, newest = self._attachment.feed, None
+        for number, event in self._attachment.events(self._event_number):
+            self._event_number = number
+            self._tell(event.time, event.text)
+        for sample in feed.since(self._number):
+            self._number, self._stamp = sample.number, sample.stamp
+            newest = self._attachment.record(sample)
+            output, now = newest.output, float(newest.input.state.time)
+            control = output.control_mode
+            mode = control.mode.name, control.controller_name
+            if mode != self._mode:
+                self._tell(now, f"{control.mode.name} ({control.controller_name}): {control.status_message}")
+            self._mode = mode
+            for text in (*output.refusals, *(fault.message for fault in output.faults)):
+                self._tell(now, text)
+        self._record = newest or self._record
+        return newest
+
+    def _tell(self, now: float, text: str) -> None:
+        self._told += 1
+        self._events.append((self._told, now, text))
+
+    async def page(self, connection: ServerConnection, access: Access) -> None:
+        """Look after a page until it closes. Reading never waits for sending, nor for an answer: a DAMP may come."""
+        self._pages.add(connection)
+        answers: deque[dict[str, Any]] = deque(maxlen=_ASKS_AT_ONCE)
+        limit = RateLimit(_ASKS_PER_SECOND, _ASKS_AT_ONCE)
+        tasks = {asyncio.create_task(self._tell_page(connection, access, answers))}
+        try:
+            async for message in connection:
+                word = _word(message)
+                answer = self._at_once(word, access, limit)
+                if answer is not None:
+                    answers.append(answer)
+                    continue
+                asking = asyncio.create_task(self._ask(word, answers))
+                tasks.add(asking)
+                asking.add_done_callback(tasks.discard)
+        finally:
+            self._pages.discard(connection)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def say_goodbye(self) -> None:
+        """Tell all pages that the session has ended."""
+        for page in list(self._pages):
+            with contextlib.suppress(Exception):  # a page that is gone, too
+                await asyncio.wait_for(page.send(encoded({"ended": True})), 0.2)
+
+    async def _tell_page(self, connection: ServerConnection, access: Access, answers: deque[dict[str, Any]]) -> None:
+        """Tell a page how things are, ten times a second; one that is slow is told less often, never what is past."""
+        shown = 0
+        session = self._attachment.session
+        await connection.send(
+            encoded({"session": str(session), "access": access.value, "joints": self._attachment.feed.joint_names})
+        )
+        while True:
+            told: dict[str, Any] = {}
+            if self._record is not None:
+                told = state(self._record, self._available)
+                told["age"] = 1e-9 * (monotonic_ns() - self._stamp)
+                told["status"] = self._attachment.feed.status()
+                told["events"] = [event for event in self._events if event[0] > shown]
+                told["answers"] = [answers.popleft() for _ in range(len(answers))]
+                shown = self._told
+            await connection.send(encoded(told))
+            await asyncio.sleep(_PERIOD)
+
+    def _at_once(self, word: str, access: Access, limit: RateLimit) -> dict[str, Any] | None:
+        """The answer to what needs no waiting for; None for what is to be asked."""
+        if access is not Access.CONTROL:
+            return _answer(False, "this address is for watching only")
+        if word == Intent.DAMP.value:
+            # Posted at once, whatever else is asked for; what became of it is seen in the state.
+            try:
+                with self._posting:
+                    self._damps += 1
+                    self._damping.post(word)
+            except SessionError as error:
+                return _answer(False, str(error))
+            return _answer(True, "DAMP asked for")
+        if word not in _WORDS:
+            return _answer(False, f"not understood, expected one of {', '.join(sorted(_WORDS))}")
+        if not limit.admits(time.monotonic()):
+            return _answer(False, f"{word} left out: more than {_ASKS_PER_SECOND:g} requests a second")
+        return None
+
+    async def _ask(self, word: str, answers: deque[dict[str, Any]]) -> None:
+        if word == MARK:
+            self._marks += 1
+            word = f"{MARK} moment {self._marks}"
+        try:
+            asking = partial(self._wait, word, self._damps)
+            answer = await asyncio.get_running_loop().run_in_executor(self._asking, asking)
+        except SessionError as error:
+            answers.append(_answer(False, str(error)))
+        else:
+            answers.append(_answer(answer.granted, answer.text))
+
+    def _wait(self, word: str, damps: int) -> Answer:
+        """Ask, on a thread of its own. What waited for its turn while a DAMP came would move the robot after it."""
+        intake = self._attachment.intake
+        with self._posting:
+            if self._damps != damps:
+                return Answer(False, f"{word} left out: DAMP was asked for after it")
+            token = intake.post(word)
+        return intake.answer(token, _PATIENCE)
+
+
+def _answer(granted: bool, text: str) -> dict[str, Any]:
+    return {"granted": granted, "text": text}
+
+
+def _word(message: object) -> str:
+    """What a page asks for; empty if it is not understood."""
+    try:
+        asked = json.loads(message) if isinstance(message, str) else None
+    except (ValueError, RecursionError):
+        return ""
+    word = asked.get("ask") if isinstance(asked, dict) else None
+    return word if isinstance(word, str) else ""

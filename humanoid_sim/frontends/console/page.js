@@ -1,0 +1,147 @@
+// The operator's page. It decides nothing: it shows what the session says, and asks.
+"use strict";
+
+const SILENCE = 1000; // ms without a word from the console: from then on nothing that is shown may be true
+const OLD = 0.5; // s that the session's newest tick may be old
+const MOST_EVENTS = 200;
+
+const get = (id) => document.getElementById(id);
+let socket = null;
+let heard = -Infinity;
+let age = 0;
+let ended = false;
+let readOnly = false;
+
+function ask(word) {
+  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ ask: word }));
+  else showAnswer({ granted: false, text: `${word}: not sent, there is no connection` });
+}
+
+function connect() {
+  const opened = new WebSocket(new URL("console", location.href.replace(/^http/, "ws")));
+  socket = opened;
+  opened.onmessage = (event) => {
+    heard = performance.now();
+    show(JSON.parse(event.data));
+    cover();
+  };
+  opened.onclose = () => {
+    heard = -Infinity;
+    cover();
+    if (!ended) setTimeout(connect, 500);
+  };
+}
+
+function show(told) {
+  if (told.ended) ended = true;
+  if (told.session) {
+    get("session").textContent = told.session + (told.access === "control" ? "" : ", for watching only");
+    readOnly = told.access !== "control";
+    document.body.classList.toggle("read-only", readOnly);
+    get("events").replaceChildren(); // of before a new connection: the console tells them all again
+  }
+  if (told.mode === undefined) return;
+  age = told.age;
+  get("mode").textContent = told.mode;
+  get("mode").dataset.mode = told.mode;
+  get("reason").textContent = told.reason || told.controller;
+  get("clock").textContent = `${told.time.toFixed(1)} s`;
+  showStandby(told.standby);
+  showIntents(told.intents);
+  showSafety(told.safety);
+  for (const answer of told.answers) showAnswer(answer);
+  for (const [, time, text] of told.events) {
+    const line = document.createElement("li");
+    line.textContent = `${time.toFixed(2)} s  ${text}`;
+    get("events").prepend(line);
+  }
+  while (get("events").childElementCount > MOST_EVENTS) get("events").lastChild.remove();
+}
+
+function showStandby(standby) {
+  get("standby").hidden = standby === null;
+  if (standby === null) return;
+  const { segment, segments, progress, finished } = standby;
+  get("done").style.width = `${(100 * (finished ? segments : segment - 1 + progress)) / segments}%`;
+  get("standby-text").textContent = finished ? "pose reached" : `pose ${segment} of ${segments}`;
+}
+
+function showIntents(intents) {
+  for (const [word, { name, refusal }] of Object.entries(intents)) {
+    if (word === "damp") continue; // it has its place, and is never dimmed
+    let button = document.querySelector(`#intents [data-ask="${word}"]`);
+    if (!button) {
+      button = document.createElement("button");
+      button.dataset.ask = word;
+      button.append(name, document.createElement("small"));
+      get("intents").append(button);
+    }
+    const requirement = refusal.replace(`${name} refused: `, "");
+    button.classList.toggle("refused", refusal !== "");
+    button.title = refusal;
+    if (button.lastChild.textContent !== requirement) button.lastChild.textContent = requirement;
+  }
+}
+
+function showSafety(statuses) {
+  const lines = statuses.map(({ level, source, flags, message }) => {
+    const line = document.createElement("li");
+    line.dataset.level = level;
+    line.textContent = [level, source, message].filter(Boolean).join(" · ");
+    for (const flag of flags) {
+      const small = document.createElement("small");
+      small.textContent = flag;
+      line.append(small);
+    }
+    return line;
+  });
+  if (!lines.length) {
+    const line = document.createElement("li");
+    line.dataset.level = "OK";
+    line.textContent = "OK";
+    lines.push(line);
+  }
+  get("safety").replaceChildren(...lines);
+}
+
+function showAnswer({ granted, text }) {
+  get("answer").className = granted ? "" : "refused";
+  get("answer").textContent = text;
+}
+
+// What is shown is true only while the console speaks and the session ticks.
+function cover() {
+  const silent = performance.now() - heard > SILENCE;
+  const old = age > OLD;
+  get("cover").hidden = !(ended || silent || old);
+  get("cover-title").textContent = ended ? "THE SESSION HAS ENDED" : silent ? "NO CONNECTION" : "THE SESSION STANDS STILL";
+  get("cover-text").textContent = ended
+    ? ""
+    : silent
+      ? "Buttons and the space bar do nothing here. What is behind this is the past. Use another way to damp the robot."
+      : `Its newest tick is ${age.toFixed(1)} s old. DAMP is still sent.`;
+}
+
+// The space bar damps wherever the focus is, in the 3D view too, and does nothing else.
+function onKey(event) {
+  if (event.code !== "Space") return;
+  event.preventDefault();
+  event.stopImmediatePropagation();
+  if (event.type === "keydown" && !event.repeat) ask("damp");
+}
+
+function listen(target) {
+  for (const type of ["keydown", "keyup", "keypress"]) target.addEventListener(type, onKey, true);
+}
+
+listen(window);
+const view = get("view");
+const listenInView = () => listen(view.contentWindow);
+view.addEventListener("load", listenInView);
+listenInView();
+document.addEventListener("click", (event) => {
+  const button = event.target.closest("[data-ask]");
+  if (button) ask(button.dataset.ask);
+});
+setInterval(cover, 100);
+connect();

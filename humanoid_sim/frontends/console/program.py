@@ -1,0 +1,72 @@
+"""The console's program: from the feed to pages, and from pages to the intake."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from humanoid_sim.frontends import require_packages
+from humanoid_sim.frontends.attach import Attachment, attached, ready
+from humanoid_sim.frontends.console.access import Access, checked_host
+
+__all__ = ["ConsoleConfig", "main"]
+
+_LOCAL = "127.0.0.1"
+_LOOK = 0.04
+"""s between two looks at the feed: the view moves 25 times a second."""
+
+
+@dataclass(frozen=True)
+class ConsoleConfig:
+    """Serve a page for the operator of a running session, to be opened in a browser."""
+
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+    host: str = _LOCAL
+    """Address of this machine to serve on. Default: for browsers on this machine only."""
+    port: int = 0
+    """To serve on. Default: one that is free."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until the session ends; returns the exit status."""
+    config = tyro.cli(ConsoleConfig, prog="humanoid_sim.console", args=arguments)
+    host = checked_host(config.host)
+    require_packages("console")
+    with attached(config.session, "console") as attachment:
+        asyncio.run(_serve(attachment, host, config.port))
+    return 0
+
+
+async def _serve(attachment: Attachment, host: str, port: int) -> None:
+    # What the packages of the extra provide is imported where it is known that they are there.
+    from humanoid_sim.frontends.console.hub import Hub  # noqa: PLC0415
+    from humanoid_sim.frontends.console.scene import Scene  # noqa: PLC0415
+    from humanoid_sim.frontends.console.server import serving  # noqa: PLC0415
+
+    ending = asyncio.Event()
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ending.set)
+    socket = Path(attachment.session.intents).parent / f"{os.getpid()}.viser"
+    scene = Scene(socket, attachment.model(), attachment.description)
+    hub = Hub(attachment)
+    try:
+        async with serving(host, port, socket, hub.page) as gate:
+            ready(f"console on {gate.address(Access.CONTROL)}")
+            ready(f"to watch only: {gate.address(Access.READ_ONLY)}")
+            if host != _LOCAL:
+                ready(f"warning: what goes over the network to and from {host}, tokens too, is not encrypted")
+            while attachment.feed.is_running() and not ending.is_set():
+                record = hub.look()
+                if record is not None:
+                    scene.show(record)
+                await asyncio.sleep(_LOOK)
+            await hub.say_goodbye()
+    finally:
+        hub.close()
+        scene.close()

@@ -1,0 +1,93 @@
+"""The robot in 3D: viser's scene, on a Unix socket that only this user can reach, filled by mjviser."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import mjviser
+import msgspec
+import mujoco
+import numpy as np
+import viser
+import websockets.asyncio.server
+
+from humanoid_sim.messages import TickRecord
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import joint_addresses
+
+__all__ = ["VISER_PAGE", "Scene", "may_pass"]
+
+VISER_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
+"""viser's own page, which is one file."""
+_FROM_PAGES = frozenset({"ViewerCameraMessage"})
+"""What viser is told by pages. Among the rest is a request to publish the scene through a server on the internet."""
+
+
+class _Kind(msgspec.Struct):
+    type: str
+
+
+def may_pass(message: object) -> bool:
+    """Whether a page's message is handed on to viser."""
+    try:
+        return isinstance(message, bytes) and msgspec.msgpack.decode(message, type=_Kind).type in _FROM_PAGES
+    except msgspec.MsgspecError:
+        return False
+
+
+@contextlib.contextmanager
+def _on_unix_socket(path: Path) -> Iterator[None]:
+    """A Unix socket in the place of the TCP port that viser opens: any page of a local browser could reach that one."""
+    serve = websockets.asyncio.server.serve
+
+    def serve_here(handler: Any, _host: str, _port: int, **options: Any) -> Any:
+        return serve(handler, unix=True, path=str(path), **options)
+
+    websockets.asyncio.server.serve = serve_here
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = serve
+
+
+class Scene:
+    """The robot as it is. Used from one thread."""
+
+    def __init__(self, path: Path, model: mujoco.MjModel, description: RobotDescription) -> None:
+        """Open viser on a Unix socket at `path`, and fill it with a model, which it may change."""
+        path.unlink(missing_ok=True)  # of a process that had this id before and was killed
+        with _on_unix_socket(path), contextlib.redirect_stdout(io.StringIO()):
+            self._server = viser.ViserServer("", 0, verbose=False)
+        path.chmod(0o600)
+        self._path = path
+        self._model, self._data = model, mujoco.MjData(model)
+        self._addresses = joint_addresses(model, description.joint_names)
+        self._server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        self._server.gui.main_panel.minimize()
+        center, extent = np.array(model.stat.center), float(model.stat.extent)
+        self._server.initial_camera.look_at = tuple(center)
+        self._server.initial_camera.position = tuple(center + extent * np.array([1.0, 0.35, 0.25]))
+        self._scene = mjviser.ViserMujocoScene(self._server, model, num_envs=1)
+        is_free = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
+        self._scene.camera_tracking_enabled = bool(is_free)
+
+    def show(self, record: TickRecord) -> None:
+        """Draw the state of a tick: as simulated, or from the joints that were heard."""
+        if record.qpos is not None:
+            self._data.qpos[:] = record.qpos
+        else:
+            position = record.input.state.joint_position
+            known = np.isfinite(position)
+            self._data.qpos[self._addresses.qpos[known]] = position[known]
+        mujoco.mj_kinematics(self._model, self._data)
+        self._scene.update_from_mjdata(self._data)
+
+    def close(self) -> None:
+        """End viser and remove its socket."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+        self._path.unlink(missing_ok=True)

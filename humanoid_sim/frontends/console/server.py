@@ -1,0 +1,184 @@
+"""The console's only open door: pages and sockets on one address, each request checked by a `Gate`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections.abc import Awaitable, Callable
+from http import HTTPStatus
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import websockets.exceptions
+from websockets.asyncio.client import unix_connect
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends.console.access import Access, Gate, RefusedError
+from humanoid_sim.frontends.console.scene import VISER_PAGE, may_pass
+
+__all__ = ["PageHandler", "serving"]
+
+PageHandler = Callable[[ServerConnection, Access], Awaitable[None]]
+_MOST_SOCKETS = 32
+"""At once, of pages and their views."""
+_LONGEST = 1 << 16
+"""Bytes of a page's message."""
+_TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css"}
+_FILES = {"": "page.html", "page.js": "page.js", "page.css": "page.css"}
+_OWN_POLICY = "default-src 'self'; connect-src 'self' {socket}; frame-ancestors 'none'; base-uri 'none'"
+_VISER_POLICY = (
+    "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: {socket}; "
+    "worker-src data: blob:; frame-ancestors 'self'"
+)
+"""viser's page unpacks its own scripts. Neither page reaches any other server."""
+
+
+class _Door:
+    def __init__(self, gate: Gate, viser_socket: Path, page: PageHandler) -> None:
+        self.gate = gate
+        self._viser_socket, self._page = viser_socket, page
+        self._admitted: dict[Any, tuple[Access, str]] = {}
+        self._open = 0
+        package = resources.files("humanoid_sim.frontends.console")
+        self._files = {path: (package / name).read_bytes() for path, name in _FILES.items()}
+        self._viser_page = VISER_PAGE.read_bytes()
+
+    def check(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The answer to a request; None where a socket may open."""
+        is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
+        try:
+            access, rest = self.gate.admit(
+                request.path,
+                request.headers.get_all("Host"),
+                request.headers.get_all("Origin"),
+                is_socket=is_socket,
+            )
+            if is_socket:
+                if rest not in ("console", "viser"):
+                    raise RefusedError(404, "not found")
+                if self._open >= _MOST_SOCKETS:
+                    raise RefusedError(503, f"more than {_MOST_SOCKETS} pages are open")
+                self._admitted[connection.id] = access, rest
+                return None
+            return self._file(rest)
+        except RefusedError as refused:
+            return _response(refused.status, "text/plain", str(refused).encode(), "default-src 'none'")
+
+    def _file(self, rest: str) -> Response:
+        socket = f"ws://{self.gate.authority}"
+        if rest == "viser/":
+            return _response(200, _TYPES[".html"], self._viser_page, _VISER_POLICY.format(socket=socket))
+        if rest not in self._files:
+            raise RefusedError(404, "not found")
+        kind = _TYPES[Path(_FILES[rest]).suffix]
+        return _response(200, kind, self._files[rest], _OWN_POLICY.format(socket=socket))
+
+    async def handle(self, connection: ServerConnection) -> None:
+        """A socket that was let in."""
+        access, rest = self._admitted.pop(connection.id)
+        self._open += 1
+        try:
+            with contextlib.suppress(websockets.exceptions.ConnectionClosed, OSError):
+                await (self._page(connection, access) if rest == "console" else self._view(connection))
+        finally:
+            self._open -= 1
+
+    async def _view(self, outside: ServerConnection) -> None:
+        """Between a page's view and viser."""
+        wanted = [outside.subprotocol] if outside.subprotocol else None
+        options = {"subprotocols": wanted, "compression": None, "max_size": None}
+        async with unix_connect(str(self._viser_socket), "ws://viser/", **options) as viser:
+
+            async def outwards() -> None:
+                async for message in viser:
+                    await outside.send(message)
+
+            sending = asyncio.create_task(outwards())
+            try:
+                async for message in outside:
+                    if may_pass(message):
+                        await viser.send(message)
+            finally:
+                sending.cancel()
+                await asyncio.gather(sending, return_exceptions=True)
+
+
+def _response(status: int, kind: str, body: bytes, policy: str) -> Response:
+    headers = {
+        "Content-Type": kind,
+        "Content-Length": str(len(body)),
+        "Content-Security-Policy": policy,
+        "Cache-Control": "no-store",
+        "Connection": "close",
+        "Referrer-Policy": "no-referrer",
+        "X-Content-Type-Options": "nosniff",
+    }
+    return Response(status, HTTPStatus(status).phrase, Headers(headers), body)
+
+
+@contextlib.asynccontextmanager
+async def serving(host: str, port: int, viser_socket: Path, page: PageHandler) -> Any:
+    """Serve until the end of the block; gives the `Gate`, whose addresses are to be printed.
+
+    Args:
+        host: as `checked_host` gives it.
+        port: 0 for one that is free.
+        viser_socket: where viser is.
+        page: looks after the socket of one page.
+
+    Raises:
+        InputError: the address cannot be served on.
+    """
+    doors: list[_Door] = []
+    quiet = logging.Logger("console", logging.CRITICAL)  # strangers' requests are no news for an operator
+
+    def check(connection: ServerConnection, request: Request) -> Response | None:
+        return doors[0].check(connection, request)
+
+    async def handle(connection: ServerConnection) -> None:
+        await doors[0].handle(connection)
+
+    def viser_protocol(_: ServerConnection, offered: list[str]) -> str | None:
+        return next((name for name in offered if name.startswith("viser-v")), None)
+
+    try:
+        server = await serve(
+            handle,
+            host,
+            port,
+            process_request=check,
+            select_subprotocol=viser_protocol,
+            compression=None,
+            max_size=_LONGEST,
+            logger=quiet,
+            close_timeout=1.0,
+            start_serving=False,
+        )
+    except (OSError, OverflowError) as error:
+        raise InputError(f"--host {host} --port {port}: cannot be served on: {error}") from None
+    async with server:
+        gate = Gate(host, next(iter(server.sockets)).getsockname()[1])
+        doors.append(_Door(gate, viser_socket, page))
+        await server.start_serving()
+        yield gate
+
+
+def encoded(value: object) -> str:
+    """JSON for a page; what is not finite is null there."""
+    return json.dumps(_finite(value), separators=(",", ":"))
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, float):
+        return value if value - value == 0.0 else None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return value

@@ -1,0 +1,85 @@
+"""What the page is told of a session, as JSON: pure functions of ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import msgspec
+
+from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
+from humanoid_sim.controllers.fsm import RULES, merge_safety, transition
+from humanoid_sim.messages import Intent, SafetyFlag, SafetyStatus, SessionHeader, TickRecord
+
+__all__ = ["FLAG_MEANINGS", "available_controllers", "refusals", "state"]
+
+FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
+    {
+        SafetyFlag.BUS_OFF: "a CAN interface has left its bus after too many errors",
+        SafetyFlag.RX_TIMEOUT: "a motor, or a sensor, has not been heard in time",
+        SafetyFlag.TX_QUEUE_OVERRUN: "commands could not be sent: the interface's queue is full",
+        SafetyFlag.MOTOR_FAULT: "a motor reports a fault",
+        SafetyFlag.TEMPERATURE_LIMIT: "a motor is too hot",
+        SafetyFlag.INVALID_FRAME: "a frame or a value arrived that cannot be right",
+    }
+)
+"""For operators."""
+
+
+class _Controllers(msgspec.Struct):
+    remote: bool = False
+
+
+def available_controllers(header: SessionHeader) -> frozenset[str]:
+    """Names of the controllers that a session has."""
+    names = {ZERO_TORQUE, DAMPING, STANDBY_A, STANDBY_B}
+    if "contract" in header.documents:
+        names.add(RL_POLICY)
+    if msgspec.json.decode(header.documents.get("controllers", "{}"), type=_Controllers).remote:
+        names.add(REMOTE_POLICY)
+    return frozenset(names)
+
+
+def refusals(record: TickRecord, available: Container[str]) -> dict[Intent, str]:
+    """Why each intent would be refused after a tick; empty where it would be granted. The session decides, not this."""
+    control, standby = record.output.control_mode, record.output.standby
+    safety = merge_safety(record.input.safety)
+    is_finished = standby is not None and standby.is_finished
+    return {
+        intent: transition(control.controller_name, safety, intent, is_finished, available).refusal for intent in RULES
+    }
+
+
+def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
+    """A tick, as far as the page shows it."""
+    control, standby = record.output.control_mode, record.output.standby
+    return {
+        "time": record.input.state.time,
+        "mode": control.mode.name,
+        "controller": control.controller_name,
+        "reason": control.status_message,
+        "standby": None
+        if standby is None
+        else {
+            "segment": standby.current_segment + 1,
+            "segments": standby.total_segments,
+            "progress": standby.progress,
+            "finished": standby.is_finished,
+        },
+        "safety": [_safety(status) for status in record.input.safety],
+        "intents": {
+            intent.value: {"name": intent.name, "refusal": refusal}
+            for intent, refusal in refusals(record, available).items()
+        },
+    }
+
+
+def _safety(status: SafetyStatus) -> dict[str, Any]:
+    meanings = [FLAG_MEANINGS.get(flag, f"flag {int(flag):#x}") for flag in status.flags]
+    return {
+        "level": status.level.name,
+        "source": status.source,
+        "flags": [f"{flag.name}: {meaning}" for flag, meaning in zip(status.flags, meanings, strict=True)],
+        "message": status.message,
+    }

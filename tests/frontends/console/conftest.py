@@ -1,0 +1,70 @@
+"""A session that runs in real time with its console, as an operator starts it."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+@dataclass
+class Played:
+    process: subprocess.Popen[str]
+    control: str
+    """Address."""
+    read_only: str
+    folder: Path
+
+    @property
+    def authority(self) -> str:
+        return self.control.split("/")[2]
+
+    @property
+    def children(self) -> list[int]:
+        """Process ids: the console, the only one."""
+        tasks = Path(f"/proc/{self.process.pid}/task").iterdir()
+        return [int(name) for task in tasks for name in (task / "children").read_text().split()]
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    for package in ("viser", "mjviser", "websockets"):
+        pytest.importorskip(package)
+    folder: Path = tmp_path_factory.mktemp("run")
+    command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime"]
+    nothing = ["--viewer", "none", "--video", "none", "--record", "run.mcap"]
+    terminal, keys = pty.openpty()
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "NO_COLOR": "1"}
+    try:
+        with subprocess.Popen(
+            [*command, *nothing],
+            stdin=keys,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            cwd=folder,
+            env=environment,
+        ) as process:
+            try:
+                assert process.stdout is not None
+                addresses = []
+                for line in process.stdout:
+                    addresses += re.findall(r"console: .* (http://\S+)", line)
+                    if len(addresses) == 2:
+                        break
+                assert len(addresses) == 2
+                yield Played(process, addresses[0], addresses[1], folder)
+            finally:
+                process.terminate()
+                process.communicate(timeout=20.0)
+    finally:
+        os.close(terminal)
+        os.close(keys)

@@ -1,0 +1,128 @@
+"""The page in a real Chromium, without a head, its 3D drawn in software."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.slow
+CHROMIUM = shutil.which("chromium")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if CHROMIUM is None:
+        pytest.skip("there is no chromium here (apt-get install chromium)")
+    options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with playwright.sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def page(browser: Any, played: Any) -> Iterator[Any]:
+    page = browser.new_page(viewport={"width": 1000, "height": 700})
+    page.errors = []
+    page.on("pageerror", lambda error: page.errors.append(str(error)))
+    page.goto(played.control)
+    page.wait_for_selector("#cover", state="hidden")
+    yield page
+    page.close()
+
+
+def in_mode(page: Any, mode: str) -> None:
+    page.wait_for_selector(f'#mode[data-mode="{mode}"]', timeout=20_000)
+
+
+def test_an_operator_clicks_through_the_modes(page: Any, browser: Any, played: Any) -> None:
+    watching = browser.new_page(viewport={"width": 390, "height": 800})  # a phone
+    watching.goto(played.read_only)
+    page.keyboard.press("Space")
+    in_mode(page, "DAMPING")
+    refused = page.locator('#intents [data-ask="start_remote"]')
+    assert "refused" in refused.get_attribute("class")
+    assert "requires finished STANDBY, mode is DAMPING" in refused.inner_text()
+    refused.click()
+    page.wait_for_selector("#answer.refused")
+    assert "START_REMOTE refused" in page.inner_text("#answer")
+    page.click('[data-ask="load_a"]')
+    in_mode(page, "STANDBY")
+    page.wait_for_selector('[data-ask="start_locomotion"]:not(.refused)', timeout=20_000)
+    assert page.inner_text("#standby-text") == "pose reached"
+    page.click('[data-ask="start_locomotion"]')
+    in_mode(page, "LOCOMOTION")
+    in_mode(watching, "LOCOMOTION")
+    watching.click("#damp")
+    watching.wait_for_selector("#answer.refused")
+    assert watching.inner_text("#answer") == "this address is for watching only"
+    page.click("#mark")
+    watching.wait_for_selector("text=moment 1")
+    in_mode(page, "LOCOMOTION")
+    page.click("#damp")
+    in_mode(page, "DAMPING")
+    watching.close()
+    assert page.errors == []
+
+
+def test_the_space_bar_damps_wherever_the_focus_is(page: Any) -> None:
+    page.keyboard.press("Space")
+    in_mode(page, "DAMPING")
+    view = page.frame_locator("#view")
+    view.locator("canvas").first.wait_for(timeout=30_000)
+    for focus in ("quit", "view"):
+        page.click('[data-ask="load_a"]')
+        in_mode(page, "STANDBY")
+        if focus == "view":
+            box = page.locator("#view").bounding_box()
+            page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+            assert page.evaluate("document.activeElement.id") == "view"
+        else:
+            page.locator('#intents [data-ask="quit"]').focus()
+        page.keyboard.press("Space")
+        in_mode(page, "DAMPING")
+
+
+def test_another_origin_reaches_neither_page_nor_socket(page: Any, browser: Any, played: Any) -> None:
+    stranger = browser.new_page()
+    stranger.goto("data:text/html,stranger")
+    opened = stranger.evaluate(
+        """(address) => new Promise((resolve) => {
+            const socket = new WebSocket(address);
+            socket.onopen = () => resolve("open");
+            socket.onerror = () => resolve("refused");
+        })""",
+        played.control.replace("http", "ws", 1) + "console",
+    )
+    assert opened == "refused"
+    stranger.close()
+
+
+def test_what_is_not_the_present_is_covered(page: Any, played: Any) -> None:
+    """A console that stands still, and one that is gone."""
+    (console,) = played.children
+    os.kill(console, signal.SIGSTOP)
+    try:
+        page.wait_for_selector("#cover", state="visible")
+        assert page.inner_text("#cover-title") == "NO CONNECTION"
+        cover = page.locator("#cover").bounding_box()
+        assert (cover["width"], cover["height"]) == (1000, 700)
+    finally:
+        os.kill(console, signal.SIGCONT)
+    page.wait_for_selector("#cover", state="hidden")
+    os.kill(played.process.pid, signal.SIGSTOP)
+    try:
+        page.wait_for_selector("#cover", state="visible")
+        page.wait_for_selector("text=THE SESSION STANDS STILL")
+    finally:
+        os.kill(played.process.pid, signal.SIGCONT)
+    page.wait_for_selector("#cover", state="hidden")
+    os.kill(console, signal.SIGKILL)
+    page.wait_for_selector("text=NO CONNECTION")
+    assert played.process.poll() is None

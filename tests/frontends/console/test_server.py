@@ -1,0 +1,169 @@
+"""The console as strangers and pages meet it, over real connections."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+def get(played: Any, path: str, **headers: str) -> tuple[int, str]:
+    connection = http.client.HTTPConnection(played.authority, timeout=10)
+    try:
+        connection.request("GET", path, headers=headers)
+        response = connection.getresponse()
+        return response.status, response.read().decode()
+    finally:
+        connection.close()
+
+
+def path_of(address: str) -> str:
+    return "/" + address.split("/", 3)[3]
+
+
+def socket(address: str, end: str = "console", *, origin: str | None = "", **options: Any) -> Any:
+    """As a page opens it; `origin` may be another one, or None."""
+    from websockets.sync.client import connect  # noqa: PLC0415 - an optional package
+
+    host = "/".join(address.split("/")[:3])
+    return connect(f"{address}{end}".replace("http", "ws", 1), origin=host if origin == "" else origin, **options)
+
+
+def until(page: Any, is_it: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        told: dict[str, Any] = json.loads(page.recv(timeout=5.0))
+        if is_it(told):
+            return told
+    raise AssertionError("not told in time")
+
+
+def ask(page: Any, word: str) -> dict[str, Any]:
+    page.send(json.dumps({"ask": word}))
+    answers: list[dict[str, Any]] = until(page, lambda told: told.get("answers"))["answers"]
+    return answers[-1]
+
+
+def test_pages_need_the_token_and_the_printed_address(played: Any) -> None:
+    path = path_of(played.control)
+    assert get(played, path)[0] == 200
+    assert "DAMP" in get(played, path)[1]
+    assert get(played, path + "viser/")[1].startswith("<!doctype html>")
+    assert get(played, "/") == (404, "not found")
+    assert get(played, path + "../page.js") == (404, "not found")
+    assert get(played, path.replace(path[5], "x" if path[5] != "x" else "y")) == (404, "not found")
+    assert get(played, path, Host="evil.example") == (403, "Host is not the printed address")
+    assert get(played, path, Origin="http://evil.example") == (403, "Origin is not the printed address")
+
+
+@pytest.mark.parametrize("end", ["console", "viser"])
+def test_sockets_need_them_too(played: Any, end: str) -> None:
+    from websockets.exceptions import InvalidStatus  # noqa: PLC0415
+
+    wrong = played.control[:-4] + "xxx/"
+    for address, origin, status in (
+        (played.control, "http://evil.example", 403),
+        (played.control, None, 403),
+        (wrong, "", 404),
+    ):
+        with pytest.raises(InvalidStatus, match=str(status)):
+            socket(address, end, origin=origin)
+
+
+def test_viser_is_not_reachable_beside_it(played: Any) -> None:
+    """No process of the run listens on any port but the printed one; viser's socket is this user's alone."""
+    status = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    status += [line.split() for line in Path("/proc/net/tcp6").read_text().splitlines()[1:]]
+    listening = {fields[9]: int(fields[1].rpartition(":")[2], 16) for fields in status if fields[3] == "0A"}
+    processes = [played.process.pid, *played.children]
+    ports = [listening[inode] for process in processes for inode in sockets(process) if inode in listening]
+    assert len(processes) == 2
+    assert ports == [int(played.authority.rpartition(":")[2])]
+    (viser,) = Path(played.folder).rglob("*.viser")
+    assert viser.stat().st_mode & 0o077 == 0
+    assert viser.parent.stat().st_mode & 0o077 == 0
+
+
+def sockets(process: int) -> list[str]:
+    found = []
+    for entry in Path(f"/proc/{process}/fd").iterdir():
+        try:
+            target = os.readlink(entry)
+        except OSError:
+            continue
+        if target.startswith("socket:["):
+            found.append(target[8:-1])
+    return found
+
+
+def test_a_view_cannot_have_the_scene_published(played: Any) -> None:
+    """viser would reach out for a server on the internet; from this socket only cameras pass."""
+    import msgspec  # noqa: PLC0415
+
+    from humanoid_sim.frontends.console.scene import may_pass  # noqa: PLC0415
+
+    assert may_pass(msgspec.msgpack.encode({"type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0]}))
+    for message in ({"type": "ShareUrlRequest"}, {"type": "GuiUpdateMessage"}, {}, [1]):
+        assert not may_pass(msgspec.msgpack.encode(message))
+    assert not may_pass(b"\xc1")
+    assert not may_pass("ViewerCameraMessage")
+
+
+def test_the_intents_of_a_page_are_granted_and_refused_by_the_session(played: Any) -> None:
+    with socket(played.control) as page, socket(played.read_only) as other:
+        assert until(page, lambda told: "session" in told)["access"] == "control"
+        assert until(other, lambda told: "session" in told)["access"] == "read-only"
+        refused = ask(page, "start_remote")
+        assert refused["granted"] is False
+        assert "START_REMOTE refused: requires finished STANDBY" in refused["text"]
+        assert ask(page, "damp") == {"granted": True, "text": "DAMP asked for"}
+        until(page, lambda told: told.get("mode") == "DAMPING")
+        assert ask(page, "load_b")["granted"] is True
+        told = until(other, lambda told: told.get("mode") == "STANDBY")
+        assert told["intents"]["load_a"]["refusal"].startswith("LOAD_A refused: requires DAMPING")
+        assert ask(other, "damp") == {"granted": False, "text": "this address is for watching only"}
+        assert ask(page, "mark") == {"granted": True, "text": "marked"}
+        until(other, lambda told: any("moment 1" in event[2] for event in told.get("events", ())))
+        assert until(other, lambda told: "mode" in told)["mode"] == "STANDBY"
+        ask(page, "damp")
+        until(other, lambda told: told.get("mode") == "DAMPING")
+
+
+def test_a_page_that_floods_is_bounded_and_its_damp_is_not(played: Any) -> None:
+    """Nor does what waited when the DAMP came move the robot after it."""
+    with socket(played.control) as page:
+        ask(page, "damp")
+        assert ask(page, "load_a")["granted"] is True
+        until(page, lambda told: told.get("mode") == "STANDBY")
+        for _ in range(500):
+            page.send(json.dumps({"ask": "load_a"}))
+        page.send(json.dumps({"ask": "damp"}))
+        began = time.monotonic()
+        until(page, lambda told: told.get("mode") == "DAMPING")
+        assert time.monotonic() - began < 2.0
+        page.send(json.dumps({"ask": "load_a"}))
+        left_out = "load_a left out: more than 5 requests a second"
+        told = until(page, lambda told: any(answer["text"] == left_out for answer in told.get("answers", ())))
+        assert told["mode"] == "DAMPING"
+
+
+@pytest.mark.parametrize("message", ["", "{", "[]", '{"ask": 1}', '{"ask": "fly"}', "[" * 5000, b"\x00\x01"])
+def test_what_is_not_understood_is_answered(played: Any, message: str | bytes) -> None:
+    with socket(played.control) as page:
+        page.send(message)
+        (answer,) = until(page, lambda told: told.get("answers"))["answers"]
+        assert answer["granted"] is False
+        assert answer["text"].startswith("not understood, expected one of damp, load_a")
+
+
+def test_a_new_page_is_told_what_happened_before(played: Any) -> None:
+    with socket(played.read_only) as page:
+        told = until(page, lambda told: told.get("events"))
+    assert any("ZERO_TORQUE" in event[2] for event in told["events"])
+    assert told["age"] < 0.5

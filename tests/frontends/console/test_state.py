@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import rig
+from local_session import LocalSession
+
+from humanoid_sim.controllers.fsm import MODES
+from humanoid_sim.frontends.console.state import FLAG_MEANINGS, available_controllers, refusals, state
+from humanoid_sim.messages import Intent, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
+
+ALL = frozenset(MODES)
+
+
+def test_the_controllers_are_those_of_the_header() -> None:
+    documents = {"contract": "{}", "controllers": json.dumps({"remote": True, "guards": None})}
+    assert available_controllers(SessionHeader("three", rig.JOINTS, 0.005, 0, documents)) == ALL
+    none = available_controllers(SessionHeader("three", rig.JOINTS, 0.005, 0, {}))
+    assert sorted(ALL - none) == ["remote_policy_controller", "rl_policy_controller"]
+
+
+def test_what_would_be_refused_says_what_it_requires(local: LocalSession) -> None:
+    damping = refusals(local.tick(Intent.DAMP), ALL)
+    assert {intent for intent, text in damping.items() if not text} == {
+        Intent.DAMP,
+        Intent.LOAD_A,
+        Intent.LOAD_B,
+        Intent.QUIT,
+    }
+    assert damping[Intent.START_REMOTE] == "START_REMOTE refused: requires finished STANDBY, mode is DAMPING"
+    standby = refusals(local.tick(Intent.LOAD_A), ALL)
+    assert "standby_controller_a has not finished" in standby[Intent.START_LOCOMOTION]
+
+
+def test_it_foresees_what_the_session_then_decides(local: LocalSession) -> None:
+    seen = set()
+    record = local.tick()
+    for asked in (Intent.LOAD_A, Intent.DAMP, Intent.START_REMOTE, Intent.LOAD_A, Intent.QUIT, *[None] * 8):
+        foreseen = refusals(record, ALL)
+        record = local.tick(*(() if asked is None else (asked,)))
+        if asked is not None:
+            assert list(record.output.refusals) == ([foreseen[asked]] if foreseen[asked] else [])
+            seen.add(bool(foreseen[asked]))
+    assert seen == {False, True}
+    assert not refusals(record, ALL)[Intent.START_REMOTE]
+
+
+def test_safety_is_explained(local: LocalSession) -> None:
+    record = local.tick(Intent.DAMP)
+    status = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT | SafetyFlag.BUS_OFF, "can0", "over-current")
+    told = state(replace(record, input=replace(record.input, safety=(status,))), ALL)
+    assert told["mode"] == "DAMPING"
+    assert told["safety"] == [
+        {
+            "level": "FAULT",
+            "source": "can0",
+            "flags": [
+                "BUS_OFF: a CAN interface has left its bus after too many errors",
+                "MOTOR_FAULT: a motor reports a fault",
+            ],
+            "message": "over-current",
+        }
+    ]
+    assert told["intents"]["load_a"]["refusal"].startswith("LOAD_A refused: safety FAULT BUS_OFF|MOTOR_FAULT from can0")
+    assert told["intents"]["damp"]["refusal"] == ""
+
+
+def test_every_flag_has_a_meaning() -> None:
+    assert set(FLAG_MEANINGS) == set(SafetyFlag)
