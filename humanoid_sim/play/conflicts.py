@@ -93,6 +93,7 @@ def refuse_without_effect(config: PlayConfig, contract: PolicyContract, descript
         ("command", contract.takes_velocity_command, "this policy, which observes no velocity command"),
         ("yaw", description.is_floating or config.hardware is not None, robot),
         ("base_height", description.is_floating or config.hardware is not None, robot),
+        ("push", description.is_floating or config.hardware is not None, robot),
     ):
         if not has_effect and getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
             raise InputError(f"--{name.replace('_', '-')}: means nothing for {why}")
@@ -104,6 +105,7 @@ _SIMULATION_ONLY = (
     "command_delay",
     "imu_site",
     "physics_timestep",
+    "push",
     "state_delay",
     "state_sampling",
     "yaw",

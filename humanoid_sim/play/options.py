@@ -31,7 +31,7 @@ class PlayConfig:
     with the same motion or command. Options override the recording's."""
     branch: str | None = None
     """FILE@SECONDS: begin a simulation in that instant of a recording (.mcap) of play, and go on with what it took in,
-    or with another --policy, --contract (gains), --motion, --command, --script or --manual."""
+    or with another --policy, --contract (gains), --motion, --command, --script, --manual or --push."""
     robot: str = DEFAULT_ROBOT
     """A shipped robot (lite, lite_neck, lite_biped, lite_sito), or the path of a robot's YAML file or of an MJCF."""
     imu_site: str | None = None
@@ -104,6 +104,9 @@ class PlayConfig:
     """Standby pose to walk through when the FSM is driven automatically."""
     inject: tuple[str, ...] = ()
     """Faults to inject, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
+    push: tuple[str, ...] = ()
+    """Pushes of a free-standing robot's base, in simulation, each as VX,VY@SECONDS: within 0.1 s it is given this
+    velocity in m/s, in the world's axes."""
     pace: Literal["auto", "realtime", "fast"] = "auto"
     """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
     video: str = "auto"

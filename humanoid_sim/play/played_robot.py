@@ -23,6 +23,7 @@ from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.push import parse_pushes
 
 __all__ = [
     "BringUp",
@@ -110,6 +111,7 @@ def simulated_robot(
     timestep = settings.physics_timestep if config.physics_timestep is None else config.physics_timestep
     for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):
         delay_steps(option, delay, timestep)
+    pushes = parse_pushes(config.push)
     robot = MujocoRobot(
         description,
         control_period=control_period,
@@ -122,6 +124,7 @@ def simulated_robot(
         base_height=config.base_height,
         anchor_body=contract.anchor_body,
         velocity_at=contract.velocity_points,
+        pushes=pushes,
     )
 
     bare = bare_model(description)
@@ -142,5 +145,9 @@ def simulated_robot(
         check_policy=check_policy,
         base=BaseObserver(robot.model, description) if description.is_floating else None,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else None,
-        notices=(*imu, *robot.warnings),
+        notices=(
+            *imu,
+            *(f"pushed by {push.vx:g},{push.vy:g} m/s at {push.time:g} s" for push in pushes),
+            *robot.warnings,
+        ),
     )

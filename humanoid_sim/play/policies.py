@@ -27,6 +27,7 @@ from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.push import parse_pushes
 
 __all__ = [
     "PolicyChoice",
@@ -169,6 +170,7 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
         if config.policy is not None:
             recorded.pop("contract", None)  # it is for the recorded policy
         recorded.pop("command", None)  # the velocity goes on as recorded
+        config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
     known = {field.name: field for field in fields(config)}
     values = {
         name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
@@ -176,6 +178,27 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     if config.motion is None and MOTION_ATTACHMENT in header.attachments:
         values["motion"] = path  # a recording is read as the motion that it was made with
     return replace(config, **values)
+
+
+def _recorded_pushes(path: str, recorded: dict[str, Any]) -> tuple[str, ...]:
+    """Those of the recorded run: what it went through comes again."""
+    texts = recorded.get("push", [])
+    if not (isinstance(texts, list) and all(isinstance(text, str) for text in texts)):
+        raise InputError(f"--branch: '{path}' was made with push {texts!r}, which is no such option")
+    return tuple(texts)
+
+
+def _later_pushes(config: PlayConfig) -> tuple[str, ...]:
+    """Those that the options add.
+
+    Raises:
+        InputError: one begins before the branch, where the run is as it was recorded.
+    """
+    begin = parse_branch(config.branch or "")[1]
+    for text, push in zip(config.push, parse_pushes(config.push), strict=True):
+        if push.time < begin:
+            raise InputError(f"--push: is '{text}', expected at {begin:g} s, where the branch begins, or later")
+    return config.push
 
 
 def _options(option: str, path: str, header: SessionHeader) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import DelayLine, delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
 from humanoid_sim.simulation.plant import Actuation, make_plant
+from humanoid_sim.simulation.push import Push, Pushes
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
 
@@ -65,6 +66,7 @@ class MujocoRobot:
         base_height: float | None = None,
         anchor_body: str = "",
         velocity_at: Sequence[str] = (),
+        pushes: Sequence[Push] = (),
     ) -> None:
         """Build the model.
 
@@ -83,6 +85,7 @@ class MujocoRobot:
                 that the robot touches the floor.
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state of a robot with a floating base reports.
+            pushes: of a floating base, each at its time.
 
         Raises:
             InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
@@ -119,6 +122,8 @@ class MujocoRobot:
                 height=base_height,
             )
         self._sensors = BodySensors(self._plant.model, description, anchor_body, velocity_at)
+
+        self._pushes = Pushes(pushes, self._plant.model, description)
 
         self._steps = steps
         # A command written at the start of a period arrives `whole` periods and `offset` steps later. Samples for
@@ -294,6 +299,7 @@ class MujocoRobot:
         if self._fault:
             self._step += self._steps
             return
+        self._pushes.apply(self._plant.data, self.time)
         self._pending.append(command)
         if self._arrival_offset < self._sample_offset:
             self._advance(self._arrival_offset)

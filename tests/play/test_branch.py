@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from result import Result
+from result import Document, Result
 
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.play.policies import parse_branch
@@ -167,3 +167,27 @@ def check_measured(folder: Path, recorded: list[TickRecord], run: Play) -> None:
     old = [tick.output.policy_step.frame for tick in moving[20:] if tick.output.policy_step is not None]
     assert frames[0] == old[0]
     assert replay([str(folder / "r.mcap")]) == 0
+
+
+def test_pushes_of_the_run_come_again_and_others_are_added(
+    folder: Path, make_robot: Callable[..., str], run: Play
+) -> None:
+    """REMOTE, which nobody feeds, lets the robot go."""
+    script = ("--script", "damp; hold 0.1; load_a; wait; start_remote; hold 1")
+
+    def one_segment(document: Document) -> None:
+        document["standby_controller_a"]["segment_durations"] = [0.4]
+        document["standby_controller_b"]["segment_durations"] = [0.4]
+
+    robot = make_robot("lite_biped", one_segment)
+    first = run("--robot", robot, "--policy", "placeholder", "--push", "0.5,0@0.8", *script)
+    assert any("support released" in event.text for event in first.events)
+    shutil.move(folder / "r.mcap", folder / "run.mcap")
+    same = run("--branch", "run.mcap@0.9")
+    assert [tick.input.state.imu_quaternion.tobytes() for tick in same.ticks] == [
+        tick.input.state.imu_quaternion.tobytes() for tick in first.ticks[-len(same.ticks) :]
+    ]
+    pushed = run("--branch", "run.mcap@0.9", "--push", "0,1@0.95")
+    before, after = (run.ticks[40].input.state.extern["base_linear_velocity"].value for run in (same, pushed))
+    assert after[1] - before[1] > 0.2
+    assert "expected at 0.9 s, where the branch begins" in run("--branch", "run.mcap@0.9", "--push", "0,1@0.5").err
