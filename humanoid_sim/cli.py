@@ -33,6 +33,8 @@ VERBS = {
     "gamepad": "drive a running session with a gamepad",
     "gravity": "compensate gravity in REMOTE, on a running session",
     "console": "serve a page for the operator, on a running session",
+    "viewer": "watch a running session in a window, or move a robot's joints by sliders",
+    "foxglove": "serve a running session to Foxglove",
     "bench": "measure this machine's figures",
 }
 _MODULES = {"policy": "policy_tools"}

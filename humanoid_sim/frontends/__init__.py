@@ -30,8 +30,10 @@ class FrontEnd:
 FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
     {
         "console": FrontEnd("the browser console", ("viser", "mjviser", "websockets"), "console"),
+        "foxglove": FrontEnd("a server for Foxglove", ("foxglove",), "foxglove"),
         "gamepad": FrontEnd("a gamepad", ("pygame",), "gamepad"),
         "gravity": FrontEnd("gravity compensation, for REMOTE"),
+        "viewer": FrontEnd("MuJoCo's window"),
     }
 )
 """By name, which is that of the module and of the verb."""

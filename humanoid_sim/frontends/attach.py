@@ -22,7 +22,11 @@ from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.stack import recorded_contract
 
-__all__ = ["Attachment", "attached", "ready"]
+__all__ = ["Attachment", "attached", "behind", "ready"]
+
+_LATE = 0.2
+"""s after which a tick is the past; at least `_LATE_TICKS` control periods."""
+_LATE_TICKS = 3
 
 
 @dataclass
@@ -106,3 +110,14 @@ def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterat
 def ready(serves: str) -> None:
     """Say that the front end works, and what it serves, such as an address: one line, which `play` shows too."""
     print(serves, flush=True)
+
+
+def behind(age: float, control_period: float) -> str:
+    """What a viewer must say of a tick that is not the present; empty for one that is.
+
+    Args:
+        age: s since the session wrote the tick.
+        control_period: s between two ticks.
+    """
+    is_late = age > max(_LATE, _LATE_TICKS * control_period)
+    return f"BEHIND: this was {age:.1f} s ago" if is_late else ""

@@ -12,7 +12,6 @@ from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
-from humanoid_sim.play.conflicts import shows_window
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.front_ends import needs_gamepad
 from humanoid_sim.play.local_ends import LocalEnds
@@ -22,7 +21,6 @@ from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.play.status_line import Told
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.rendering.ghost import ReferenceGhost
-from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.device_watch import DeviceWatch
@@ -102,7 +100,6 @@ def assemble(plan: Plan, console: Console) -> Run:
     if plan.outputs.video is not None:
         ghost = ReferenceGhost.of(description, policy.loaded.contract, policy.loaded.reference)
         video = VideoSink(plan.outputs.video, setup.model, ghost=ghost)
-    viewer = NativeViewerSink(setup.model) if shows_window(config) else None
     header = _header(plan)
     reactivation = Reactivation(lambda: _warnings(setup.bring_up))
     ends = LocalEnds(
@@ -120,7 +117,7 @@ def assemble(plan: Plan, console: Console) -> Run:
         raise
     operators = (ends.intents,) if keyboard is None else (ends.intents, keyboard)
     # The last one is closed first: what the monitor finds in the last ticks still reaches console, recording and feed.
-    chosen = (ends.feed, shown, recorder, video, viewer, monitor, ends.intents, ends.data, ends.front_ends)
+    chosen = (ends.feed, shown, recorder, video, monitor, ends.intents, ends.data, ends.front_ends)
     sinks: list[Sink] = [sink for sink in chosen if sink is not None]
     script: Planned | None = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
     inputs = None if plan.branch is None else plan.branch.inputs

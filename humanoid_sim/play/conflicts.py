@@ -13,6 +13,7 @@ from pathlib import Path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
+from humanoid_sim.play.front_ends import shows_window
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription
@@ -24,7 +25,6 @@ __all__ = [
     "refuse_beside_branch",
     "refuse_conflicts",
     "refuse_without_effect",
-    "shows_window",
 ]
 
 _RUNS = Path("runs")
@@ -163,21 +163,8 @@ def _refuse_hardware_conflicts(config: PlayConfig) -> None:
         return
     if config.pace == "fast":
         raise InputError("--pace: is fast, but the time of a real robot is real")
-    if config.viewer == "native" and not config.hardware.startswith("virtual:"):
-        raise InputError(
-            "--viewer native: its window would end the process that holds the motors when the display goes away; "
-            "expected auto or none with --hardware, but for emulated motors (virtual:NAME)"
-        )
     if config.script is not None and not config.allow_script:
         raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
-
-
-def shows_window(config: PlayConfig) -> bool:
-    """Whether a run with these options opens a window: by itself never in a process that holds motors.
-
-    Xlib ends the process when its display goes away, and the arms fall.
-    """
-    return config.viewer == "native" or (config.viewer == "auto" and config.hardware is None and has_display())
 
 
 @dataclass(frozen=True, slots=True)

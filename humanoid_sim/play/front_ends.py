@@ -10,8 +10,9 @@ from itertools import pairwise
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import FRONT_ENDS, Wanted, require_packages
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.rendering.backend import has_display
 
-__all__ = ["needs_gamepad", "refuse_old_names", "require_gamepad", "wanted_front_ends"]
+__all__ = ["needs_gamepad", "refuse_old_names", "require_gamepad", "shows_window", "wanted_front_ends"]
 
 _LOOK_WITHIN = 20.0
 """s for the program that looks for a gamepad."""
@@ -30,6 +31,14 @@ def refuse_old_names(arguments: Sequence[str]) -> None:
             raise InputError(f"{pair[0]}: {pair[1]} is now {_OLD_NAMES[pair]}")
 
 
+def shows_window(config: PlayConfig) -> bool:
+    """Whether a run with these options opens a window, in a process of its own: on hardware only if it is asked for.
+
+    Drawing takes a share of the computer that the loop runs on.
+    """
+    return config.viewer == "native" or (config.viewer == "auto" and config.hardware is None and has_display())
+
+
 def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     """The front ends that a run starts.
 
@@ -43,10 +52,13 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
         ("console", config.console),
         ("gamepad", config.gamepad),
         ("dds", config.dds),
-        ("foxglove", config.foxglove),
     ):
         if is_wanted:
             wanted.append(Wanted(name))
+    if config.foxglove or config.foxglove_control:
+        wanted.append(Wanted("foxglove", ("--control",) if config.foxglove_control else ()))
+    if shows_window(config):
+        wanted.append(Wanted("viewer"))
     for front_end in wanted:
         if front_end.name not in FRONT_ENDS:
             raise InputError(f"--{front_end.name}: is not in this version; there are: {', '.join(FRONT_ENDS)}")

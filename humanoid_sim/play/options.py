@@ -67,7 +67,7 @@ class PlayConfig:
     imu_mounting: str = "0,1,0,0"
     """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
     viewer: Literal["auto", "none", "native"] = "auto"
-    """A window to watch; auto opens one where there is a display, but none on hardware."""
+    """MuJoCo's window, in a process of its own; auto opens one where there is a display, but none on hardware."""
     console: bool = False
     """Start the console, a page for the operator, for browsers on this machine; prints its address."""
     record: str = "auto"
@@ -82,7 +82,9 @@ class PlayConfig:
     dds: bool = False
     """Start the DDS bridge (not in this version)."""
     foxglove: bool = False
-    """Start a server for Foxglove (not in this version)."""
+    """Start a live server for Foxglove on this machine, which shows, and damps."""
+    foxglove_control: bool = False
+    """Start it with services for all intents: every page open in a browser on this machine can then move the robot."""
     remote: Literal["none", "gravity"] = "none"
     """Producer of commands for REMOTE that is started too; gravity compensates gravity, as a process with a model of
     its own."""

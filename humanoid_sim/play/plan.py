@@ -21,7 +21,6 @@ from humanoid_sim.play.conflicts import (
     choose_outputs,
     refuse_conflicts,
     refuse_without_effect,
-    shows_window,
 )
 from humanoid_sim.play.front_ends import require_gamepad, wanted_front_ends
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
@@ -246,7 +245,7 @@ def _realtime(config: PlayConfig) -> bool:
         return True
     if config.pace != "auto":
         return config.pace == "realtime"
-    return config.manual or bool(wanted_front_ends(config)) or shows_window(config)
+    return config.manual or bool(wanted_front_ends(config))
 
 
 _OPEN_END = 10.0

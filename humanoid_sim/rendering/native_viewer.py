@@ -1,10 +1,12 @@
-"""MuJoCo's own window during a run: it shows poses as they come, and never makes the control loop wait."""
+"""MuJoCo's own window: as `open_window` for a program of its own, as a sink for whoever simulates without motors."""
 
 from __future__ import annotations
 
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import mujoco
 
@@ -15,7 +17,7 @@ from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.offscreen import make_camera, update_pose
 from humanoid_sim.session.sinks import Sink
 
-__all__ = ["NativeViewerSink"]
+__all__ = ["NativeViewerSink", "check_window", "open_window"]
 
 _INSTEAD = "use --video out.mp4 instead"
 _REFRESH_PERIOD = 1 / 60
@@ -36,7 +38,7 @@ class NativeViewerSink(Sink):
     """
 
     def __init__(self, model_factory: Callable[[], mujoco.MjModel]) -> None:
-        _check_window()
+        check_window()
         self._model_factory = model_factory
         self._latest: TickRecord | None = None
         self._stop, self._opened, self._closed = threading.Event(), threading.Event(), threading.Event()
@@ -82,18 +84,10 @@ class NativeViewerSink(Sink):
                 thread.join(_CLOSING_TIMEOUT)
 
     def _show(self) -> None:
-        import mujoco.viewer  # noqa: PLC0415 - loads GLFW, which only a machine with a display has
-
         model = self._model_factory()
         data = mujoco.MjData(model)
         update_pose(model, data, data.qpos.copy())
-        camera = make_camera(model)
-        with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
-            with window.lock():
-                window.cam.type, window.cam.trackbodyid = camera.type, camera.trackbodyid
-                window.cam.lookat[:] = camera.lookat
-                window.cam.distance, window.cam.azimuth = camera.distance, camera.azimuth
-                window.cam.elevation = camera.elevation
+        with open_window(model, data) as window:
             self._opened.set()
             shown = None
             while not self._stop.wait(_REFRESH_PERIOD) and window.is_running():
@@ -109,7 +103,28 @@ class NativeViewerSink(Sink):
                 window.sync()
 
 
-def _check_window() -> None:
+@contextmanager
+def open_window(model: mujoco.MjModel, data: mujoco.MjData, *, sliders: bool = False) -> Iterator[Any]:
+    """MuJoCo's window (`mujoco.viewer.launch_passive`), seen by the camera that videos have.
+
+    Args:
+        model: shown.
+        data: shown, with its pose computed.
+        sliders: whether its panel is open, which has a slider for each joint.
+    """
+    import mujoco.viewer  # noqa: PLC0415 - loads GLFW, which only a machine with a display has
+
+    camera = make_camera(model)
+    with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=sliders) as window:
+        with window.lock():
+            window.cam.type, window.cam.trackbodyid = camera.type, camera.trackbodyid
+            window.cam.lookat[:] = camera.lookat
+            window.cam.distance, window.cam.azimuth = camera.distance, camera.azimuth
+            window.cam.elevation = camera.elevation
+        yield window
+
+
+def check_window() -> None:
     """Open an invisible window: a display may be named and not answer, or answer and have no OpenGL."""
     if not has_display():
         raise InputError(f"viewer native: no display (neither DISPLAY nor WAYLAND_DISPLAY is set); {_INSTEAD}")

@@ -1,0 +1,11 @@
+"""A live server for Foxglove, of a running session: `python -m humanoid_sim.foxglove`."""
+
+import sys
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.frontends.foxglove import main
+
+__all__ = ["main"]
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

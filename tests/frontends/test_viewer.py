@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends import Wanted
+from humanoid_sim.frontends.attach import behind
+from humanoid_sim.frontends.viewer import main, window_texts
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.play.front_ends import wanted_front_ends
+from humanoid_sim.play.options import PlayConfig
+
+RECORD = TickRecord(
+    0,
+    TickInput(MITState.unknown(1, 12.34)),
+    TickOutput(MITCommand.zeros(1), ControlMode(Mode.STANDBY, "standby_controller_a", "ready")),
+    0.0,
+    False,
+    np.zeros(1),
+)
+
+
+@pytest.mark.parametrize(
+    ("age", "period", "text"),
+    [
+        (0.0, 0.005, ""),
+        (0.19, 0.005, ""),
+        (0.21, 0.005, "BEHIND: this was 0.2 s ago"),
+        (0.21, 0.1, ""),
+        (0.31, 0.1, "BEHIND: this was 0.3 s ago"),
+        (61.0, 0.02, "BEHIND: this was 61.0 s ago"),
+    ],
+)
+def test_a_tick_that_is_not_the_present_is_called_the_past(age: float, period: float, text: str) -> None:
+    assert behind(age, period) == text
+
+
+def test_a_window_says_what_it_shows() -> None:
+    def texts(record: TickRecord | None, late: str = "") -> list[tuple[str, str]]:
+        return [(left, right) for _, _, left, right in window_texts(record, late, "12:00:00")]
+
+    present = ("clock\ntime\nmode\nstatus", "12:00:00\n12.3 s\nSTANDBY\nready")
+    assert texts(RECORD) == [present]
+    assert texts(RECORD, "BEHIND") == [present, ("BEHIND", "")]
+    assert texts(replace(RECORD, qpos=None)) == [present, ("pose unknown", "")]
+    assert texts(None) == [("clock", "12:00:00"), ("no tick yet", "")]
+
+
+def test_robot_and_session_exclude_each_other() -> None:
+    with pytest.raises(InputError, match=r"^--robot and --session: a window shows one of them, expected one option$"):
+        main(["--robot", "lite", "--session", str(os.getpid())])
+
+
+def test_without_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(InputError, match=r"^viewer native: no display "):
+        main(["--robot", "lite"])
+
+
+@pytest.mark.parametrize(
+    ("config", "wanted"),
+    [
+        (PlayConfig(viewer="none"), ()),
+        (PlayConfig(viewer="auto"), (Wanted("viewer"),)),
+        (PlayConfig(viewer="auto", hardware="virtual:x"), ()),
+        (PlayConfig(viewer="native", hardware="virtual:x"), (Wanted("viewer"),)),
+    ],
+)
+def test_the_window_is_a_process_of_its_own(
+    config: PlayConfig, wanted: tuple[Wanted, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert wanted_front_ends(config) == wanted
