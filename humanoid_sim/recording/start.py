@@ -17,6 +17,7 @@ import numpy as np
 
 from humanoid_sim.controllers.base import Memory
 from humanoid_sim.controllers.damping import DampingMemory
+from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.controllers.guards import GuardMemory
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Alignment
@@ -24,7 +25,7 @@ from humanoid_sim.controllers.remote_policy import RemoteMemory
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.controllers.standby import StandbyMemory
 from humanoid_sim.controllers.supervisor import SupervisorMemory
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.messages import PolicyStep, SessionHeader, StandbyState
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.strict_json import parse_json
@@ -76,7 +77,9 @@ def start_memory(header: SessionHeader) -> SupervisorMemory | None:
         memory = _built(parse_json(text))
         if not isinstance(memory, SupervisorMemory):
             raise TypeError(f"is a {type(memory).__name__}")
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        if memory.controller not in MODES:
+            raise ValueError(known_names("controller", memory.controller, MODES))
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(f"recording: its header's '{START_DOCUMENT}' is damaged: {error}") from None
     return memory
 

@@ -69,6 +69,22 @@ def test_a_run_from_its_beginning_has_none() -> None:
         {"type": "SupervisorMemory"},
         {"type": "array", "dtype": "O", "shape": [1], "data": ""},
         {"type": "SupervisorMemory", "controller": "x", "controller_memory": {"type": "float"}},
+        {"type": "SupervisorMemory", "controller": "x", "controller_memory": None},
+        {"type": "SupervisorMemory", "controller": [], "controller_memory": None},
+        {
+            "type": "SupervisorMemory",
+            "controller": "damping_controller",
+            "controller_memory": {
+                "type": "DampingMemory",
+                "command": {"type": "MITCommand"}
+                | dict.fromkeys(("position", "velocity", "effort", "stiffness", "damping"), "x"),
+            },
+        },
+        {
+            "type": "SupervisorMemory",
+            "controller": "damping_controller",
+            "controller_memory": {"type": "array", "dtype": "<f8", "shape": [2], "data": "AAAA"},
+        },
     ],
 )
 def test_a_document_that_is_none(document: object) -> None:
