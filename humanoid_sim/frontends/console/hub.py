@@ -118,14 +118,14 @@ class Hub:
         shown = 0
         session = self._attachment.session
         await connection.send(
-            encoded({"session": str(session), "access": access.value, "joints": self._attachment.feed.joint_names})
+            encoded({"session": str(session), "access": access.value, "joint_names": self._attachment.feed.joint_names})
         )
         while True:
             told: dict[str, Any] = {}
             if self._record is not None:
                 told = state(self._record, self._available)
                 told["age"] = 1e-9 * (monotonic_ns() - self._stamp)
-                told["status"] = self._attachment.feed.status()
+                told["owners"] = self._attachment.feed.status().get("owners", {})
                 told["events"] = [event for event in self._events if event[0] > shown]
                 told["answers"] = [answers.popleft() for _ in range(len(answers))]
                 shown = self._told

@@ -10,7 +10,7 @@ let socket = null;
 let heard = -Infinity;
 let age = 0;
 let ended = false;
-let readOnly = false;
+let jointNames = [];
 
 function ask(word) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ ask: word }));
@@ -36,8 +36,7 @@ function show(told) {
   if (told.ended) ended = true;
   if (told.session) {
     get("session").textContent = told.session + (told.access === "control" ? "" : ", for watching only");
-    readOnly = told.access !== "control";
-    document.body.classList.toggle("read-only", readOnly);
+    jointNames = told.joint_names;
     get("events").replaceChildren(); // of before a new connection: the console tells them all again
   }
   if (told.mode === undefined) return;
@@ -49,6 +48,9 @@ function show(told) {
   showStandby(told.standby);
   showIntents(told.intents);
   showSafety(told.safety);
+  showJoints(told.joints);
+  const owners = Object.entries(told.owners).map(([what, who]) => `${what}: ${who}`);
+  get("owners").textContent = owners.length ? `Driven by ${owners.join(", ")}` : "";
   for (const answer of told.answers) showAnswer(answer);
   for (const [, time, text] of told.events) {
     const line = document.createElement("li");
@@ -81,6 +83,19 @@ function showIntents(intents) {
     button.title = refusal;
     if (button.lastChild.textContent !== requirement) button.lastChild.textContent = requirement;
   }
+}
+
+// What is not known, such as the position of a joint that has not been heard, is a dash.
+function showJoints({ position, command, velocity, effort }) {
+  const body = get("joints").tBodies[0];
+  jointNames.forEach((name, i) => {
+    const row = body.rows[i] || body.insertRow();
+    const texts = [name, ...[position, command, velocity, effort].map((v) => (v[i] === null ? "–" : v[i].toFixed(2)))];
+    texts.forEach((text, j) => {
+      const cell = row.cells[j] || row.insertCell();
+      if (cell.textContent !== text) cell.textContent = text;
+    });
+  });
 }
 
 function showSafety(statuses) {

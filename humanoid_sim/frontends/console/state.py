@@ -67,6 +67,12 @@ def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
             "progress": standby.progress,
             "finished": standby.is_finished,
         },
+        "joints": {
+            "position": record.input.state.joint_position.tolist(),
+            "command": record.output.command.position.tolist(),
+            "velocity": record.input.state.joint_velocity.tolist(),
+            "effort": record.input.state.joint_effort.tolist(),
+        },
         "safety": [_safety(status) for status in record.input.safety],
         "intents": {
             intent.value: {"name": intent.name, "refusal": refusal}

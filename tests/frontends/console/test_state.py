@@ -7,6 +7,7 @@ import rig
 from local_session import LocalSession
 
 from humanoid_sim.controllers.fsm import MODES
+from humanoid_sim.frontends.console.server import encoded
 from humanoid_sim.frontends.console.state import FLAG_MEANINGS, available_controllers, refusals, state
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
 
@@ -68,3 +69,12 @@ def test_safety_is_explained(local: LocalSession) -> None:
 
 def test_every_flag_has_a_meaning() -> None:
     assert set(FLAG_MEANINGS) == set(SafetyFlag)
+
+
+def test_joints_are_told_in_the_robots_order(local: LocalSession) -> None:
+    record = local.tick(Intent.DAMP)
+    joints = state(record, ALL)["joints"]
+    assert joints["position"] == record.input.state.joint_position.tolist()
+    assert joints["command"] == record.output.command.position.tolist()
+    assert {len(values) for values in joints.values()} == {3}
+    assert encoded({"x": [1.0, float("nan")], "y": float("inf")}) == '{"x":[1.0,null],"y":null}'
