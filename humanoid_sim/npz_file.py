@@ -34,6 +34,8 @@ _DAMAGE = (
 )
 """What NumPy and zipfile raise over files that are damaged, or of another kind: NumPy reads headers with Python's own
 parser, and takes the memory that a header asks for before it looks for its bytes."""
+_LAST_CHARACTER = 0x10FFFF
+"""Of Unicode; Python fails on a text with one beyond."""
 _VERSIONS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
@@ -82,4 +84,9 @@ def _array(path: os.PathLike[str], archive: zipfile.ZipFile, member: zipfile.Zip
         name = member.filename.removesuffix(".npy")
         raise InputError(f"{path}: {name} claims shape {shape} of {dtype}, and has {member.file_size} bytes")
     with archive.open(member) as stream:
-        return np.lib.format.read_array(stream, allow_pickle=False)
+        array: npt.NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+    if array.dtype.kind == "U" and array.size:
+        native = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
+        if native.reshape(-1).view(np.uint32).max(initial=0) > _LAST_CHARACTER:
+            raise ValueError(f"{member.filename} holds texts that are none")
+    return array

@@ -61,3 +61,10 @@ def test_what_unpacks_to_more_than_any_motion_is_refused(tmp_path: Path, monkeyp
 def test_a_single_array_is_no_archive(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros(3))
     assert refusal(tmp_path / "a.npy") == "holds a single array (.npy), expected an .npz file of several"
+
+
+def test_texts_beyond_unicode_are_refused(tmp_path: Path) -> None:
+    names = np.array(["ab", "c"])
+    names.view(np.uint32)[1] = 0x7FFFFFFF
+    np.savez(tmp_path / "a.npz", names=names)
+    assert refusal(tmp_path / "a.npz").endswith("names.npy holds texts that are none")

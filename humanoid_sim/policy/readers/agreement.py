@@ -67,7 +67,7 @@ def agreed(field: str, first: Given, second: Given, kinds: Kinds = _BY_NAME) -> 
 
 def _agreed_numbers(first: Given, second: Given) -> Given | None:
     a, b = np.asarray(first.value, dtype=np.float64), np.asarray(second.value, dtype=np.float64)
-    if a.shape != b.shape and a.size > 1 and b.size > 1:
+    if a.shape != b.shape and 1 not in (a.size, b.size):
         return None
     longer = first if a.size >= b.size else second
     if np.allclose(a, b, rtol=_EQUAL, atol=0.0):
