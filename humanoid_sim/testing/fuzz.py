@@ -60,7 +60,8 @@ _PERIOD = 0.02
 def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervisor]:
     """For `fuzz_stack`: all controllers of a robot, with the settings of its description.
 
-    LOCOMOTION runs the fuzzed policy on all joints, around the final pose of standby A.
+    LOCOMOTION runs the fuzzed policy on all joints, around the final pose of standby A and within their limits: a
+    policy that presses a joint against its stop is ended by a guard, however healthy the robot.
 
     Args:
         name_or_path: a shipped robot, a YAML description, or an MJCF.
@@ -70,7 +71,8 @@ def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervis
     """
     description = load_robot(name_or_path)
     period = 1.0 / description.hardware.control_frequency
-    contract = placeholder_checkpoint(description, policy_dt=period).contract
+    unbounded = placeholder_checkpoint(description, policy_dt=period).contract
+    contract = replace(unbounded, position_clip="joint_limits")
 
     def build(policy: ScriptedPolicy) -> Supervisor:
         return build_supervisor(description, period, load_policy(contract, policy, None), remote=True)

@@ -11,7 +11,7 @@ import tyro
 
 from humanoid_sim.client import Intake, SessionError
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached, ready
 from humanoid_sim.frontends.gamepad.device import Pad, Pads
@@ -165,8 +165,6 @@ def _drive(pads: Pads, config: GamepadConfig) -> int:
         speeds = speed_range(contract.command_ranges) if walks and contract is not None else None
         driver = Driver(attachment.intake, config, speeds=speeds, is_hardware=is_hardware)
         found = pads.look()
-        if not found and is_hardware:
-            raise InputError("no gamepad is plugged in")
         ready(f"gamepad: {found[0] if found else 'waits for one to be plugged in'}")
         while attachment.feed.is_running():
             try:
