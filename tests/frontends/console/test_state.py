@@ -3,13 +3,17 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import pytest
 import rig
 from local_session import LocalSession
 
 from humanoid_sim.controllers.fsm import MODES
-from humanoid_sim.frontends.console.server import encoded
 from humanoid_sim.frontends.console.state import FLAG_MEANINGS, available_controllers, refusals, state
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
+
+pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
+
+from humanoid_sim.frontends.console.server import encoded
 
 ALL = frozenset(MODES)
 
