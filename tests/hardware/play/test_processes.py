@@ -70,10 +70,10 @@ def channel(folder: Path) -> str:
 
 
 @contextmanager
-def playing(robot: str, channel: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+def playing(robot: str, channel: str, folder: Path, record: str = "r.mcap") -> Iterator[subprocess.Popen[str]]:
     script = "damp; hold 0.3; load_a; wait; start_locomotion; hold 100"
     options = ("--robot", robot, "--hardware", channel, "--yes", "--allow-script", "--script", script)
-    output = ("--policy", "placeholder", "--viewer", "none", "--record", "r.mcap", "--overwrite")
+    output = ("--policy", "placeholder", "--viewer", "none", "--record", record, "--overwrite")
     with subprocess.Popen(
         [sys.executable, "-m", "humanoid_sim.play", *options, *output],
         cwd=folder,
@@ -150,7 +150,7 @@ def test_the_second_of_two_sessions_on_one_channel_refuses_and_the_first_goes_on
     told = Told()
     with emulated(robot, channel, told) as motors, playing(robot, channel, folder) as first:
         wait_for(first, "STANDBY → LOCOMOTION")
-        with playing(robot, channel, folder) as second:
+        with playing(robot, channel, folder, "second.mcap") as second:
             out, _ = second.communicate(timeout=30.0)
         assert second.returncode == 2
         assert f"problem {channel}  is in use by another session (process {first.pid}, " in out
