@@ -159,7 +159,7 @@ def _judge(row: Row, ticks: list[Tick], running: Campaign) -> tuple[str, str, st
 
     pressing = [tick for tick in ticks if abs(tick.effort[joint]) >= 0.8 * row.limit]
     pressed = pressing[-1].read - pressing[0].read if pressing else 0.0
-    assert pressed <= FOLLOWING_TIME + 4 * PERIOD
+    assert pressed <= FOLLOWING_TIME + 6 * PERIOD  # a state is a tick old, and a busy machine makes it two
     late = [tick for tick in tail if tick.seen >= trip.read + PERIOD + 0.01]
     assert len(late) >= 10
     for tick in late:
