@@ -4,7 +4,7 @@ Gains have a frame of their own, which nothing acknowledges, and hold until othe
 on the gains that the motor has, and the order of the two frames matters: softer gains go before the command, stiffer
 ones after it, so that no target is ever held with gains that were not meant for it. The protocol wants gains only when
 they change; here they go three times then, to one motor after the other in every tick besides, and in every tick to a
-motor that is to have no stiffness, because a lost frame would leave a motor stiff for good.
+motor that is to have no stiffness, because a lost frame would leave a motor stiff forever.
 """
 
 from __future__ import annotations

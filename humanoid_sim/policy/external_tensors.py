@@ -34,7 +34,7 @@ def tensor_digest(model: ModelProto) -> str:
     Args:
         model: with its external tensors loaded.
     """
-    from onnx import numpy_helper  # noqa: PLC0415 - heavy, and seldom needed
+    from onnx import numpy_helper  # noqa: PLC0415 - heavy, and rarely needed
 
     digest = hashlib.sha256()
     for tensor in sorted(model.graph.initializer, key=lambda tensor: str(tensor.name)):
@@ -60,7 +60,7 @@ def check_tensors(path: Path, metadata: Mapping[str, str]) -> None:
     raw = path.read_bytes()
     if _LOCATION.encode() not in raw or not (TENSORS_KEY in metadata or _CHECKSUM.encode() in raw):
         return
-    import onnx  # noqa: PLC0415 - heavy, and seldom needed
+    import onnx  # noqa: PLC0415 - heavy, and rarely needed
 
     entries = _entries(onnx.load_model_from_string(raw))
     for entry in entries:
