@@ -16,17 +16,17 @@ from hypothesis.strategies import DataObject
 
 from humanoid_sim.controllers.base import Controller, Fault
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.messages import Intent, TickInput
+from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor
 from humanoid_sim.testing.checks import SafetyViolationError, check_complete, fingerprint, require
+from humanoid_sim.testing.enumeration import every_mode_lasts, every_report_and_intent
 from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
 from humanoid_sim.testing.machine import StackMachine
 from humanoid_sim.testing.policies import ScriptedPolicy
-from humanoid_sim.testing.properties import REMOTE
 from humanoid_sim.testing.shrinking import SHRINK_SECONDS, shrinking_for
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
 
@@ -89,14 +89,15 @@ def fuzz_stack(
 ) -> None:
     """Drive a control stack with anything, and check `SafetyProperties` on every tick.
 
-    First every mode lasts for `healthy_ticks` on a healthy robot, with nothing random: what needs time only is found at
-    once. The first violation of the search that follows is written to stderr when it is found.
+    First, with nothing random, every mode lasts for `healthy_ticks` on a healthy robot, and is given every safety
+    report and every combination of intents: what needs no luck is found always. The first violation of the search that
+    follows is written to stderr when it is found.
 
     Args:
         build: gives the stack under test, new for every run. The policy that it is given behaves or misbehaves as the
             run has it; a stack that runs a policy of its own may leave it aside.
         settings: of Hypothesis.
-        healthy_ticks: in each mode; 0 for none.
+        healthy_ticks: in each mode; 0 leaves out whatever comes before the search.
         shrink_seconds: s, for which a shorter run is looked for.
 
     Raises:
@@ -116,7 +117,8 @@ def fuzz_stack(
             search.tell(error)
 
     if healthy_ticks > 0:
-        _healthy_modes(Stack, healthy_ticks)
+        every_mode_lasts(Stack, healthy_ticks)
+        every_report_and_intent(Stack)
     with shrinking_for(shrink_seconds):
         run_state_machine_as_test(Stack, settings=settings)
 
@@ -135,25 +137,6 @@ class _Search:
             seconds = perf_counter() - self._began
             sys.stderr.write(f"found in run {self.runs}, after {seconds:.1f} s (looking for a shorter one): {error}\n")
             sys.stderr.flush()
-
-
-def _healthy_modes(machine_type: type[StackMachine], ticks: int) -> None:
-    """Each mode on a healthy robot, for so many ticks, as an operator comes there."""
-    damp, load_a, load_b = Intent.DAMP, Intent.LOAD_A, Intent.LOAD_B
-    locomotion, remote = Intent.START_LOCOMOTION, Intent.START_REMOTE
-    for way in ((), (damp,), (load_a,), (load_b,), (load_a, locomotion), (load_a, remote)):
-        machine = machine_type()
-        try:
-            if way == (damp,):
-                machine.tick(damp)
-            elif way and not machine.go(*way):
-                continue
-            machine.pass_time(ticks)
-            if machine.memory.controller == REMOTE:
-                machine.pass_time(ticks, sends=False)
-        except AssertionError as error:
-            names = ", ".join(intent.name for intent in way) or "the start"
-            raise SafetyViolationError(f"{error}; after {names}, without any attack") from error
 
 
 def fuzz_controller(
