@@ -96,6 +96,7 @@ class FrontEnds(Sink):
         except OSError as error:
             self._end_children()
             raise InputError(f"--{wanted.name}: cannot be started: {error.strerror}") from None
+        self._feed.status(self._status())  # a child that works finds itself there
         for child in self._children:
             assert child.process.stdout is not None
             os.set_blocking(child.process.stdout.fileno(), False)

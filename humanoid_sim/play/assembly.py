@@ -13,7 +13,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
 from humanoid_sim.play.console import ConsoleSink
-from humanoid_sim.play.front_ends import needs_gamepad
+from humanoid_sim.play.front_ends import has_keys, needs_gamepad
 from humanoid_sim.play.local_ends import LocalEnds
 from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
@@ -75,7 +75,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     tracking, anchor = _errors(policy, description)
     told = Told(
-        has_keys=config.manual,
+        has_keys=has_keys(config),
         available=plan.supervisor.controllers,
         walks=policy.walks,
         motion_frames=policy.motion_frames,
@@ -218,8 +218,8 @@ def _header(plan: Plan) -> SessionHeader:
 
 
 def _keyboard(plan: Plan, reactivation: Reactivation, shown: ConsoleSink) -> Keyboard | None:
-    """The keyboard, if somebody sits at it. Raises `InputError` if there is no terminal."""
-    if not plan.config.manual:
+    """The keyboard, if somebody sits at it. Raises `InputError` if it cannot be taken over."""
+    if not has_keys(plan.config):
         return None
     velocity = plan.velocity if plan.policy.walks else None
     return Keyboard(velocity, reactivation=reactivation, tell=lambda text: shown.event(Event(plan.clock(), text)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from pathlib import Path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
-from humanoid_sim.play.front_ends import shows_window
+from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription
@@ -61,8 +60,10 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{option}: is {value}, expected a finite number > 0")
     _refuse_policy_seconds(config)
-    if config.manual and not (sys.stdin and sys.stdin.isatty()):
-        raise InputError("--manual: standard input is no terminal, expected one to read keys from")
+    if config.manual and not has_keys(config) and not operated_by(config):
+        raise InputError(
+            "--manual: standard input is no terminal, expected one to read keys from, or --console or --gamepad"
+        )
     if config.remote == "none" and any(injection.kind == "silent_remote" for injection in injections):
         raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
 

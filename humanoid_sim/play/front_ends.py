@@ -12,7 +12,15 @@ from humanoid_sim.frontends import FRONT_ENDS, Wanted, require_packages
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 
-__all__ = ["needs_gamepad", "refuse_old_names", "require_gamepad", "shows_window", "wanted_front_ends"]
+__all__ = [
+    "has_keys",
+    "needs_gamepad",
+    "operated_by",
+    "refuse_old_names",
+    "require_gamepad",
+    "shows_window",
+    "wanted_front_ends",
+]
 
 _LOOK_WITHIN = 20.0
 """s for the program that looks for a gamepad."""
@@ -71,6 +79,17 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
 def needs_gamepad(config: PlayConfig) -> bool:
     """Whether a gamepad takes part: where one was asked for, and on a real bus unless it was declined."""
     return config.gamepad or (_is_real_bus(config) and not config.no_gamepad and not config.dry_run)
+
+
+def operated_by(config: PlayConfig) -> tuple[str, ...]:
+    """The options of the front ends from which an operator drives the FSM."""
+    wanted = (("--console", config.console), ("--gamepad", needs_gamepad(config)))
+    return tuple(option for option, is_wanted in wanted if is_wanted)
+
+
+def has_keys(config: PlayConfig) -> bool:
+    """Whether an operator drives from the keyboard: with --manual, where standard input is a terminal."""
+    return config.manual and bool(sys.stdin and sys.stdin.isatty())
 
 
 _EMULATED = ("virtual:", "udp_multicast:")

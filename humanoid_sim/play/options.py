@@ -99,7 +99,7 @@ class PlayConfig:
     """Largest magnitude of a raw action; beyond it the policy has failed, and the robot is damped. Default: the
     contract's action_limit, or else 100."""
     manual: bool = False
-    """Drive the FSM from the keyboard."""
+    """Drive the FSM yourself, from the keyboard; with --console or --gamepad from there, where there is no terminal."""
     script: str | None = None
     """Drive the FSM by a script, such as "damp; load_b; wait; start_remote; hold 5; damp"."""
     pose: Literal["a", "b"] = "a"

@@ -22,7 +22,7 @@ from humanoid_sim.play.conflicts import (
     refuse_conflicts,
     refuse_without_effect,
 )
-from humanoid_sim.play.front_ends import require_gamepad, wanted_front_ends
+from humanoid_sim.play.front_ends import has_keys, operated_by, require_gamepad, wanted_front_ends
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy, parse_branch
@@ -221,10 +221,12 @@ def _robot(
 
 def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks: bool) -> tuple[str, ...]:
     """The keys of an operator at the keyboard; where nobody and no script drives, how to do it from elsewhere."""
-    if config.manual:
+    if has_keys(config):
         return (key_help(), velocity_key_help()) if walks else (key_help(),)
     if steps is not None or config.dry_run:
         return ()
+    if config.manual:
+        return (f"no terminal to read keys from: waits for an operator at {' or '.join(operated_by(config))}",)
     return ("waits for an operator in another terminal: python -m humanoid_sim.mode damp, load_a, start_locomotion",)
 
 

@@ -72,6 +72,21 @@ def test_what_they_say_is_shown_and_their_end_recorded(launch: Launch, local: Lo
         eventually(lambda: feed.status() == {"front_ends": dict(front_ends.running)})
 
 
+def test_the_status_names_them_before_they_speak(launch: Launch, local: LocalSession, monkeypatch: Any) -> None:
+    seen: list[Any] = []
+
+    class Watching(list[str]):
+        def append(self, text: str) -> None:
+            seen.append(feed.status().get("front_ends"))
+            super().append(text)
+
+    with Feed(local.info) as feed:
+        monkeypatch.setattr(local, "told", Watching())
+        front_ends = launch(STAYS, STAYS)
+        assert seen == [dict(front_ends.running)] * 2
+        assert list(seen[0]) == ["fake_0", "fake_1"]
+
+
 def test_they_end_with_the_session_however_stubborn(launch: Launch, local: LocalSession, monkeypatch: Any) -> None:
     monkeypatch.setattr(launcher, "_GRACE", 0.2)
     stubborn = (

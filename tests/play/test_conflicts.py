@@ -18,7 +18,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.session.inject import parse_injections
 
-MANUAL = "--manual: standard input is no terminal, expected one to read keys from"
+MANUAL = "--manual: standard input is no terminal, expected one to read keys from, or --console or --gamepad"
 FAULTS = "expected FAULT@SECONDS with FAULT one of nan_policy, safety, silent_remote"
 
 LONG = "x" * 300
@@ -258,6 +258,10 @@ def test_a_missing_terminal_is_noticed_before_anything_is_opened(monkeypatch: py
     monkeypatch.setattr("sys.stdin", None)
     with pytest.raises(InputError, match=MANUAL):
         refuse_conflicts(PlayConfig(manual=True), ())
+    for operated in ({"console": True}, {"gamepad": True}, {"hardware": "can0"}):  # a real bus has a gamepad
+        refuse_conflicts(PlayConfig(manual=True, viewer="none", **operated), ())
+    with pytest.raises(InputError, match=MANUAL):
+        refuse_conflicts(PlayConfig(manual=True, hardware="can0", no_gamepad=True), ())
 
 
 def test_what_remote_makes_possible_is_not_refused() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pty
 import re
 import subprocess
 import sys
@@ -41,30 +40,25 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     folder: Path = tmp_path_factory.mktemp("run")
     command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime"]
     nothing = ["--viewer", "none", "--video", "none", "--record", "run.mcap"]
-    terminal, keys = pty.openpty()
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "NO_COLOR": "1"}
-    try:
-        with subprocess.Popen(
-            [*command, *nothing],
-            stdin=keys,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            cwd=folder,
-            env=environment,
-        ) as process:
-            try:
-                assert process.stdout is not None
-                addresses = []
-                for line in process.stdout:
-                    addresses += re.findall(r"console: .* (http://\S+)", line)
-                    if len(addresses) == 2:
-                        break
-                assert len(addresses) == 2
-                yield Played(process, addresses[0], addresses[1], folder)
-            finally:
-                process.terminate()
-                process.communicate(timeout=20.0)
-    finally:
-        os.close(terminal)
-        os.close(keys)
+    with subprocess.Popen(
+        [*command, *nothing],
+        stdin=subprocess.DEVNULL,  # no terminal: the operator is at the page
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=folder,
+        env=environment,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            addresses = []
+            for line in process.stdout:
+                addresses += re.findall(r"console: .* (http://\S+)", line)
+                if len(addresses) == 2:
+                    break
+            assert len(addresses) == 2
+            yield Played(process, addresses[0], addresses[1], folder)
+        finally:
+            process.terminate()
+            process.communicate(timeout=20.0)
