@@ -20,7 +20,7 @@ from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
 from humanoid_sim.bench.timing import Row, paired_ratio, row_of, seconds
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput, TickRecord
+from humanoid_sim.messages import Intent, Mode, TickInput, TickRecord
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import read_motion
@@ -31,7 +31,7 @@ from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.stack import build_supervisor
+from humanoid_sim.stack import build_supervisor, run_header
 
 __all__ = ["control_tick", "environment_step", "feed_cost", "real_time_factor", "recorder_cost", "supervisor_step"]
 
@@ -65,13 +65,13 @@ class _Rig:
 def _rig(record: bool, *, publish: bool = False, watch: Sink | None = None) -> Iterator[_Rig]:
     description = load_robot("lite")
     checkpoint = load_checkpoint(SAMPLE_POLICY)
-    loaded = load_policy(checkpoint.contract, checkpoint.policy, read_motion(motion_path(SAMPLE_MOTION)))
+    motion = read_motion(motion_path(SAMPLE_MOTION))
+    loaded = load_policy(checkpoint.contract, checkpoint.policy, motion)
     period = 1.0 / description.simulation.control_frequency
     supervisor = build_supervisor(description, period, loaded)
     robot = MujocoRobot(description, control_period=period)
     with tempfile.TemporaryDirectory() as folder:
-        terms = tuple((term.name, term.width) for term in loaded.layout.terms)
-        header = SessionHeader("lite", description.joint_names, period, 0, observation_terms=terms)
+        header = run_header(description, period, loaded, motion, settings={})
         feed = FeedWriter(header) if publish else None
         encoded = (lambda _: None) if feed is None else feed.encoded
         recorder = McapRecorder(Path(folder) / "bench.mcap", encoded=encoded) if record else None

@@ -77,9 +77,13 @@ class RecordedBody:
         self._qpos = np.array([joint.qpos for joint in self.hinged], dtype=np.intp)
         self._slides = np.array([joint.kind == "prismatic" for joint in self.hinged], dtype=bool)
         self._position = _stacked([joint.position for joint in self.hinged], 3)
+        self._position.setflags(write=False)
         self._quaternion = _stacked([joint.quaternion for joint in self.hinged], 4)
         self._axis = _stacked([joint.axis for joint in self.hinged], 3)
+        self._has_slides = bool(self._slides.any())
         self._along = rotate(self._quaternion, self._axis)
+        half_turn = multiply(self._quaternion, np.insert(self._axis, 0, 0.0, axis=1))
+        self._turned = np.where(self._slides[:, None], 0.0, half_turn)
         self._values = np.zeros(len(self.hinged))
         self._to_imu = _chain(joints, imu)
 
@@ -111,15 +115,20 @@ class RecordedBody:
             self._values[:] = record.qpos[self._qpos]
         measured = record.input.state.joint_position[self._state]
         heard = np.isfinite(measured)
-        self._values[self._ours[heard]] = measured[heard]
+        if heard.all():
+            self._values[self._ours] = measured
+        else:
+            self._values[self._ours[heard]] = measured[heard]
         return self._values
 
     def hinged_poses(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of the children of `hinged` in their parents' frames: shape (J, 3), m, and (J, 4), w x y z."""
-        half = np.where(self._slides, 0.0, 0.5 * values)
-        turn = np.concatenate([np.cos(half)[:, None], np.sin(half)[:, None] * self._axis], axis=1)
-        moved = self._position + np.where(self._slides, values, 0.0)[:, None] * self._along
-        return moved, multiply(self._quaternion, turn)
+        moved, straight, half = self._position, self._quaternion, (0.5 * values)[:, None]
+        cos = np.cos(half)
+        if self._has_slides:
+            moved = moved + np.where(self._slides, values, 0.0)[:, None] * self._along
+            cos = np.where(self._slides[:, None], 1.0, cos)
+        return moved, cos * straight + np.sin(half) * self._turned
 
     def knows_base(self, record: TickRecord) -> bool:
         """Whether the place of a floating base is known in a tick, and not only how it is turned."""

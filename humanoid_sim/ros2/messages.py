@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -27,46 +28,64 @@ __all__ = [
     "encode_string",
 ]
 
-_IMU_FRAME = "imu"
+_IMU_FRAME = struct.pack("<I4s", 4, b"imu")
+"""As CDR's string: its length, the bytes and a NUL."""
+_STAMP = struct.Struct("<iI")
 _LAST_SECOND = 2**31 - 1
 """`builtin_interfaces/Time` counts seconds in 32 bits."""
-_UNKNOWN_COVARIANCE = np.zeros(9)
+_UNKNOWN_COVARIANCE = bytes(9 * 8)
 """What `sensor_msgs/Imu` defines to mean "unknown"."""
 
 
-def _stamped(time_ns: int) -> CdrWriter:
-    """A message that begins with a time stamp; 8 bytes, so that what follows stands on a multiple of 8."""
-    writer = CdrWriter()
+_COUNT = struct.Struct("<I4x")
+"""Of an array of float64 that follows another: it stands on a multiple of 8, and so does the array."""
+_NO_COUNT = bytes(4)
+_NO_VELOCITY_NO_EFFORT = bytes(8)
+
+
+@lru_cache(maxsize=4)
+def _stamp(time_ns: int) -> bytes:
+    """A time stamp at the start of a message; 8 bytes, so that what follows stands on a multiple of 8."""
     seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
-    writer.pack("iI", min(seconds, _LAST_SECOND), nanoseconds)
+    return _STAMP.pack(min(seconds, _LAST_SECOND), nanoseconds)
+
+
+def _stamped(time_ns: int) -> CdrWriter:
+    """A message that begins with a time stamp."""
+    writer = CdrWriter()
+    writer.append(_stamp(time_ns))
     return writer
 
 
 @lru_cache(maxsize=128)
-def _frame_and_names(names: tuple[str, ...]) -> bytes:
-    """An empty `frame_id` and the joint names: the same in every message of a run."""
+def _names_and_counts(names: tuple[str, ...]) -> tuple[bytes, bytes]:
+    """What is the same in every message of a run, up to the numbers: an empty `frame_id`, the joint names, a count.
+
+    And the count of each further array of as many numbers.
+    """
     writer = CdrWriter()
     writer.string("")
     writer.strings(names)
-    return writer.body()
+    writer.pack("I", len(names))
+    body = writer.body()
+    return (body + bytes(-len(body) % 8), _COUNT.pack(len(names))) if names else (body, _NO_COUNT)
+
+
+def _named_arrays(time_ns: int, names: tuple[str, ...], *arrays: npt.NDArray[np.float64]) -> bytes:
+    """A message of a header, names, and arrays with a number for each name. Those below go out 50 times a second."""
+    head, count = _names_and_counts(names)
+    first, *others = (values.tobytes() for values in arrays)
+    return b"".join((ENCAPSULATION, _stamp(time_ns), head, first, *(part for own in others for part in (count, own))))
 
 
 def encode_joint_state(time_ns: int, names: tuple[str, ...], state: MITState) -> bytes:
     """`sensor_msgs/msg/JointState`."""
-    writer = _stamped(time_ns)
-    writer.append(_frame_and_names(names))
-    for values in (state.joint_position, state.joint_velocity, state.joint_effort):
-        writer.array(values)
-    return writer.message()
+    return _named_arrays(time_ns, names, state.joint_position, state.joint_velocity, state.joint_effort)
 
 
 def encode_named_values(time_ns: int, names: tuple[str, ...], values: npt.NDArray[np.floating]) -> bytes:
-    """`sensor_msgs/msg/JointState` with any values (count,) as positions: the type whose names tools plot."""
-    writer = _stamped(time_ns)
-    writer.append(_frame_and_names(names))
-    writer.array(np.asarray(values, dtype=np.float64))
-    writer.pack("II", 0, 0)
-    return writer.message()
+    """`sensor_msgs/msg/JointState` with values (count,), one per name, as positions: tools plot this type by name."""
+    return _named_arrays(time_ns, names, values.astype(np.float64, copy=False)) + _NO_VELOCITY_NO_EFFORT
 
 
 def encode_pose(time_ns: int, frame: str, pose: FloatArray) -> bytes:
@@ -108,50 +127,51 @@ class TransformEncoder:
         self._size = len(writer.body())
         self._body = np.zeros(-(-self._size // 8) * 8, dtype=np.uint8)
         self._body[: self._size] = np.frombuffer(writer.body(), dtype=np.uint8)
-        self._stamps = np.array(stamps, dtype=np.intp)
+        self._words, self._doubles = self._body.view(np.uint32), self._body.view(np.float64)
+        self._seconds = np.array(stamps, dtype=np.intp)
+        self._nanoseconds = self._seconds + 1
         self._numbers = np.array(numbers, dtype=np.intp)[:, None] + np.array([0, 1, 2, 6, 3, 4, 5])
 
     def encode(self, time_ns: int, poses: FloatArray) -> bytes:
         """The message of poses (count, 7), m and w x y z, of the children in their parents' frames."""
         seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
-        stamps = self._body.view(np.uint32)
-        stamps[self._stamps] = min(seconds, _LAST_SECOND)
-        stamps[self._stamps + 1] = nanoseconds
-        self._body.view(np.float64)[self._numbers] = poses
+        self._words[self._seconds] = min(seconds, _LAST_SECOND)
+        self._words[self._nanoseconds] = nanoseconds
+        self._doubles[self._numbers] = poses
         return ENCAPSULATION + self._body[: self._size].tobytes()
 
 
 def encode_imu(time_ns: int, state: MITState) -> bytes:
     """`sensor_msgs/msg/Imu`: quaternion as x y z w, covariances unknown."""
-    w, x, y, z = state.imu_quaternion
-    writer = _stamped(time_ns)
-    writer.string(_IMU_FRAME)
-    writer.pack("dddd", x, y, z, w)
-    writer.fixed_array(_UNKNOWN_COVARIANCE)
-    writer.fixed_array(state.imu_angular_velocity)
-    writer.fixed_array(_UNKNOWN_COVARIANCE)
-    writer.fixed_array(state.imu_linear_acceleration)
-    writer.fixed_array(_UNKNOWN_COVARIANCE)
-    return writer.message()
+    wxyz, covariance = state.imu_quaternion.tobytes(), _UNKNOWN_COVARIANCE
+    orientation = (wxyz[8:], wxyz[:8], covariance)
+    turning = (state.imu_angular_velocity.tobytes(), covariance)
+    acceleration = (state.imu_linear_acceleration.tobytes(), covariance)
+    return b"".join((ENCAPSULATION, _stamp(time_ns), _IMU_FRAME, *orientation, *turning, *acceleration))
 
 
 def encode_mit_command(time_ns: int, names: tuple[str, ...], command: MITCommand) -> bytes:
     """`humanoid_control_msgs/msg/MITCommand`."""
-    writer = _stamped(time_ns)
-    writer.append(_frame_and_names(names))
-    for values in (command.position, command.velocity, command.effort, command.stiffness, command.damping):
-        writer.array(values)
-    return writer.message()
+    return _named_arrays(
+        time_ns, names, command.position, command.velocity, command.effort, command.stiffness, command.damping
+    )
+
+
+@lru_cache(maxsize=16)
+def _control_mode(mode: int, controller_name: str, status_message: str) -> bytes:
+    """The same in many ticks: all but the time stamp."""
+    writer = CdrWriter()
+    writer.string("")
+    writer.pack("B", mode)
+    writer.string(controller_name)
+    writer.string(status_message)
+    return writer.body()
 
 
 def encode_control_mode(time_ns: int, control_mode: ControlMode) -> bytes:
     """`humanoid_control_msgs/msg/ControlMode`."""
-    writer = _stamped(time_ns)
-    writer.string("")
-    writer.pack("B", control_mode.mode)
-    writer.string(control_mode.controller_name)
-    writer.string(control_mode.status_message)
-    return writer.message()
+    body = _control_mode(control_mode.mode, control_mode.controller_name, control_mode.status_message)
+    return b"".join((ENCAPSULATION, _stamp(time_ns), body))
 
 
 def encode_standby_state(time_ns: int, standby: StandbyState) -> bytes:
