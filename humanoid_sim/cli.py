@@ -34,6 +34,7 @@ VERBS = {
     "gravity": "compensate gravity in REMOTE, on a running session",
     "console": "serve a page for the operator, on a running session",
     "viewer": "watch a running session in a window, or move a robot's joints by sliders",
+    "dds": "serve a running session to ROS 2 and DDS, and take commands for REMOTE",
     "foxglove": "serve a running session to Foxglove",
     "bench": "measure this machine's figures",
 }

@@ -71,14 +71,17 @@ DATA_MAGIC = b"hsdat1"
 DATA_HEAD = struct.Struct("<6sBBHHIQ")
 """A datagram of the data socket begins with: magic, kind, 0, bytes of the producer's name, bytes of the topic, the
 producer's process id, its stamp in CLOCK_MONOTONIC ns. Name, topic and float64 values follow."""
-REMOTE, VELOCITY, LIVE, HEARTBEAT = range(4)
+REMOTE, VELOCITY, LIVE, HEARTBEAT, REFUSED = range(5)
 """Kinds, and their topics and values. REMOTE: joint names, one a line, and the five MIT fields one after the other.
-VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; its timeout in s, and its value."""
+VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; its timeout in s, and its value. REFUSED:
+why; how many samples."""
 
 VELOCITY_TIMEOUT = 0.25
 """s after which a velocity command that is not repeated is zero."""
 LIVE_TIMEOUT = 0.5
 """s after which a live input that is not repeated is zero, unless its producer says otherwise."""
+_LONGEST_REASON = 1000
+"""Characters that say why something was refused."""
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2.0
 """s that a full socket is waited for: for data, and for intents."""
 _NAMES = count()
@@ -247,6 +250,8 @@ class Feed:
         """s"""
         self.header: Mapping[str, Any] = told["header"]
         """The recording's: fields (`session`) and documents by name, JSON texts: robot, contract, settings."""
+        self.live_inputs: Mapping[str, int] = told["live_inputs"]
+        """Name and width of those that the session takes from outside."""
         self._definitions: Mapping[str, str] = told["definitions"]
         self._blobs: Mapping[str, Sequence[int]] = told["blobs"]
         self._rings: Mapping[str, Sequence[int]] = told["rings"]
@@ -586,6 +591,10 @@ class Intake:
     def heartbeat(self, *, stamp: int | None = None) -> bool:
         """Say that this producer and its device are there; a session that watches it damps 200 ms after the last."""
         return self._send(HEARTBEAT, "", (), stamp)
+
+    def refused(self, reason: str, count: int = 1) -> bool:
+        """Say that this producer has refused samples from outside, so that the session counts and tells it."""
+        return self._send(REFUSED, " ".join(reason.split())[:_LONGEST_REASON], (float(count),), None)
 
     def _send(self, kind: int, topic: str, values: Sequence[float], stamp: int | None) -> bool:
         assert self._data is not None

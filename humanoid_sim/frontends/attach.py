@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,6 +80,11 @@ class Attachment:
             return decode_tick(sample.data)
         except CdrError as error:
             raise InputError(f"{self.session}: a tick of another version: {error}") from None
+
+    def time_ns(self, time: float) -> int:
+        """Nanoseconds since the Unix epoch of a time in s on the robot's clock; of no number, those of its zero."""
+        start = self.header.start_time_ns
+        return max(0, start + round(1e9 * time)) if math.isfinite(time) and abs(time) < 1e9 else start
 
     def events(self, number: int) -> Iterator[tuple[int, Event]]:
         """Numbers and events of the ring `event` after that number, oldest first; 0 for all that are still there."""

@@ -7,7 +7,6 @@ a name. So it only shows, and damps; `--control` is for whoever knows that.
 from __future__ import annotations
 
 import json
-import math
 import queue
 import time
 from collections.abc import Callable, Sequence
@@ -22,8 +21,9 @@ from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
 from humanoid_sim.recording.codec import decode_event
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
-from humanoid_sim.recording.topics import LATCHED, TopicMessage, ViewerTopics
+from humanoid_sim.recording.topics import TopicMessage, ViewerTopics
 from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
+from humanoid_sim.ros2.topics import kind_of
 
 __all__ = ["FoxgloveConfig", "main", "service_words"]
 
@@ -126,13 +126,13 @@ class _Server:
             for sample in feed.since(tick):
                 tick, newest = sample.number, sample
                 record = self._attachment.record(sample)
-                time_ns = self._time_ns(float(record.input.state.time))
+                time_ns = self._attachment.time_ns(float(record.input.state.time))
                 self._publish(TopicMessage(TICK_TOPIC, TICK, sample.data), time_ns)
                 for message in self._topics.messages(record, time_ns):
                     self._publish(message, time_ns)
             for sample in feed.since(event, "event"):
                 event = sample.number
-                time_ns = self._time_ns(decode_event(sample.data).time)
+                time_ns = self._attachment.time_ns(decode_event(sample.data).time)
                 self._publish(TopicMessage(EVENT_TOPIC, EVENT, sample.data), time_ns)
             self._repeat_latched()
             if time.monotonic() - looked > _LOOK_PERIOD:
@@ -141,12 +141,6 @@ class _Server:
                     return
                 self._say("" if newest is None else behind(newest.age(), feed.control_period))
             time.sleep(_PAUSE)
-
-    def _time_ns(self, seconds: float) -> int:
-        """On the recording's clock."""
-        if not (math.isfinite(seconds) and abs(seconds) < 1e9):
-            return self._header.start_time_ns
-        return max(0, self._header.start_time_ns + round(1e9 * seconds))
 
     def _publish(self, message: TopicMessage, time_ns: int) -> None:
         channel = self._channels.get(message.topic)
@@ -157,7 +151,7 @@ class _Server:
             channel = self._channels[message.topic] = self._library.Channel(
                 message.topic, schema=schema, message_encoding="cdr", context=self._context
             )
-        if message.topic in LATCHED or message.schema in LATCHED:
+        if kind_of(message.topic, message.schema).latched:
             self._last[message.topic] = message.data, time_ns
         channel.log(message.data, log_time=time_ns)
 

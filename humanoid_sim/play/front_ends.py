@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import FRONT_ENDS, Wanted, require_packages
+from humanoid_sim.frontends import Wanted, require_packages
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 
@@ -51,7 +51,7 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     """The front ends that a run starts.
 
     Raises:
-        InputError: one is not in this version, or its packages are not installed.
+        InputError: the packages of one are not installed.
     """
     wanted = []
     if config.remote == "gravity":
@@ -68,8 +68,6 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     if shows_window(config):
         wanted.append(Wanted("viewer"))
     for front_end in wanted:
-        if front_end.name not in FRONT_ENDS:
-            raise InputError(f"--{front_end.name}: is not in this version; there are: {', '.join(FRONT_ENDS)}")
         require_packages(front_end.name)
     if needs_gamepad(config) and not config.gamepad:
         wanted.append(Wanted("gamepad"))

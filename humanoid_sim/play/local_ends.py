@@ -65,7 +65,7 @@ class LocalEnds:
                 tell=note,
             )
             stack.callback(self.data.close)
-            self.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(plan.setup.model())})
+            self.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(plan.setup.model())}, contract.live_inputs)
             stack.callback(self.feed.close)
             self.front_ends = FrontEnds(
                 plan.front_ends, self.feed, show=show, note=note, status=self._status, is_ending=is_ending

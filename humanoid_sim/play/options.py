@@ -80,7 +80,7 @@ class PlayConfig:
     no_gamepad: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """On a real bus: do without a gamepad."""
     dds: bool = False
-    """Start the DDS bridge (not in this version)."""
+    """Start the DDS bridge: ROS 2's topics on this machine's loopback interface, and commands for REMOTE from there."""
     foxglove: bool = False
     """Start a live server for Foxglove on this machine, which shows, and damps."""
     foxglove_control: bool = False

@@ -26,8 +26,9 @@ from humanoid_sim.files import exclusive_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import write_header
-from humanoid_sim.recording.topics import LATCHED, TopicMessage, ViewerTopics
+from humanoid_sim.recording.topics import TopicMessage, ViewerTopics
 from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
+from humanoid_sim.ros2.topics import kind_of
 
 __all__ = ["EVENT_TOPIC", "FLUSH_PERIOD", "QUEUE_LIMIT", "TICK_TOPIC", "McapRecorder"]
 
@@ -279,11 +280,8 @@ class _RunWriter:
         if schema_id is None:
             text = schema_text(schema).encode()
             schema_id = self._schemas[schema] = self._writer.register_schema(schema, SCHEMA_ENCODING, text)
-        qos = (
-            _QOS.format(depth=1, durability=1)
-            if schema in LATCHED or topic in LATCHED
-            else _QOS.format(depth=10, durability=2)
-        )
+        kind = kind_of(topic, schema)
+        qos = _QOS.format(depth=kind.depth, durability=1 if kind.latched else 2)
         return self._writer.register_channel(topic, "cdr", schema_id, {"offered_qos_profiles": qos})
 
 

@@ -48,17 +48,27 @@ from humanoid_sim.ros2.messages import (
     encode_standby_state,
     encode_string,
 )
+from humanoid_sim.ros2.topics import (
+    COMMAND_TOPIC,
+    CONTROL_MODE_TOPIC,
+    DESCRIPTION_TOPIC,
+    IMU_TOPIC,
+    KEY_STATE_TOPIC,
+    SAFETY_TOPIC,
+    TF_STATIC_TOPIC,
+    TF_TOPIC,
+    joint_states_topic,
+    standby_topic,
+)
+from humanoid_sim.strict_json import parse_json
 
-__all__ = ["LATCHED", "TopicMessage", "ViewerTopics"]
+__all__ = ["KEY_PRESSED", "TopicMessage", "ViewerTopics", "topic_prefix"]
 
 VIEWER_PERIOD = 0.02
 """s between two messages of a topic that has something new in every tick."""
 
-_DESCRIPTION, _STATIC = "/robot_description", "/tf_static"
-LATCHED = frozenset((STANDBY_STATE, SAFETY_STATUS, _DESCRIPTION, _STATIC))
-"""Types and topics that are published with transient-local durability: a late subscriber gets the last one."""
-
-_KEY_PRESSED = "key_pressed"
+KEY_PRESSED = "key_pressed"
+"""The live input that `/piano/key_state` is."""
 
 
 class TopicMessage(NamedTuple):
@@ -67,15 +77,33 @@ class TopicMessage(NamedTuple):
     topic: str
     schema: str
     data: bytes
+    source: str = ""
+    """Of a safety status: the latest of each source counts."""
+
+
+def topic_prefix(header: SessionHeader) -> str:
+    """What the robot's own topics are under: `topic_prefix` of its description, or else its name."""
+    try:
+        robot = parse_json(header.documents.get("robot", "{}"))
+    except ValueError:
+        robot = None
+    prefix = robot.get("topic_prefix") if isinstance(robot, dict) else None
+    return prefix if isinstance(prefix, str) and prefix else header.robot
 
 
 class ViewerTopics:
     """Turns the ticks of one run into messages. Keeps what it last said, for the topics that change rarely."""
 
-    def __init__(self, header: SessionHeader) -> None:
-        """Prepare for the run that `header` describes."""
+    def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
+        """Prepare for a run.
+
+        Args:
+            header: what it is.
+            every_state: joint states and IMU of every tick, for those who control by them, instead of 50 a second.
+        """
         self._joints = header.joint_names
-        self._joint_topic = f"/{header.robot}/joint_states"
+        self._joint_topic = joint_states_topic(topic_prefix(header))
+        self._every_state = every_state
         self._terms = header.observation_terms
         self._every = max(1, round(VIEWER_PERIOD / header.control_period))
         self._control_mode: ControlMode | None = None
@@ -98,24 +126,22 @@ class ViewerTopics:
         if not self._is_described:
             self._is_described = True
             yield from self._description(time_ns)
-        if is_due:
+        if is_due or self._every_state:
             yield TopicMessage(self._joint_topic, JOINT_STATE, encode_joint_state(time_ns, self._joints, state))
-            yield TopicMessage("/imu/data", IMU, encode_imu(time_ns, state))
+            yield TopicMessage(IMU_TOPIC, IMU, encode_imu(time_ns, state))
+        if is_due:
             yield TopicMessage("/mit_command", MIT_COMMAND, encode_mit_command(time_ns, self._joints, output.command))
         if is_due or output.control_mode != self._control_mode:
             self._control_mode = output.control_mode
-            yield TopicMessage("/control_mode", CONTROL_MODE, encode_control_mode(time_ns, output.control_mode))
+            yield TopicMessage(CONTROL_MODE_TOPIC, CONTROL_MODE, encode_control_mode(time_ns, output.control_mode))
         if output.standby is not None:
             yield from self._standby_state(output.control_mode.controller_name, output.standby, time_ns, is_due)
-        for status in record.input.safety:
-            if self._safety.get(status.source) != status:
-                self._safety[status.source] = status
-                yield TopicMessage("/safety_status", SAFETY_STATUS, encode_safety_status(time_ns, status))
+        yield from self._safety_statuses(record.input.safety, time_ns)
         remote = record.input.remote
         if remote is not None and remote is not self._remote:
             self._remote = remote
             data = encode_mit_command(time_ns, self._joints, remote.command)
-            yield TopicMessage("/remote_policy_controller/command", MIT_COMMAND, data)
+            yield TopicMessage(COMMAND_TOPIC, MIT_COMMAND, data)
         if is_due and self._body is not None:
             yield from self._frames(self._body, record, time_ns)
         if output.policy_step is not None:
@@ -136,17 +162,26 @@ class ViewerTopics:
         )
         if is_news or (is_due and key != self._standby):
             self._standby = key
-            yield TopicMessage(f"/{controller}/state", STANDBY_STATE, encode_standby_state(time_ns, standby))
+            yield TopicMessage(standby_topic(controller), STANDBY_STATE, encode_standby_state(time_ns, standby))
+
+    def _safety_statuses(self, statuses: tuple[SafetyStatus, ...], time_ns: int) -> Iterator[TopicMessage]:
+        """Those that changed. A source that is not heard of any more is well: its last word would stand otherwise."""
+        heard = {status.source: status for status in statuses}
+        gone = {source: SafetyStatus(source=source) for source in self._safety if source not in heard}
+        for source, status in (heard | gone).items():
+            if self._safety.get(source) != status:
+                self._safety[source] = status
+                yield TopicMessage(SAFETY_TOPIC, SAFETY_STATUS, encode_safety_status(time_ns, status), source)
 
     def _description(self, time_ns: int) -> Iterator[TopicMessage]:
         """What the robot looks like, and the links that do not move."""
         assert self._body is not None  # asked by the caller
-        yield TopicMessage(_DESCRIPTION, STRING, encode_string(self._body.urdf))
+        yield TopicMessage(DESCRIPTION_TOPIC, STRING, encode_string(self._body.urdf))
         fixed = self._body.fixed
         if fixed:
             encoder = TransformEncoder([(joint.parent, joint.child) for joint in fixed])
             poses = np.array([[*joint.position, *joint.quaternion] for joint in fixed])
-            yield TopicMessage(_STATIC, TF_MESSAGE, encoder.encode(time_ns, poses))
+            yield TopicMessage(TF_STATIC_TOPIC, TF_MESSAGE, encoder.encode(time_ns, poses))
 
     def _frames(self, body: RecordedBody, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Where the links are, each in its parent's frame, and the base in the world's."""
@@ -155,7 +190,7 @@ class ViewerTopics:
         if body.floating:
             self._poses[count:] = body.floating_poses(record)
         if len(self._poses):
-            yield TopicMessage("/tf", TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
+            yield TopicMessage(TF_TOPIC, TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
         if body.floating and body.knows_base(record):
             yield TopicMessage("/base_pose", POSE_STAMPED, encode_pose(time_ns, "world", self._poses[count]))
 
@@ -180,9 +215,9 @@ class ViewerTopics:
         return TopicMessage(topic, JOINT_STATE, encode_named_values(time_ns, names[: len(flat)], flat))
 
     def _key_state(self, state: MITState) -> Iterator[TopicMessage]:
-        keys = state.extern.get(_KEY_PRESSED)
+        keys = state.extern.get(KEY_PRESSED)
         if keys is not None and keys.arrival_time != self._keys_arrival:
             self._keys_arrival = keys.arrival_time
             yield TopicMessage(
-                "/piano/key_state", FLOAT32_MULTI_ARRAY, encode_float32_array(keys.value.astype(np.float32))
+                KEY_STATE_TOPIC, FLOAT32_MULTI_ARRAY, encode_float32_array(keys.value.astype(np.float32))
             )

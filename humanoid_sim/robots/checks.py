@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import get_args, get_type_hints
 
@@ -14,6 +15,8 @@ from humanoid_sim.robots.schema import Accepted, MotorDescription, RobotDescript
 
 __all__ = ["description_problems"]
 
+_TOPIC_PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
 
 def description_problems(robot: RobotDescription) -> Iterator[str]:
     """Everything that is wrong, as `joints[3].upper: what is wrong`: values by themselves before what they make."""
@@ -21,6 +24,8 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
     yield from refused
     if refused:
         return
+    if robot.topic_prefix and not _TOPIC_PREFIX.fullmatch(robot.topic_prefix):
+        yield f"topic_prefix: is '{robot.topic_prefix}', expected letters, digits and _, a letter first"
     if robot.is_floating and not robot.base.body.strip():
         yield "base.body: is empty, expected a text"
     yield from _of_joints(robot)

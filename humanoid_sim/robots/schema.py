@@ -218,6 +218,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """A robot. Every per-joint list and array is in the order of `joints`."""
 
     name: Text
+    topic_prefix: str = ""
+    """What its own ROS 2 topics are under, such as `lite` of `/lite/joint_states`; empty: its name."""
     mjcf: Text
     """The MJCF model's path, relative to the description's own folder."""
     joints: tuple[JointDescription, ...]
@@ -281,6 +283,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         del document["folder"]
         if self.guards == GuardSettings():  # as in the documents of before there were any: digests stay comparable
             del document["guards"]
+        if not self.topic_prefix:  # likewise
+            del document["topic_prefix"]
         return msgspec.json.encode(document).decode()
 
     @classmethod

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from humanoid_sim.messages import EventKind, Intent, Mode, SafetyLevel
 
 __all__ = [
+    "CLOCK",
     "CONTROL_MODE",
     "EVENT",
     "FLOAT32_MULTI_ARRAY",
@@ -24,11 +26,14 @@ __all__ = [
     "STRING",
     "TF_MESSAGE",
     "TICK",
+    "MessageField",
+    "message_fields",
     "schema_text",
 ]
 
 SCHEMA_ENCODING = "ros2msg"
 
+CLOCK = "rosgraph_msgs/msg/Clock"
 FLOAT32_MULTI_ARRAY = "std_msgs/msg/Float32MultiArray"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"
@@ -53,6 +58,9 @@ _DEFINITIONS = {
     "builtin_interfaces/Time": """\
 int32 sec
 uint32 nanosec
+""",
+    "rosgraph_msgs/Clock": """\
+builtin_interfaces/Time clock
 """,
     "std_msgs/Header": """\
 builtin_interfaces/Time stamp
@@ -248,6 +256,28 @@ string[] policy_error                       # what the policy raised, or none
 }
 
 _TYPE = re.compile(r"^([a-z0-9_]+/[A-Za-z0-9]+)(\[\d*\])? ", re.MULTILINE)
+
+
+_FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[\d*\])? +([a-z][a-z0-9_]*) *(?:#.*)?$", re.MULTILINE)
+
+
+class MessageField(NamedTuple):
+    """A field of a message definition."""
+
+    name: str
+    kind: str
+    """A primitive, such as `float64`, or a message type, such as `std_msgs/msg/Header`."""
+    length: int | None
+    """None: a single value; 0: a sequence; else an array of that length."""
+
+
+def message_fields(name: str) -> tuple[MessageField, ...]:
+    """The fields of a message type (`package/msg/Type`) in their order; constants are none."""
+    package, _, short = name.split("/")
+    return tuple(
+        MessageField(field, kind.replace("/", "/msg/"), int(brackets[1:-1] or 0) if brackets else None)
+        for kind, brackets, field in _FIELD.findall(_DEFINITIONS[f"{package}/{short}"])
+    )
 
 
 def schema_text(name: str) -> str:

@@ -16,6 +16,8 @@ from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter
 __all__ = [
     "TransformEncoder",
     "decode_float32_array",
+    "decode_mit_command",
+    "encode_clock",
     "encode_control_mode",
     "encode_float32_array",
     "encode_imu",
@@ -76,6 +78,11 @@ def _named_arrays(time_ns: int, names: tuple[str, ...], *arrays: npt.NDArray[np.
     head, count = _names_and_counts(names)
     first, *others = (values.tobytes() for values in arrays)
     return b"".join((ENCAPSULATION, _stamp(time_ns), head, first, *(part for own in others for part in (count, own))))
+
+
+def encode_clock(time_ns: int) -> bytes:
+    """`rosgraph_msgs/msg/Clock`."""
+    return _stamped(time_ns).message()
 
 
 def encode_joint_state(time_ns: int, names: tuple[str, ...], state: MITState) -> bytes:
@@ -213,3 +220,21 @@ def decode_float32_array(message: bytes) -> npt.NDArray[np.float32]:
     if offset > len(values):
         raise CdrError(f"data_offset {offset} in an array of {len(values)}")
     return values[offset:]
+
+
+def decode_mit_command(message: bytes) -> tuple[tuple[str, ...], MITCommand]:
+    """The joint names and the fields, each of shape (n,), of a `humanoid_control_msgs/msg/MITCommand`.
+
+    Its stamp is the sender's clock, which means nothing here.
+
+    Raises:
+        CdrError: it is none.
+        FieldError: its fields are not equally long.
+    """
+    reader = CdrReader(message)
+    reader.unpack("iI")
+    reader.string()
+    names = reader.strings()
+    fields = [reader.array(np.float64) for _ in range(5)]
+    reader.finish()
+    return names, MITCommand(*fields)

@@ -16,7 +16,17 @@ from pathlib import Path
 
 import numpy as np
 
-from humanoid_sim.client import DATA_HEAD, DATA_MAGIC, HEARTBEAT, LIVE, REMOTE, VELOCITY, VELOCITY_TIMEOUT, monotonic_ns
+from humanoid_sim.client import (
+    DATA_HEAD,
+    DATA_MAGIC,
+    HEARTBEAT,
+    LIVE,
+    REFUSED,
+    REMOTE,
+    VELOCITY,
+    VELOCITY_TIMEOUT,
+    monotonic_ns,
+)
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand
@@ -202,8 +212,10 @@ class DataSocket(ExternSource, Sink):
             self._accept_live(sample)
         elif sample.kind == HEARTBEAT:
             self.heartbeats[sample.producer.name] = sample.arrival_time
+        elif sample.kind == REFUSED:
+            raise _RefusedError(sample.topic)
         else:
-            raise _RefusedError(f"kind {sample.kind}, expected 0 to {HEARTBEAT}")
+            raise _RefusedError(f"kind {sample.kind}, expected 0 to {REFUSED}")
 
     def _accept_remote(self, sample: _Sample) -> None:
         age = self._clock() - sample.arrival_time

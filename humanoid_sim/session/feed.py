@@ -81,12 +81,18 @@ class _Ring:
 class FeedWriter(Sink):
     """Sink that publishes a run."""
 
-    def __init__(self, header: SessionHeader, blobs: Mapping[str, bytes] | None = None) -> None:
+    def __init__(
+        self,
+        header: SessionHeader,
+        blobs: Mapping[str, bytes] | None = None,
+        live_inputs: Mapping[str, int] | None = None,
+    ) -> None:
         """Make the memory, with what interprets the run.
 
         Args:
             header: of the run, as recorded.
             blobs: files by name, beside the header's attachments.
+            live_inputs: name and width of those that the session takes from outside.
 
         Raises:
             InputError: it cannot be made.
@@ -101,6 +107,7 @@ class FeedWriter(Sink):
         told = {
             "joint_names": header.joint_names,
             "control_period": header.control_period,
+            "live_inputs": dict(live_inputs or {}),
             "header": {"session": session, "documents": documents},
             "definitions": {"tick": schema_text(TICK), "event": schema_text(EVENT)},
         }

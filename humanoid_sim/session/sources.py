@@ -25,6 +25,7 @@ __all__ = [
     "RemoteSource",
     "VelocityCommand",
     "parse_velocity",
+    "remote_problem",
     "velocity_key_help",
 ]
 
@@ -107,7 +108,7 @@ class RemoteInbox:
             FieldError: if the joint names or their order differ, or the command is not one finite value per joint and
                 field, its gains not negative.
         """
-        problem = self._problem(tuple(joint_names), command)
+        problem = remote_problem(joint_names, command, self._joints)
         if problem:
             self.rejected += 1
             raise FieldError(problem)
@@ -118,13 +119,25 @@ class RemoteInbox:
         """The latest accepted command."""
         return self._latest
 
-    def _problem(self, joint_names: tuple[str, ...], command: MITCommand) -> str:
-        """What keeps a command from being accepted; else ''."""
-        if joint_names != self._joints:
-            given = ", ".join(joint_names) or "missing"
-            return f"remote command: joint_names are {given}, expected {', '.join(self._joints)} in this order"
-        problem = command_problem(command, self._joints)
-        return f"remote {problem}" if problem else ""
+
+_LONGEST_NAMES = 400
+"""Characters of joint names that are shown."""
+
+
+def remote_problem(joint_names: Sequence[str], command: MITCommand, joints: tuple[str, ...]) -> str:
+    """What keeps a command from outside from being accepted; else ''.
+
+    Args:
+        joint_names: as it came with.
+        command: shape (n,).
+        joints: the robot's, in its order.
+    """
+    if tuple(joint_names) != joints:
+        given = ", ".join(joint_names)[: _LONGEST_NAMES + 1] or "missing"
+        given = f"{given[:_LONGEST_NAMES]} …" if len(given) > _LONGEST_NAMES else given
+        return f"remote command: joint_names are {given}, expected {', '.join(joints)} in this order"
+    problem = command_problem(command, joints)
+    return f"remote {problem}" if problem else ""
 
 
 _STEP = 0.1

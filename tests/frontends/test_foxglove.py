@@ -7,14 +7,13 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from local_session import LocalSession
+from local_session import LocalSession, ticking
 
 from humanoid_sim.client import Feed
 from humanoid_sim.errors import InputError
@@ -45,24 +44,6 @@ def served(*options: str) -> Iterator[tuple[int, subprocess.Popen[str]]]:
             yield int(line.partition("127.0.0.1:")[2].partition(",")[0]), process
         finally:
             process.kill()
-
-
-@contextmanager
-def ticking(local: LocalSession) -> Iterator[list[TickRecord]]:
-    """The session's loop, on a thread."""
-    stop, records = threading.Event(), [local.tick()]
-
-    def loop() -> None:
-        while not stop.wait(0.005):
-            records.append(local.tick())
-
-    thread = threading.Thread(target=loop)
-    thread.start()
-    try:
-        yield records
-    finally:
-        stop.set()
-        thread.join()
 
 
 class Client:

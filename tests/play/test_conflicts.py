@@ -79,7 +79,6 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("--imu", "microstrain:/dev/ttyACM0"), "--imu: means nothing without --hardware"),
     (("--gamepad", "--no-gamepad"), "--gamepad and --no-gamepad: expected at most one of them"),
     (("--no-gamepad",), "--no-gamepad: means nothing without --hardware"),
-    (("--dds",), "--dds: is not in this version; there are: console, foxglove, gamepad, gravity, viewer"),
     (("--viewer", "web"), "--viewer: web is now --console"),
     (("--viewer=web",), "--viewer: web is now --console"),
     (("--viewer", "native"), "--viewer native: there is no display here; use --video out.mp4 instead"),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import socket
-from contextlib import ExitStack
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -83,6 +85,24 @@ class LocalSession:
         for _ in range(6):
             self.tick()
         assert self.tick(Intent.START_REMOTE).output.control_mode.mode is Mode.REMOTE
+
+
+@contextmanager
+def ticking(local: LocalSession, pause: float = 0.005) -> Iterator[list[TickRecord]]:
+    """The session's loop, on a thread; `pause` in s between two ticks."""
+    stop, records = threading.Event(), [local.tick()]
+
+    def loop() -> None:
+        while not stop.wait(pause):
+            records.append(local.tick())
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    try:
+        yield records
+    finally:
+        stop.set()
+        thread.join()
 
 
 def datagram(path: Path | str, data: bytes) -> None:

@@ -159,7 +159,7 @@ def test_bytes_that_are_no_sample_do_nothing(local: LocalSession) -> None:
     datagram(local.registration.data, DATA_HEAD.pack(DATA_MAGIC, 1, 0, 1, 0, 1, 1) + b"x" + bytes(7))
     record = local.tick()
     assert record.input.remote is None
-    assert [line for line in local.told if "kind 99, expected 0 to 3" in line]
+    assert [line for line in local.told if "kind 99, expected 0 to 4" in line]
 
 
 # The velocity.

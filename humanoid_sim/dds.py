@@ -1,0 +1,11 @@
+"""A DDS bridge for a running session: `python -m humanoid_sim.dds`."""
+
+import sys
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.frontends.dds import main
+
+__all__ = ["main"]
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

@@ -1,0 +1,135 @@
+"""From DDS to the intake: commands for REMOTE, and the piano's keys, on a thread of their own.
+
+A sample is as old as the last moment at which nothing waited: it may have come right after. So what lay in a socket
+while this process stood still is old when it goes on, although nobody saw it come.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from contextlib import ExitStack
+
+from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
+from humanoid_sim.errors import FieldError
+from humanoid_sim.recording.topics import KEY_PRESSED
+from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.ros2.dds.endpoints import Reader, Received
+from humanoid_sim.ros2.messages import decode_float32_array, decode_mit_command
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC
+from humanoid_sim.session.sources import remote_problem
+
+__all__ = ["DEPTH", "ArrivalClock", "CommandReader"]
+
+_WAIT = 0.005
+"""s between two looks at most: by so much a sample may be younger than it is said to be."""
+_STOOD_STILL = 0.05
+"""s between two looks after which the process stood still."""
+_SETTLE = 0.1
+"""s for which old samples may come in after that: sockets are emptied, and what got lost is sent again."""
+_MOST_WRITERS = 16
+"""Writers that are told apart; of more the one that was silent longest is forgotten."""
+DEPTH = 64
+"""Samples that may come between two looks: a flood pushes nobody else's command out."""
+
+
+class ArrivalClock:
+    """When what is found in a look arrived at the latest that is certain: not after the look before."""
+
+    def __init__(self, now: int) -> None:
+        """Start; `now` in ns, CLOCK_MONOTONIC, as all here."""
+        self._looked = now
+        self._old = 0
+        self._settled = 0
+
+    def look(self, now: int) -> int:
+        """The stamp of what has come since the last look."""
+        before, self._looked = self._looked, now
+        if now - before > 1e9 * _STOOD_STILL:
+            self._old = before if before >= self._settled else self._old
+            self._settled = now + round(1e9 * _SETTLE)
+        return self._old if now < self._settled else before
+
+
+class CommandReader:
+    """Reads until it is closed, or the session has ended."""
+
+    def __init__(self, session: SessionInfo, joints: tuple[str, ...], commands: Reader, keys: Reader | None) -> None:
+        """Start nothing yet.
+
+        Args:
+            session: that is told.
+            joints: the robot's.
+            commands: of `/remote_policy_controller/command`.
+            keys: of `/piano/key_state`, where the session takes them from outside.
+        """
+        self._session, self._joints = session, joints
+        self._commands, self._keys = commands, keys
+        self._stack = ExitStack()
+        self._intakes: OrderedDict[int, Intake] = OrderedDict()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="DDS commands", daemon=True)
+        self.error: Exception | None = None
+        """Why nothing is read any more; None while all is well."""
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop. May be called twice."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        for intake in self._intakes.values():
+            intake.close()
+        self._stack.close()
+
+    def _run(self) -> None:
+        clock = ArrivalClock(monotonic_ns())
+        try:
+            own = self._stack.enter_context(Intake(self._session, "dds"))
+            while not self._stop.is_set():
+                self._commands.wait(_WAIT)
+                stamp = clock.look(monotonic_ns())
+                newest = {sample.writer: sample for sample in self._commands.take()}
+                for sample in newest.values():
+                    self._command(sample, own, stamp)
+                if self._keys is not None:
+                    for sample in self._keys.take()[-1:]:
+                        self._key_state(sample, own, stamp)
+        except SessionError:  # it has ended, as the feed says too
+            return
+        except Exception as error:  # told by the main thread
+            self.error = error
+
+    def _command(self, sample: Received, own: Intake, stamp: int) -> None:
+        """Hand on a command that is one; the session checks it again, and who may command."""
+        try:
+            names, command = decode_mit_command(sample.data)
+            problem = remote_problem(names, command, self._joints)
+        except (CdrError, FieldError) as error:
+            problem = f"remote command: {error}"
+        if problem:
+            own.refused(f"{COMMAND_TOPIC}: {problem}")
+            return
+        fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
+        self._intake(sample.writer).remote(names, *map(list, fields), stamp=stamp)
+
+    def _key_state(self, sample: Received, own: Intake, stamp: int) -> None:
+        try:
+            keys = decode_float32_array(sample.data)
+        except CdrError as error:
+            own.refused(f"{KEY_STATE_TOPIC}: {error}")
+            return
+        own.live(KEY_PRESSED, keys.tolist(), stamp=stamp)
+
+    def _intake(self, writer: int) -> Intake:
+        """Of a writer: whoever commands REMOTE is one of them, not the bridge."""
+        if writer in self._intakes:
+            self._intakes.move_to_end(writer)
+        else:
+            if len(self._intakes) >= _MOST_WRITERS:
+                self._intakes.popitem(last=False)[1].close()
+            self._intakes[writer] = Intake(self._session, f"dds {self._commands.name_of(writer)}")
+        return self._intakes[writer]

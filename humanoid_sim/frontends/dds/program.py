@@ -1,0 +1,74 @@
+"""The bridge as a program: publishes a running session's topics on the loopback interface, and takes commands there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import tyro
+
+from humanoid_sim.client import Sample
+from humanoid_sim.frontends import require_packages
+from humanoid_sim.frontends.attach import Attachment, attached, ready
+from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader
+from humanoid_sim.frontends.dds.telemetry import Telemetry, local_topics
+from humanoid_sim.ros2.dds.domain import Participant
+from humanoid_sim.ros2.dds.endpoints import Reader
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC, TOPICS
+
+__all__ = ["DdsConfig", "main"]
+
+_LOOK_PERIOD = 0.5
+"""s between two looks whether the session is still there."""
+
+
+@dataclass(frozen=True)
+class DdsConfig:
+    """Serve a running session's topics to ROS 2 and other DDS programs on this machine, and take commands for REMOTE.
+
+    The domain is that of ROS_DOMAIN_ID. Nothing leaves the machine.
+    """
+
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve until the session ends; returns the exit status."""
+    config = tyro.cli(DdsConfig, prog="humanoid_sim.dds", args=arguments)
+    require_packages("dds")
+    with ExitStack() as stack:
+        attachment = stack.enter_context(attached(config.session, "dds"))
+        participant = stack.enter_context(Participant())
+        topics = local_topics(attachment)
+        telemetry = Telemetry(attachment, participant, topics)
+        keys = None if KEY_STATE_TOPIC in topics else Reader(participant, KEY_STATE_TOPIC, TOPICS[KEY_STATE_TOPIC])
+        commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=DEPTH)
+        reader = CommandReader(attachment.session, attachment.header.joint_names, commands, keys)
+        stack.callback(reader.close)
+        reader.start()
+        ready(f"DDS: domain {participant.domain} on {participant.interface}, for {attachment.session}")
+        _serve(attachment, telemetry, reader)
+    return 0
+
+
+def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader) -> None:
+    """Publish until the session ends."""
+    feed = attachment.feed
+    newest: Sample | None = feed.latest()
+    number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
+    looked = time.monotonic()
+    pause = min(max(0.1 * feed.control_period, 0.001), 0.005)
+    while True:
+        for sample in feed.since(number):
+            number = sample.number
+            telemetry.publish(sample)
+        if time.monotonic() - looked > _LOOK_PERIOD:
+            looked = time.monotonic()
+            if reader.error is not None:
+                raise reader.error
+            if not feed.is_running():
+                return
+        time.sleep(pause)

@@ -1,0 +1,117 @@
+"""From the feed to DDS: what a session tells, on the topics of the original stack."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from humanoid_sim.client import Sample
+from humanoid_sim.frontends.attach import Attachment
+from humanoid_sim.messages import TickRecord
+from humanoid_sim.recording.topics import KEY_PRESSED, TopicMessage, ViewerTopics, topic_prefix
+from humanoid_sim.ros2.dds.domain import Participant
+from humanoid_sim.ros2.dds.endpoints import Writer
+from humanoid_sim.ros2.definitions import CLOCK, JOINT_STATE
+from humanoid_sim.ros2.messages import encode_clock, encode_control_mode
+from humanoid_sim.ros2.topics import (
+    CLOCK_TOPIC,
+    CONTROL_MODE_TOPIC,
+    DESCRIPTION_TOPIC,
+    IMU_TOPIC,
+    KEY_STATE_TOPIC,
+    SAFETY_TOPIC,
+    STANDBY_TOPIC,
+    STANDBY_TOPICS,
+    TF_STATIC_TOPIC,
+    TF_TOPIC,
+    TOPICS,
+    Topic,
+    joint_states_topic,
+)
+
+__all__ = ["Telemetry", "local_topics"]
+
+
+def local_topics(attachment: Attachment) -> dict[str, Topic]:
+    """The topics that a session has on its own machine, by name.
+
+    The clock is a simulation's. The piano's keys are published where the session makes them itself; where it takes
+    them from outside, the bridge subscribes to that topic.
+    """
+    names = [
+        IMU_TOPIC,
+        CONTROL_MODE_TOPIC,
+        SAFETY_TOPIC,
+        DESCRIPTION_TOPIC,
+        TF_TOPIC,
+        TF_STATIC_TOPIC,
+        STANDBY_TOPIC,
+        *STANDBY_TOPICS,
+    ]
+    if not attachment.session.hardware:
+        names.append(CLOCK_TOPIC)
+    if KEY_PRESSED not in attachment.feed.live_inputs:
+        names.append(KEY_STATE_TOPIC)
+    joint_states = joint_states_topic(topic_prefix(attachment.header))
+    return {joint_states: Topic(JOINT_STATE), **{name: TOPICS[name] for name in names}}
+
+
+class Telemetry:
+    """Publishes ticks. Never waits for a subscriber."""
+
+    def __init__(
+        self,
+        attachment: Attachment,
+        participant: Participant,
+        topics: Mapping[str, Topic],
+        *,
+        news: Callable[[], str] = lambda: "",
+    ) -> None:
+        """Announce the topics.
+
+        Args:
+            attachment: the session.
+            participant: joins the domain.
+            topics: those that are published, and what they are.
+            news: what to say in `/control_mode` beside the session's own status message; empty for nothing.
+        """
+        self._attachment, self._participant, self._news = attachment, participant, news
+        self._topics = dict(topics)
+        self._messages = ViewerTopics(attachment.header, every_state=True)
+        self._writers: dict[tuple[str, str], Writer] = {}
+        for topic in self._topics:
+            if topic != SAFETY_TOPIC:  # announced by its sources
+                self._writer(topic, "")
+
+    def publish(self, sample: Sample) -> None:
+        """Publish a tick."""
+        record = self._attachment.record(sample)
+        time_ns = self._attachment.time_ns(float(record.input.state.time))
+        if CLOCK_TOPIC in self._topics:
+            self._put(TopicMessage(CLOCK_TOPIC, CLOCK, encode_clock(time_ns)))
+        for message in self._messages.messages(record, time_ns):
+            if message.topic == CONTROL_MODE_TOPIC:
+                self._put(message._replace(data=self._control_mode(record, time_ns, message.data)))
+            else:
+                self._put(message)
+            if message.topic in STANDBY_TOPICS:
+                self._put(message._replace(topic=STANDBY_TOPIC))
+
+    def _control_mode(self, record: TickRecord, time_ns: int, message: bytes) -> bytes:
+        news = self._news()
+        if not news:
+            return message
+        told = record.output.control_mode
+        words = [word for word in (told.status_message, news) if word]
+        return encode_control_mode(time_ns, replace(told, status_message="; ".join(words)))
+
+    def _put(self, message: TopicMessage) -> None:
+        if message.topic in self._topics:
+            self._writer(message.topic, message.source).write(message.data)
+
+    def _writer(self, topic: str, source: str) -> Writer:
+        """One for each source of a safety status, so that a late subscriber gets the latest of each."""
+        writer = self._writers.get((topic, source))
+        if writer is None:
+            writer = self._writers[topic, source] = Writer(self._participant, topic, self._topics[topic])
+        return writer

@@ -1,0 +1,36 @@
+"""A bridge as a program, and a DDS domain that nobody else on the machine is in."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+def free_domain() -> int:
+    """A domain whose port for discovery (DDSI-RTPS 9.6.2) nobody has."""
+    for step in range(100):
+        domain = 1 + (os.getpid() + step) % 100
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7400 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    raise AssertionError("all DDS domains are taken")
+
+
+@contextmanager
+def bridge() -> Iterator[subprocess.Popen[str]]:
+    """`python -m humanoid_sim.dds` on the only session, once it is ready."""
+    with subprocess.Popen([sys.executable, "-m", "humanoid_sim.dds"], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line.startswith("DDS: domain "), line
+            yield process
+        finally:
+            process.kill()

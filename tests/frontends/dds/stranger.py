@@ -1,0 +1,236 @@
+"""A client of the original stack, as somebody who has never seen this project writes it: raw Cyclone DDS, nothing else.
+
+Types and names are written out from the stack's message definitions; nothing of the package is imported.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import array, float32, float64, int32, sequence, uint8, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+LOOPBACK = """<CycloneDDS><Domain id="any">
+<General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
+
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    stamp: Time
+    frame_id: str
+
+
+@dataclass
+class String(IdlStruct, typename="std_msgs::msg::dds_::String_"):
+    data: str
+
+
+@dataclass
+class MultiArrayDimension(IdlStruct, typename="std_msgs::msg::dds_::MultiArrayDimension_"):
+    label: str
+    size: uint32
+    stride: uint32
+
+
+@dataclass
+class MultiArrayLayout(IdlStruct, typename="std_msgs::msg::dds_::MultiArrayLayout_"):
+    dim: sequence[MultiArrayDimension]
+    data_offset: uint32
+
+
+@dataclass
+class Float32MultiArray(IdlStruct, typename="std_msgs::msg::dds_::Float32MultiArray_"):
+    layout: MultiArrayLayout
+    data: sequence[float32]
+
+
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
+    x: float64
+    y: float64
+    z: float64
+    w: float64
+
+
+@dataclass
+class Transform(IdlStruct, typename="geometry_msgs::msg::dds_::Transform_"):
+    translation: Vector3
+    rotation: Quaternion
+
+
+@dataclass
+class TransformStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TransformStamped_"):
+    header: Header
+    child_frame_id: str
+    transform: Transform
+
+
+@dataclass
+class TFMessage(IdlStruct, typename="tf2_msgs::msg::dds_::TFMessage_"):
+    transforms: sequence[TransformStamped]
+
+
+@dataclass
+class Clock(IdlStruct, typename="rosgraph_msgs::msg::dds_::Clock_"):
+    clock: Time
+
+
+@dataclass
+class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
+    header: Header
+    name: sequence[str]
+    position: sequence[float64]
+    velocity: sequence[float64]
+    effort: sequence[float64]
+
+
+@dataclass
+class Imu(IdlStruct, typename="sensor_msgs::msg::dds_::Imu_"):
+    header: Header
+    orientation: Quaternion
+    orientation_covariance: array[float64, 9]
+    angular_velocity: Vector3
+    angular_velocity_covariance: array[float64, 9]
+    linear_acceleration: Vector3
+    linear_acceleration_covariance: array[float64, 9]
+
+
+@dataclass
+class MITCommand(IdlStruct, typename="humanoid_control_msgs::msg::dds_::MITCommand_"):
+    header: Header
+    joint_names: sequence[str]
+    position: sequence[float64]
+    velocity: sequence[float64]
+    effort: sequence[float64]
+    stiffness: sequence[float64]
+    damping: sequence[float64]
+
+
+@dataclass
+class ControlMode(IdlStruct, typename="humanoid_control_msgs::msg::dds_::ControlMode_"):
+    header: Header
+    mode: uint8
+    controller_name: str
+    status_message: str
+
+
+@dataclass
+class StandbyState(IdlStruct, typename="humanoid_control_msgs::msg::dds_::StandbyState_"):
+    header: Header
+    current_segment: uint32
+    total_segments: uint32
+    progress: float64
+    is_finished: bool
+
+
+@dataclass
+class SafetyStatus(IdlStruct, typename="humanoid_control_msgs::msg::dds_::SafetyStatus_"):
+    header: Header
+    level: uint8
+    source: str
+    flags: uint32
+    message: str
+
+
+TYPES: dict[str, Any] = {
+    "rt/joint_states": JointState,
+    "rt/imu/data": Imu,
+    "rt/control_mode": ControlMode,
+    "rt/safety_status": SafetyStatus,
+    "rt/standby_controller/state": StandbyState,
+    "rt/standby_controller_a/state": StandbyState,
+    "rt/standby_controller_b/state": StandbyState,
+    "rt/robot_description": String,
+    "rt/tf": TFMessage,
+    "rt/tf_static": TFMessage,
+    "rt/clock": Clock,
+    "rt/piano/key_state": Float32MultiArray,
+    "rt/remote_policy_controller/command": MITCommand,
+}
+"""By topic; joint states under any prefix."""
+_LATCHED = ("rt/safety_status", "rt/robot_description", "rt/tf_static")
+
+
+def type_of(topic: str) -> Any:
+    return JointState if topic.endswith("/joint_states") else TYPES[topic]
+
+
+def quality(topic: str, depth: int) -> Qos:
+    latched = topic in _LATCHED or topic.endswith("/state")
+    durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
+    return Qos(Policy.Reliability.Reliable(100_000_000), Policy.History.KeepLast(depth), durability)
+
+
+class Client:
+    """A participant in a domain."""
+
+    def __init__(self, domain: int) -> None:
+        self._domain = Domain(domain, LOOPBACK)
+        self.participant = DomainParticipant(domain)
+
+    def close(self) -> None:
+        self._domain.__del__()  # and with it all that is in it
+
+    def reader(self, topic: str, depth: int = 10) -> DataReader:
+        return DataReader(self.participant, Topic(self.participant, topic, type_of(topic)), quality(topic, depth))
+
+    def writer(self, topic: str, depth: int = 4) -> DataWriter:
+        return DataWriter(self.participant, Topic(self.participant, topic, type_of(topic)), quality(topic, depth))
+
+
+@contextmanager
+def client(domain: int) -> Iterator[Client]:
+    joined = Client(domain)
+    try:
+        yield joined
+    finally:
+        joined.close()
+
+
+def until(condition: Any, what: str, timeout: float = 20.0) -> Any:
+    """What a condition gives once it is true."""
+    deadline = time.monotonic() + timeout
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f"not within {timeout:g} s: {what}"
+        time.sleep(0.005)
+    return found
+
+
+def newest(reader: DataReader, timeout: float = 20.0) -> Any:
+    """The newest sample, once there is one."""
+    return until(lambda: reader.take(1000)[-1:], f"a sample of {reader.topic.name}", timeout)[0]
+
+
+def command(names: Sequence[str], position: float = 0.0, **fields: Sequence[float]) -> MITCommand:
+    """A command that holds all joints at a position, stamped long ago: the stamp plays no part."""
+    count = len(names)
+    values = {
+        "position": [position] * count,
+        "velocity": [0.0] * count,
+        "effort": [0.0] * count,
+        "stiffness": [20.0] * count,
+        "damping": [1.0] * count,
+    }
+    return MITCommand(Header(Time(1, 2), "anywhere"), list(names), **{**values, **fields})
