@@ -9,8 +9,8 @@ package, and everything it must know about a session (message definitions, the r
         print(tick["time"], tick["joint_position"])
         print(intake.ask("damp").text)
 
-The feed is one shared-memory file that only the session writes. Nothing that a reader does is noticed there: a reader
-maps it read-only, takes copies, and tells by number and checksum whether a copy is whole. It is no segment of
+The feed is memory that only the session can write to. Nothing that a reader does is noticed there: a reader maps it
+read-only, takes copies, and tells by number and checksum whether a copy is whole. It is no segment of
 `multiprocessing.shared_memory`, whose resource tracker would remove it when the first reader exits.
 """
 
@@ -230,18 +230,19 @@ class Feed:
         """
         self.session = session
         try:
-            handle = os.open(session.feed, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            handle = os.open(session.feed, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
             raise SessionError(f"{session}: its feed cannot be opened: {error.strerror}") from None
         try:
             if os.fstat(handle).st_uid != os.getuid():
                 raise SessionError(f"{session}: its feed {session.feed} belongs to another user")
             self._map = mmap.mmap(handle, 0, prot=mmap.PROT_READ)
+        except (OSError, ValueError):  # a session that has just ended: its files have other numbers now
+            raise SessionError(f"{session}: its feed cannot be opened: it is no memory") from None
         finally:
             os.close(handle)
-        magic, offset, length, checksum, _ = FEED_HEAD.unpack_from(self._map)
-        text = self._map[offset : offset + length]
-        if magic != FEED_MAGIC or zlib.crc32(text) != checksum:
+        text = self._description()
+        if text is None:
             self._map.close()
             raise SessionError(f"{session}: its feed is of another version of this program")
         told = json.loads(text)
@@ -256,6 +257,14 @@ class Feed:
         self._blobs: Mapping[str, Sequence[int]] = told["blobs"]
         self._rings: Mapping[str, Sequence[int]] = told["rings"]
         self._decoders: dict[str, _Decoder] = {}
+
+    def _description(self) -> bytes | None:
+        """What says where everything is; None in a feed of another version."""
+        if len(self._map) < FEED_HEAD.size:
+            return None
+        magic, offset, length, checksum, _ = FEED_HEAD.unpack_from(self._map)
+        text = self._map[offset : offset + length]
+        return text if magic == FEED_MAGIC and zlib.crc32(text) == checksum else None
 
     def __enter__(self) -> Feed:
         return self

@@ -1,7 +1,9 @@
 """What a session publishes to other programs on the machine: ticks, events and a status in shared memory.
 
-Written without a lock and without a system call; whoever reads (`humanoid_sim.client.Feed`) can neither hold the writer
-up nor remove what others read. A sample carries its number and a checksum, so a reader that was overtaken knows.
+Written without a lock and without a system call. The memory has no name in any folder, and it is sealed: nobody else
+can write to it, shorten it or remove it, not even a program of the same user, and it is gone with its last process. So
+whoever reads (`humanoid_sim.client.Feed`) can neither hold the writer up nor harm it, and nothing is ever read back
+from it. A sample carries its number and a checksum, so a reader that was overtaken knows.
 """
 
 from __future__ import annotations
@@ -11,8 +13,6 @@ import fcntl
 import json
 import mmap
 import os
-import secrets
-import time
 import zlib
 from collections import deque
 from collections.abc import Mapping
@@ -38,7 +38,6 @@ __all__ = ["MODEL_BLOB", "FeedWriter"]
 
 MODEL_BLOB = "model.mjb"
 """The robot's compiled model; `qpos` of the ticks is its."""
-_SHARED_MEMORY = Path("/dev/shm")
 _TICKS, _EVENTS, _STATUSES = 64, 256, 4
 """Samples that each ring holds: a reader that looks 10 times a second sees every tick of a loop at 200 Hz."""
 _EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
@@ -46,8 +45,8 @@ _EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
 _ROOM = 1 << 14
 """Bytes for what a tick holds beside its numbers: texts, live inputs."""
 _PAGE = 4096
-_YOUNG = 10.0
-"""s"""
+_MFD_NOEXEC_SEAL, _F_SEAL_FUTURE_WRITE = 0x8, 0x10
+"""Of Linux 6.3 and 5.1; Python does not name them. The second forbids all writing but through present mappings."""
 
 
 class _Ring:
@@ -125,24 +124,12 @@ class FeedWriter(Sink):
             rings[name] = (offset, slots, size)
             offset = _aligned(offset + 64 + slots * size)
         text = json.dumps({**told, "blobs": places, "rings": rings}).encode()
-        folder = _SHARED_MEMORY if os.access(_SHARED_MEMORY, os.W_OK) else Path(os.environ.get("TMPDIR", "/tmp"))
-        prefix = f"humanoid_sim-{os.getuid()}-"
-        _sweep(folder, prefix)
-        self.path = folder / f"{prefix}{os.getpid()}-{secrets.token_hex(8)}"
         try:
-            handle = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+            self._handle, self._memory = _sealed_memory(offset + len(text))
         except OSError as error:
-            raise InputError(f"{self.path}: the feed cannot be made: {error.strerror}") from None
-        self._handle = handle
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until the process ends, however it does
-            # Taken now, whole: memory that is not there when it is written to would be a signal, not an exception.
-            os.posix_fallocate(handle, 0, offset + len(text))
-            self._memory = mmap.mmap(handle, offset + len(text))
-        except OSError as error:
-            os.close(handle)
-            self.path.unlink(missing_ok=True)
-            raise InputError(f"{self.path}: the feed cannot be made: {error.strerror}") from None
+            raise InputError(f"the feed: {offset + len(text)} bytes cannot be had: {error.strerror}") from None
+        self.path = Path(f"/proc/{os.getpid()}/fd/{self._handle}")
+        """By which this user's other programs open it for reading."""
         for name, (place, length) in places.items():
             self._memory[place : place + length] = files[name]
         self._memory[offset : offset + len(text)] = text
@@ -173,15 +160,13 @@ class FeedWriter(Sink):
         self._statuses.put(json.dumps(told).encode())
 
     def close(self) -> None:
-        """Say that the session has ended, and take the memory's name away; readers keep what they have mapped."""
+        """Say that the session has ended, and let the memory go; readers keep what they have mapped."""
         if self._memory.closed:
             return
         self._publish_events()
         self._memory[ENDED_OFFSET] = 1
         self._memory.close()
         os.close(self._handle)
-        with contextlib.suppress(OSError):
-            self.path.unlink()
 
     def _publish_events(self) -> None:
         while self._pending:
@@ -191,17 +176,26 @@ class FeedWriter(Sink):
             self._events.put(encode_event(Event(event.time, text, event.kind)))
 
 
-def _sweep(folder: Path, prefix: str) -> None:
-    """Remove the feeds of killed sessions: those that nobody holds locked. A young one may be about to be locked."""
-    for path in folder.glob(f"{prefix}*"):
-        with contextlib.suppress(OSError):
-            handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
-            try:
-                if time.time() - os.fstat(handle).st_ctime > _YOUNG:
-                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    path.unlink()
-            finally:
-                os.close(handle)
+def _sealed_memory(size: int) -> tuple[int, mmap.mmap]:
+    """Memory that only this process writes to, and nobody can resize: its file, and what is mapped of it."""
+    name, flags = "humanoid_sim feed", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING
+    try:
+        handle = os.memfd_create(name, flags | _MFD_NOEXEC_SEAL)
+    except OSError:  # an older kernel
+        handle = os.memfd_create(name, flags)
+    try:
+        os.fchmod(handle, 0o600)
+        # Taken now, whole: memory that is not there when it is written to would be a signal, not an exception.
+        os.posix_fallocate(handle, 0, size)
+        memory = mmap.mmap(handle, size)
+        fcntl.fcntl(handle, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW)
+        with contextlib.suppress(OSError):  # an older kernel
+            fcntl.fcntl(handle, fcntl.F_ADD_SEALS, _F_SEAL_FUTURE_WRITE)
+        fcntl.fcntl(handle, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SEAL)
+    except OSError:
+        os.close(handle)
+        raise
+    return handle, memory
 
 
 def _tick_size(header: SessionHeader) -> int:

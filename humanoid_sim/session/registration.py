@@ -92,11 +92,8 @@ def _sweep(path: Path) -> None:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if not os.path.samestat(os.fstat(handle), path.stat()):  # replaced meanwhile
                 return
-            feed = _feed_of(handle)
             for left in (*(path.with_suffix(suffix) for suffix in _SOCKETS), path):
                 left.unlink(missing_ok=True)
-            if feed is not None:
-                feed.unlink(missing_ok=True)
         finally:
             os.close(handle)
 
@@ -108,11 +105,3 @@ def _sweep_reply(path: Path) -> None:
             os.kill(int(path.name.partition("-")[0]), 0)
         except ProcessLookupError:
             path.unlink(missing_ok=True)
-
-
-def _feed_of(handle: int) -> Path | None:
-    try:
-        feed = Path(json.loads(os.read(handle, 1 << 16))["feed"])
-    except (ValueError, KeyError, TypeError):
-        return None
-    return feed if feed.name.startswith("humanoid_sim-") else None

@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,6 @@ from local_session import HEADER, LocalSession
 from humanoid_sim.client import SLOT_HEAD, Feed, SessionError
 from humanoid_sim.messages import Event, EventKind, Intent
 from humanoid_sim.recording.codec import decode_event, decode_tick
-from humanoid_sim.session import feed as feed_module
 from humanoid_sim.session.feed import FeedWriter
 
 
@@ -167,20 +167,77 @@ with Feed(find_session({os.getpid()})) as feed:
         assert int(reader.stdout.read()) > 10
 
 
-def test_no_reader_can_write_or_remove_it(local: LocalSession) -> None:
+ATTACKS = {
+    "write": "os.write(os.open(path, os.O_RDWR), b'x')",
+    "map": "mmap.mmap(os.open(path, os.O_RDWR), 0)",
+    "shorten": "os.truncate(path, 0)",
+    "lengthen": "os.truncate(path, 1 << 30)",
+    "unseal": "fcntl.fcntl(os.open(path, os.O_RDWR), fcntl.F_ADD_SEALS, fcntl.F_SEAL_WRITE)",
+    "remove": "os.unlink(path)",
+}
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_no_program_of_the_same_user_can_write_resize_or_remove_it(local: LocalSession, attack: str) -> None:
+    """A feed that is shortened under its writer would kill the loop with a signal."""
     local.tick()
     code = f"""
-from humanoid_sim.client import Feed, find_session
-feed = Feed(find_session({os.getpid()}))
+import fcntl, mmap, os
+from humanoid_sim.client import find_session
+path = find_session({os.getpid()}).feed
 try:
-    feed._map[0] = 1
-except TypeError:
-    print("read-only")
+    {ATTACKS[attack]}
+except PermissionError:
+    print("refused")
 """
     out = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
-    assert (out.stdout, out.stderr) == ("read-only\n", "")
+    assert out.stdout == "refused\n"
+    local.tick()
     with Feed(local.info) as feed:
-        assert feed.newest() == 1
+        assert feed.newest() == 2
+        with pytest.raises(TypeError):
+            feed._map[0] = 1
+
+
+def test_a_reader_that_exits_leaves_it_to_others(local: LocalSession) -> None:
+    local.tick()
+    code = f"from humanoid_sim.client import Feed, find_session; print(Feed(find_session({os.getpid()})).newest())"
+    for _ in range(2):
+        out = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
+        assert (out.stdout, out.stderr) == ("1\n", "")
+
+
+STRANGER = """
+import os, socket, sys
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+for path in sys.argv[1:3]:
+    try:
+        print(os.open(path, os.O_RDONLY))
+    except OSError as error:
+        print(error.strerror)
+for path in sys.argv[3:]:
+    try:
+        print(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM).connect(path))
+    except OSError as error:
+        print(error.strerror)
+"""
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
+def test_another_user_reaches_neither_feed_nor_file_nor_sockets(monkeypatch: pytest.MonkeyPatch) -> None:
+    with tempfile.TemporaryDirectory() as runtime:
+        os.chmod(runtime, 0o755)  # so that only what the session makes keeps others out
+        monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
+        local = LocalSession()
+        with local.stack:
+            ends = [local.feed.path, local.registration.path, local.registration.intents, local.registration.data]
+            command = [sys.executable, "-I", "-c", STRANGER, *map(str, ends)]
+            out = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+            assert out == ["Permission denied"] * 4
+            assert local.registration.path.parent.stat().st_mode & 0o777 == 0o700
+            assert [end.stat().st_mode & 0o777 for end in ends] == [0o600] * 4
 
 
 def test_what_is_no_feed_is_refused(local: LocalSession, tmp_path: Path) -> None:
@@ -192,26 +249,31 @@ def test_what_is_no_feed_is_refused(local: LocalSession, tmp_path: Path) -> None
     local.feed.close()
     with pytest.raises(SessionError, match="its feed cannot be opened: No such file"):
         Feed(info)
+    for other in (os.open(tmp_path, os.O_RDONLY), os.memfd_create("empty"), os.open("/etc/passwd", os.O_RDONLY)):
+        try:  # whatever has its number now
+            with pytest.raises(SessionError, match=r"its feed (cannot be opened|is of another version)"):
+                Feed(replace(info, feed=f"/proc/{os.getpid()}/fd/{other}"))
+        finally:
+            os.close(other)
 
 
-def test_the_feed_of_a_killed_session_is_removed_by_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_left_of_a_killed_session() -> None:
     code = """
 import os, signal
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.session.feed import FeedWriter
 print(FeedWriter(SessionHeader("r", ("a",), 0.02, 0)).path, flush=True)
-os.kill(os.getpid(), signal.SIGKILL)
+input()
 """
-    out = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, check=False).stdout
-    left = Path(out.strip())
-    first = FeedWriter(HEADER)
-    assert left.exists()  # it is young
-    monkeypatch.setattr(feed_module, "_YOUNG", 0.0)
-    second = FeedWriter(HEADER)
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as killed:
+        assert killed.stdout is not None
+        left = Path(killed.stdout.readline().strip())
+        assert left.exists()
+        killed.kill()
     assert not left.exists()
-    assert first.path.exists()  # locked, and so alive
-    first.close()
-    second.close()
+    assert not list(Path("/dev/shm").glob(f"humanoid_sim*{killed.pid}*"))
 
 
 def test_closing_twice_is_fine_and_leaves_nothing() -> None:
