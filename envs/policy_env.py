@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -17,12 +17,13 @@ from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, recorded_start
+from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
 from humanoid_sim.envs.resets import velocity_option
 from humanoid_sim.envs.scenario import Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
@@ -45,8 +46,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
     reward, and `info["fault"]` says what was wrong. So do a guard that trips, a simulation that is no longer sound and
     an observation beyond its bounds. Nothing holds a floating base: a fall is a fall.
 
-    `info` has `frame`, the reference frame that the observation shows, `terms`, what each term adds to the reward, and
-    `fault` where there was one.
+    `info` has `frame`, the reference frame that the observation shows, `terms`, what each term adds to the reward,
+    `fault` where there was one, and `privileged`, the true state for a critic, where it was asked for.
 
     `reset` takes these options:
 
@@ -77,6 +78,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         camera: str | None = None,
         live: Mapping[str, LiveInput] | None = None,
         guards: bool = True,
+        privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
         **task_options: Any,
     ) -> None:
         """Build the robot. Delays are between robot and policy: rewards and terminations are those of the true state.
@@ -100,7 +102,9 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
                 shape (..., width).
             guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
-            task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
+            privileged: what `info["privileged"]` holds for a critic: names out of `PRIVILEGED_TERMS`, or functions by
+                name.
+            task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes them.
 
         Raises:
             InputError: one line that says what cannot be read, or what does not fit.
@@ -130,6 +134,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             velocity_at=scenario.contract.velocity_points,
             bodies=scenario.bodies,
         )
+        self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None
+        """What the critic sees; None for nothing more than the policy."""
         bounds = observation_space(scenario.wiring, scenario.description)
         self.observation_space, self.action_space = bounds, action_space(scenario.wiring, scenario.description)
         self.fault_count = 0
@@ -167,7 +173,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         # of a state of the caller's choice it may be anything
         self._observation = np.clip(loop.observation, self._low, self._high)
         self._show(loop.state, MITCommand.zeros(len(self.robot.joints)))
-        return self._observation.copy(), {"frame": int(loop.memory.frame)}
+        return self._observation.copy(), {"frame": int(loop.memory.frame), **self._true(loop)}
 
     def _begin(self, options: dict[str, Any]) -> tuple[PlantState, PolicyMemory | None]:
         """Where the robot begins, with the policy's memory if it is not a fresh one; sets the episode's commands."""
@@ -217,10 +223,11 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         if not inside.all():
             return self._lost(outlier(loop.wiring, observation, inside), frame)
 
-        judgement = task.judge(sample_step(loop, self.robot, self._steps))
+        sample = sample_step(loop, self.robot, self._steps)
+        judgement = task.judge(sample)
         self._observation = observation.copy()
         self._show(loop.state, command)
-        info = {"frame": frame, "terms": judgement.terms}
+        info = {"frame": frame, "terms": judgement.terms, **self._true(loop, sample)}
         return observation, float(judgement.reward), bool(judgement.terminated), bool(judgement.truncated), info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -250,7 +257,14 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
 
     def _lost(self, fault: str, frame: Frame) -> Step:
         self.fault_count += 1
-        return self._observation.copy(), 0.0, True, False, {"frame": frame, "terms": {}, "fault": fault}
+        assert self._loop is not None
+        info = {"frame": frame, "terms": {}, "fault": fault, **self._true(self._loop)}
+        return self._observation.copy(), 0.0, True, False, info
+
+    def _true(self, loop: ClosedLoop, sample: StepSample | None = None) -> dict[str, Any]:
+        if self.privileged is None:
+            return {}
+        return {"privileged": self.privileged(sample or sample_step(loop, self.robot, self._steps))}
 
     def _show(self, state: MITState, command: MITCommand) -> None:
         if self.render_mode != "human":

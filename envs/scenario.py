@@ -94,7 +94,7 @@ def make_scenario(
         live: by its name, what makes each live input that the contract declares: of an `MITState` a value of shape
             (..., width).
         guards: whether the guards of the robot's description watch the joints.
-        task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
+        task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise` and `rewards`, as `Task` takes them.
 
     Raises:
         InputError: one line that says what cannot be read, or what does not fit.

@@ -14,14 +14,14 @@ from gymnasium.vector.utils import batch_space
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.live_inputs import LiveInput
 from humanoid_sim.envs.copying import CopyableEnv
+from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
 from humanoid_sim.envs.scenario import Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
-from humanoid_sim.envs.tasks.task import Judgement
 from humanoid_sim.envs.vector_info import VectorInfo
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
+from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
@@ -73,6 +73,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         camera: str | None = None,
         live: Mapping[str, LiveInput] | None = None,
         guards: bool = True,
+        privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
         **task_options: Any,
     ) -> None:
         """Build the robots.
@@ -96,7 +97,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
                 shape (..., width).
             guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
-            task_options: `weights`, `episode_seconds`, `joint_noise` and `velocity_noise`, as `Task` takes them.
+            privileged: as `PolicyEnv` takes it.
+            task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes them.
 
         Raises:
             InputError: one line that says what cannot be read, or what does not fit.
@@ -126,6 +128,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             bodies=scenario.bodies,
             randomisation=Randomisation.of(randomisation),
         )
+        self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None
+        """What the critic sees; None for nothing more than the policy."""
         self.num_envs = num_envs
         self.single_observation_space = bounds = observation_space(scenario.wiring, scenario.description)
         self.single_action_space = action_space(scenario.wiring, scenario.description)
@@ -172,7 +176,29 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         loop = self._begin(chosen, command)
         info = VectorInfo(self.num_envs)
         info.add("frame", np.asarray(loop.memory.frame), mask)
+        self._add_true(info, loop, mask)
         return self._observation.copy(), info.entries
+
+    def _add_true(self, info: VectorInfo, loop: ClosedLoop, mask: BoolArray, sample: StepSample | None = None) -> None:
+        """Add what the critic sees, of the environments in the mask."""
+        if self.privileged is not None:
+            info.merge("privileged", self.privileged(sample or sample_step(loop, self.simulation, self._steps)), mask)
+
+    @property
+    def episode_steps(self) -> npt.NDArray[np.int64]:
+        """Shape (N,), policy steps since each episode began.
+
+        Setting it puts environments out of step with each other: an episode of a set length ends the earlier, and
+        commands change at other times. A motion is where it is.
+        """
+        return self._steps
+
+    @episode_steps.setter
+    def episode_steps(self, steps: npt.NDArray[np.integer]) -> None:
+        values = np.asarray(steps)
+        if values.shape != (self.num_envs,) or values.min(initial=0) < 0:
+            raise InputError(f"episode_steps: has shape {values.shape}, expected ({self.num_envs},) numbers >= 0")
+        self._steps = values.astype(np.int64)
 
     def _seed(self, chosen: IndexArray, seeds: Sequence[int | None]) -> None:
         before = self._numbers.seeds.copy()
@@ -226,7 +252,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         starting = self._is_over.copy()
         refused = ~self.scenario.wiring.accepts(raw) & ~starting
         before = loop.memory.frame
-        sound, judgement, faults = self._advance(loop, raw, ~refused & ~starting)
+        sound, sample, faults = self._advance(loop, raw, ~refused & ~starting)
+        judgement = self.scenario.task.judge(sample)
         faults |= {int(i): self.scenario.wiring.action_problem(raw[i]) for i in np.flatnonzero(refused)}
         self.fault_count += len(faults)
 
@@ -237,10 +264,12 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         info.add("frame", np.where(sound, loop.memory.frame, before), ~starting)
         info.add_terms("terms", judgement.terms, sound, ~starting)
         info.add_texts("fault", faults)
+        self._add_true(info, loop, ~starting, sample)
         self._is_over = terminated | truncated
         if starting.any():
             loop = self._begin(np.flatnonzero(starting))
             info.merge("frame", np.asarray(loop.memory.frame), starting)
+            self._add_true(info, loop, starting)
         elif self.autoreset_mode == AutoresetMode.SAME_STEP and self._is_over.any():
             info = self._begin_again(info)
         return self._observation.copy(), reward, terminated, truncated, info.entries
@@ -251,15 +280,16 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         following = info.with_final(over, self._observation)
         loop = self._begin(np.flatnonzero(over))
         following.merge("frame", np.asarray(loop.memory.frame), over)
+        self._add_true(following, loop, over)
         return following
 
     def _advance(
         self, loop: ClosedLoop, raw: Float32Array, moving: BoolArray
-    ) -> tuple[BoolArray, Judgement, dict[int, str]]:
+    ) -> tuple[BoolArray, StepSample, dict[int, str]]:
         """Let the actions of the moving environments act.
 
         Returns:
-            Shape (N,), which of them are sound afterwards; what the task thinks of all; and the others' faults.
+            Shape (N,), which of them are sound afterwards; the step of all; and the others' faults.
         """
         task, simulation = self.scenario.task, self.simulation
         action = raw if moving.all() else np.where(moving[:, None], raw, 0.0).astype(np.float32)
@@ -278,7 +308,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         }
         faults |= {int(i): loop.alarm(int(i)) for i in np.flatnonzero(tripped)}
         self._observation = np.where(sound[:, None], observation, self._observation)
-        return sound, task.judge(sample_step(loop, simulation, np.maximum(self._steps, 1))), faults
+        return sound, sample_step(loop, simulation, np.maximum(self._steps, 1)), faults
 
     def snapshot(self) -> dict[str, Any]:
         """See `CopyableEnv.snapshot`."""

@@ -33,7 +33,8 @@ class VectorInfo:
         """Add to an entry those of further environments."""
         if key in self.entries:
             known = self.entries[f"_{key}"]
-            values, mask = np.where(mask, values, self.entries[key]), mask | known
+            chosen = mask.reshape(-1, *[1] * (values.ndim - 1))
+            values, mask = np.where(chosen, values, self.entries[key]), mask | known
         self.add(key, values, mask)
 
     def add_terms(self, key: str, terms: Mapping[str, Array], mask: BoolArray, owners: BoolArray) -> None:

@@ -28,7 +28,7 @@ TASKS: Mapping[str, type[Task]] = MappingProxyType(
     {"tracking": TrackingTask, "motion": MotionTask, "velocity": VelocityTask, "balance": BalanceTask}
 )
 """By name."""
-TASK_OPTIONS = ("weights", "episode_seconds", "joint_noise", "velocity_noise")
+TASK_OPTIONS = ("weights", "episode_seconds", "joint_noise", "velocity_noise", "rewards")
 """What a user may set of any task; the rest comes from the robot."""
 
 _NEEDS = {"tracking": "motion_body_pos_b", "motion": "reference_joint_pos"}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +22,11 @@ from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["BalanceTask", "BoolArray", "Judgement", "Start", "Task"]
+__all__ = ["BalanceTask", "BoolArray", "Judgement", "RewardTerm", "Start", "Task"]
 
 BoolArray = npt.NDArray[np.bool_]
+RewardTerm = tuple[float, Callable[[StepSample], FloatArray]]
+"""A weight, 1/s per unit of the term, and the term's value, shape (...), of a policy step."""
 
 _STOP_MARGIN = 0.05
 """rad from a joint's limit within which it counts as at its stop."""
@@ -89,6 +91,7 @@ class Task(ABC):
         episode_seconds: float = 20.0,
         joint_noise: float = 0.05,
         velocity_noise: float = 0.1,
+        rewards: Mapping[str, RewardTerm] | None = None,
     ) -> None:
         """Prepare for a robot and a contract.
 
@@ -101,6 +104,8 @@ class Task(ABC):
             episode_seconds: s after which an episode is truncated; tasks that follow a motion end with it instead.
             joint_noise: rad by which each joint may start off the contract's default pose.
             velocity_noise: rad/s by which each joint may start off rest.
+            rewards: further terms by name, or others in place of the task's own. One function of a `StepSample` serves
+                one robot and a batch.
 
         Raises:
             InputError: a number is not finite, or a weight is for a term that the task does not have.
@@ -109,13 +114,17 @@ class Task(ABC):
         for name, value in numbers.items():
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"{name}: is {value}, expected a finite number >= 0")
-        for name, value in (weights or {}).items():
-            if name not in self.WEIGHTS:
-                raise InputError(f"weights: {known_names('reward term', name, self.WEIGHTS)}")
+        own = {name: weight for name, (weight, _) in (rewards or {}).items()}
+        known = {**self.WEIGHTS, **own}
+        for name in weights or {}:
+            if name not in known:
+                raise InputError(f"weights: {known_names('reward term', name, known)}")
+        self.weights: Mapping[str, float] = MappingProxyType({**known, **(weights or {})})
+        """1/s per unit of each term."""
+        for name, value in self.weights.items():
             if not math.isfinite(value):
                 raise InputError(f"weights: {name} is {value}, expected a finite number")
-        self.weights: Mapping[str, float] = MappingProxyType({**self.WEIGHTS, **(weights or {})})
-        """1/s per unit of each term."""
+        self._rewards = {name: function for name, (_, function) in (rewards or {}).items()}
         self._rate = {name: weight * contract.policy_dt for name, weight in self.weights.items()}
         self.contract = contract
         self.reference = reference
@@ -169,6 +178,7 @@ class Task(ABC):
             "effort": total(share * share),
             "joint_stops": total(beyond),
         }
+        values |= {name: _term(name, function, sample, share.shape[:-1]) for name, function in self._rewards.items()}
         if self._is_floating:
             assert sample.base is not None
             terminated = terminated | has_fallen(sample.base, self._standing_height)
@@ -192,6 +202,13 @@ class Task(ABC):
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.step) >= self.episode_steps
+
+
+def _term(name: str, function: Callable[[StepSample], FloatArray], sample: StepSample, shape: tuple[int, ...]) -> Any:
+    value = np.asarray(function(sample), dtype=np.float64)
+    if value.shape != shape:
+        raise InputError(f"rewards: {name} has shape {value.shape}, expected {shape}: one value for each robot")
+    return value
 
 
 class BalanceTask(Task):

@@ -133,6 +133,7 @@ class ClosedLoop:
     def restart(self, chosen: IndexArray, velocity: FloatArray) -> None:
         """Some robots of a batch, indices (k,), are at the start of an episode; `velocity` (N, 3) is for all."""
         self.velocity = velocity
+        self.asked = _with(self.asked, chosen, velocity[chosen])
         self.state = self._reported()
         rows = _state_rows(self.state, chosen)
         observation, memory = self.wiring.observe(self.wiring.activate(rows), rows)
@@ -140,6 +141,9 @@ class ClosedLoop:
             self._watched = self.guards.restarted(self._watched, chosen)
         self.observation = _with(self.observation, chosen, observation)
         self.memory = _memory_with(self.memory, chosen, memory)
+        self.action, self.previous = (
+            _with(of_step, chosen, memory.last_action) for of_step in (self.action, self.previous)
+        )
 
     def infer(self, policy: Callable[[Float32Array, Any], Float32Array]) -> tuple[Float32Array, BoolArray]:
         """The policy's raw actions, shape (..., m), and which a controller would accept, shape (...)."""

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import gymnasium
 import numpy as np
 import pytest
 
+import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
@@ -13,6 +15,7 @@ from humanoid_sim.envs.tasks.task import BalanceTask, Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
 from humanoid_sim.policy.motion import read_motion
@@ -196,6 +199,42 @@ def test_velocity_commands_hold_for_five_seconds(velocity: VelocityTask) -> None
     steps = np.arange(2000) % 600
     batch = velocity.command(commands, steps)
     np.testing.assert_array_equal(batch, commands[np.arange(2000), steps // 250])
+
+
+def test_a_user_s_terms_are_added_or_replace_the_task_s(lite: RobotDescription) -> None:
+    def height(sample: StepSample) -> FloatArray:
+        return sample.state.joint_position[..., 3]
+
+    rewards = {"elbow": (2.0, height), "effort": (-1.0, lambda sample: total(np.abs(sample.torque)))}
+    options = {"robot": lite, "rewards": rewards, "weights": {"elbow": 4.0}}
+    single = gymnasium.make("humanoid_sim/LiteTracking-v0", **options)
+    vector = gymnasium.make_vec("humanoid_sim/LiteTracking-v0", num_envs=2, threads=1, **options)
+    single.reset(seed=5)
+    vector.reset(seed=4)
+    action = np.full((2, 14), 0.3, dtype=np.float32)
+    terms = single.step(action[1])[4]["terms"]
+    batch = vector.step(action)[4]["terms"]
+    state = single.unwrapped.robot.truth()
+    assert terms["elbow"] == pytest.approx(4.0 * 0.02 * state.joint_position[3])
+    assert terms["effort"] < -0.02
+    for name in ("elbow", "effort", "body_position"):
+        assert batch[name][1] == pytest.approx(float(terms[name]), abs=1e-9)
+    single.close()
+    vector.close()
+
+
+def test_a_term_of_a_wrong_shape_is_refused(lite: RobotDescription) -> None:
+    env = gymnasium.make(
+        "humanoid_sim/LiteTracking-v0", robot=lite, rewards={"joints": (1.0, lambda sample: sample.torque)}
+    )
+    env.reset(seed=0)
+    with pytest.raises(InputError, match=r"rewards: joints has shape \(14,\), expected \(\): one value for each robot"):
+        env.step(np.zeros(14, dtype=np.float32))
+    env.close()
+    with pytest.raises(InputError, match="weights: joints is inf"):
+        gymnasium.make(
+            "humanoid_sim/LiteTracking-v0", robot=lite, rewards={"joints": (np.inf, lambda sample: sample.torque)}
+        )
 
 
 def test_walking_at_the_command_earns_the_weights_per_second(velocity: VelocityTask) -> None:

@@ -1,0 +1,107 @@
+"""The vector environment as rsl_rl wants it: tensors, and observations in groups."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from humanoid_sim.errors import InputError, MissingPackageError
+
+try:
+    import torch
+    from rsl_rl.env import VecEnv
+    from tensordict import TensorDict
+except ImportError:
+    raise MissingPackageError("rsl-rl-lib", "rl", "humanoid_sim.envs.rsl_rl") from None
+
+__all__ = ["RslRlVecEnv"]
+
+
+class RslRlVecEnv(VecEnv):
+    """A policy's vector environment for rsl_rl (from version 4 on).
+
+    Observations are the groups `policy`, and `critic` beside it where the environment was made with `privileged` terms:
+    what the policy sees, and then those. rsl_rl finds both by these names. Every number stays on the CPU.
+
+    That library starts an episode in the step that ends the last one, so the environment must as well:
+    `gymnasium.make_vec(..., autoreset_mode="SameStep")`.
+    """
+
+    def __init__(self, envs: VectorEnv[Any, Any, Any], *, seed: int | None = None) -> None:
+        """Take over `envs`, and start an episode in each; closing this closes them.
+
+        Args:
+            envs: a policy's, from `gymnasium.make_vec`.
+            seed: of environment 0; environment i has `seed + i`.
+
+        Raises:
+            InputError: they start episodes another way.
+        """
+        mode = envs.metadata.get("autoreset_mode")
+        if mode is not AutoresetMode.SAME_STEP:
+            shown = mode.value if isinstance(mode, AutoresetMode) else mode
+            raise InputError(f"autoreset_mode: is {shown!r}, expected 'SameStep' for rsl_rl")
+        self.envs = envs
+        whole: Any = envs.unwrapped
+        self.num_envs = envs.num_envs
+        self.num_actions = envs.single_action_space.shape[0]  # type: ignore[index]
+        self.max_episode_length = whole.max_episode_steps
+        self.device = "cpu"
+        self.cfg = {"policy_dt": whole.scenario.contract.policy_dt, "robot": whole.scenario.description.name}
+        self._whole = whole
+        observation, info = envs.reset(seed=seed)
+        self._observations = self._grouped(observation, info)
+
+    @property
+    def episode_length_buf(self) -> torch.Tensor:
+        """Shape (N,), policy steps since each episode began. Setting it lets episodes of a set length end earlier."""
+        return torch.from_numpy(self._whole.episode_steps.copy())
+
+    @episode_length_buf.setter
+    def episode_length_buf(self, steps: torch.Tensor) -> None:
+        self._whole.episode_steps = steps.cpu().numpy()
+
+    def get_observations(self) -> TensorDict:
+        """The latest, shape (N, …) each."""
+        return self._observations
+
+    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
+        """One policy step of every environment; `actions` is shape (N, m).
+
+        Returns:
+            Observations; rewards, shape (N,); which episodes have ended, shape (N,); and `time_outs`, those whose time
+            was up, with `log`, the mean of each reward term in this step.
+        """
+        observation, reward, terminated, truncated, info = self.envs.step(actions.detach().cpu().numpy())
+        self._observations = self._grouped(observation, info)
+        extras = {
+            "time_outs": torch.from_numpy(truncated & ~terminated),
+            "log": {f"/reward/{name}": value for name, value in _means(info).items()},
+        }
+        rewards = torch.from_numpy(reward.astype(np.float32))
+        return self._observations, rewards, torch.from_numpy(terminated | truncated), extras
+
+    def close(self) -> None:
+        """Close the environments."""
+        self.envs.close()
+
+    def _grouped(self, observation: npt.NDArray[np.float32], info: dict[str, Any]) -> TensorDict:
+        groups = {"policy": torch.from_numpy(observation.copy())}
+        if "privileged" in info:
+            seen = np.concatenate([observation, info["privileged"]], axis=-1)
+            groups["critic"] = torch.from_numpy(seen)
+        return TensorDict(groups, batch_size=[self.num_envs])
+
+
+def _means(info: dict[str, Any]) -> dict[str, float]:
+    """Of each reward term, over the environments that had one in this step."""
+    means: dict[str, float] = {}
+    for entries in (info, info.get("final_info", {})):
+        for name, values in entries.get("terms", {}).items():
+            mask = entries["terms"].get(f"_{name}")
+            if mask is not None and mask.any() and name not in means:
+                means[name] = float(values[mask].mean())
+    return means
