@@ -7,7 +7,7 @@ import numpy as np
 
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.motors import MOTORS
+from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import FollowingGuard, LimitGuard, RobotDescription, SpeedGuard
 
 __all__ = ["GuardRecord", "guards_of"]
@@ -85,6 +85,8 @@ _CROSSING_TIME = {"fixed": 0.1, "floating": 0.05}
 0.05 s in a simulation whose motors have no speed limit; the sample motions on arms take 0.7 s at least."""
 _SLOWEST_LIMIT = {"fixed": 5.0, "floating": 15.0}
 """rad/s: a joint with a small range may still be this fast."""
+_OF_SCALE = 0.99
+"""Of the largest speed that a motor can report. A Sito's is 3.14 rad/s, of whatever it really does beyond that."""
 
 
 def guards_of(robot: RobotDescription) -> Guards | None:
@@ -110,7 +112,7 @@ def guards_of(robot: RobotDescription) -> Guards | None:
         following_progress=chosen.progress,
         limit_margin=off if limit is None else np.full(robot.joint_count, margin.margin),
         limit_time=margin.time,
-        speed_limit=off if speed is None else np.array(fast.limit or _speed_limit(robot)),
+        speed_limit=off if speed is None else np.minimum(fast.limit or _speed_limit(robot), _readable(robot)),
         speed_time=fast.time,
     )
 
@@ -119,7 +121,16 @@ def _speed_limit(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: the whole range in the crossing time, but no more than the motor turns without load."""
     kind = robot.base.type
     crossing = np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])
-    models = [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]
-    fastest = np.array([np.inf if model is None else model.no_load_velocity for model in models])
+    fastest = np.array([np.inf if model is None else model.no_load_velocity for model in _models(robot)])
     limit: FloatArray = np.minimum(crossing, fastest)
     return limit
+
+
+def _readable(robot: RobotDescription) -> FloatArray:
+    """Shape (n,), rad/s: what a motor can report. At the end of its scale nobody knows how fast it is."""
+    scales = np.array([np.inf if model is None else model.velocity for model in _models(robot)])
+    return _OF_SCALE * scales
+
+
+def _models(robot: RobotDescription) -> list[MotorModel | None]:
+    return [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]

@@ -191,7 +191,8 @@ class SpeedGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """A joint must not be faster than its limit."""
 
     limit: tuple[Positive, ...] = ()
-    """rad/s, one per joint; empty: derived from each joint's range and motor, see `robots.guards`."""
+    """rad/s, one per joint; empty: derived from each joint's range and motor, see `robots.guards`. One beyond what the
+    joint's motor can report is lowered to that."""
     time: NotNegative = 0.02
     """s for which it may be."""
 

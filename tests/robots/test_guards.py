@@ -34,7 +34,17 @@ def test_the_defaults_follow_from_the_limits() -> None:
     assert (arms.following_time, arms.following_progress, arms.limit_time, arms.speed_time) == (0.15, 0.02, 0.1, 0.02)
     assert arms.limit_margin.tolist() == [0.15] * 14
     assert arms.speed_limit[ELBOW] == pytest.approx(2.35619 / 0.1)
-    assert arms.speed_limit[LITE.joint_names.index("left_shoulder_roll")] == 33.0, "its motor turns no faster"
+    assert arms.speed_limit[LITE.joint_names.index("left_shoulder_roll")] == 0.99 * 33.0, "its motor reports no more"
+
+
+def test_a_speed_that_a_motor_cannot_report_is_too_fast() -> None:
+    sito = load_robot("lite_sito")
+    largest = 0.99 * 32767 / (65536 / (2 * np.pi))  # an int16, in counts/s
+    for robot in (sito, replace(sito, guards=GuardSettings(speed=SpeedGuard(limit=(20.0,) * 14)))):
+        assert of(robot).speed_limit[ROLL] == pytest.approx(largest) == pytest.approx(3.11, abs=0.001)
+    joint = replace(LITE.joints[ROLL], lower=-2.0, upper=2.0, motor=replace(LITE.joints[ROLL].motor, model="rs-04"))
+    robot = replace(LITE, joints=tuple(joint if i == ROLL else other for i, other in enumerate(LITE.joints)))
+    assert of(robot).speed_limit[ROLL] == 0.99 * 15.0, "it turns at 20.9 rad/s without load"
 
 
 def test_legs_are_given_more_time() -> None:

@@ -80,6 +80,8 @@ class Tick:
     read: float
     """s, slow clock, when the state was read."""
     safety: tuple[SafetyStatus, ...]
+    state: MITState
+    """As the robot told it."""
     output: TickOutput
     seen: float
     """s, slow clock, of the truth that follows."""
@@ -141,12 +143,12 @@ class _Ticks:
         return
 
     def tick(self, record: TickRecord) -> None:
-        read, safety = self._robot.read_at, record.input.safety
+        known = self._robot.read_at, record.input.safety, record.input.state, record.output
         if self._truth is None:
-            self.all.append(Tick(read, safety, record.output, math.nan, np.empty(0), np.empty(0)))
+            self.all.append(Tick(*known, math.nan, np.empty(0), np.empty(0)))
             return
         truth = self._truth()
-        self.all.append(Tick(read, safety, record.output, truth.time, truth.joint_effort, truth.joint_velocity))
+        self.all.append(Tick(*known, truth.time, truth.joint_effort, truth.joint_velocity))
 
     def event(self, event: Event) -> None:
         return
@@ -155,15 +157,32 @@ class _Ticks:
         return
 
 
+@dataclass(frozen=True)
+class Ask:
+    """What REMOTE wants of one joint that is not to hold the standby pose."""
+
+    position: float = 0.0
+    """rad"""
+    effort: float = 0.0
+    """N·m"""
+    stiffness: float = 50.0
+    """N·m/rad"""
+    damping: float = 2.0
+    """N·m·s/rad"""
+
+
 class _Holder:
     """A remote source that is never late: hold the standby pose, but for some joints."""
 
-    def __init__(self, description: RobotDescription, elsewhere: Mapping[str, float]) -> None:
+    def __init__(self, description: RobotDescription, asks: Mapping[str, Ask]) -> None:
         n = description.joint_count
         pose = np.array(description.standby_controller_a.pose_segments[-1])
-        for name, position in elsewhere.items():
-            pose[description.joint_names.index(name)] = position
-        self._command = MITCommand(pose, np.zeros(n), np.zeros(n), np.full(n, 50.0), np.full(n, 2.0))
+        effort, stiffness, damping = np.zeros(n), np.full(n, 50.0), np.full(n, 2.0)
+        for name, ask in asks.items():
+            joint = description.joint_names.index(name)
+            pose[joint], effort[joint] = ask.position, ask.effort
+            stiffness[joint], damping[joint] = ask.stiffness, ask.damping
+        self._command = MITCommand(pose, np.zeros(n), effort, stiffness, damping)
         self.clock: Callable[[], float] = lambda: 0.0
 
     def latest(self) -> RemoteCommand:
@@ -226,7 +245,7 @@ def driven(
     before_closing: Callable[[], None] = lambda: None,
     description: RobotDescription | None = None,
     calibration: Mapping[str, float] = MappingProxyType({}),
-    elsewhere: Mapping[str, float] = MappingProxyType({}),
+    asks: Mapping[str, Ask] = MappingProxyType({}),
 ) -> Iterator[Drive]:
     """A robot that is activated, in ZERO_TORQUE.
 
@@ -234,7 +253,7 @@ def driven(
         address: of its channel.
         description: what the host takes the robot for; None: what it is.
         calibration: homing offsets, rad, that are not 0.
-        elsewhere: joints that REMOTE sends elsewhere than to the standby pose, rad.
+        asks: joints of which REMOTE wants something else than to hold the standby pose.
         clock: s, the robot's.
         open_bus: opens the channel.
         truth: what is really so, if anybody knows.
@@ -252,7 +271,7 @@ def driven(
         open_bus=open_bus,
     )
     timed = _Timed(robot, clock)
-    sink, remote = _Ticks(timed, truth), _Holder(description, elsewhere)
+    sink, remote = _Ticks(timed, truth), _Holder(description, asks)
     session = Session(
         timed,
         build_supervisor(description, PERIOD, sample_policy(), remote=True),
