@@ -47,6 +47,7 @@ from humanoid_sim.strict_json import parse_json
 
 __all__ = [
     "build_supervisor",
+    "policy_controller",
     "rebuild_supervisor",
     "recorded_contract",
     "run_header",
@@ -101,18 +102,9 @@ def build_supervisor(
         STANDBY_B: _standby(joints, description.standby_controller_b),
     }
     if loaded is not None:
-        try:
-            controllers[RL_POLICY] = RLPolicyController(
-                joints,
-                with_joint_limits(loaded.contract, description),
-                loaded.reference,
-                loaded.policy,
-                control_period,
-                action_limit,
-                extern=loaded.extern if live is None else live,
-            )
-        except FieldError as error:
-            raise InputError(f"policy on robot '{description.name}': {error}") from None
+        controllers[RL_POLICY] = policy_controller(
+            description, control_period, loaded, live=live, action_limit=action_limit
+        )
     if remote:
         controllers[REMOTE_POLICY] = RemotePolicyController(
             joints,
@@ -122,6 +114,33 @@ def build_supervisor(
             damping_scalar=passive.damping_scalar,
         )
     return Supervisor(joints, controllers, guards=_chosen(guards, description))
+
+
+def policy_controller(
+    description: RobotDescription,
+    control_period: float,
+    loaded: LoadedPolicy,
+    *,
+    live: Mapping[str, int] | None = None,
+    action_limit: float | None = None,
+) -> RLPolicyController:
+    """The controller of a policy on a robot; arguments as of `build_supervisor`.
+
+    Raises:
+        InputError: if the policy does not fit the robot.
+    """
+    try:
+        return RLPolicyController(
+            description.joint_names,
+            with_joint_limits(loaded.contract, description),
+            loaded.reference,
+            loaded.policy,
+            control_period,
+            action_limit,
+            extern=loaded.extern if live is None else live,
+        )
+    except FieldError as error:
+        raise InputError(f"policy on robot '{description.name}': {error}") from None
 
 
 def _chosen(guards: ChosenGuards, description: RobotDescription) -> Guards | None:

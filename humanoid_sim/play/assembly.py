@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from rich.console import Console
 
 from humanoid_sim import __version__
+from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
@@ -20,6 +21,7 @@ from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.play.status_line import Told
 from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.recording.shadow import ShadowStep, ShadowTopics, encode_shadow_step, shadow_documents
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import RobotDescription
@@ -32,6 +34,7 @@ from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.recorded_inputs import RecordedInputs
 from humanoid_sim.session.script import OverriddenScript, Planned, Script
 from humanoid_sim.session.session import SafetyFilter, Session
+from humanoid_sim.session.shadow import ShadowSink
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import ExternSource, IntentSource
 from humanoid_sim.stack import run_header
@@ -56,6 +59,7 @@ class Run:
     anchor: AnchorErrors | None = None
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
+    shadow: ShadowSink | None = None
     interruption: Interruption | None = None
     """Of a loop that drives motors."""
 
@@ -73,12 +77,13 @@ def assemble(plan: Plan, console: Console) -> Run:
         InputError: if the control socket or the terminal cannot be taken over.
     """
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
-    tracking, anchor = _errors(policy, description)
+    is_shadow = plan.shadow is not None
+    tracking, anchor = (None, None) if is_shadow else _errors(policy, description)
     told = Told(
         has_keys=has_keys(config),
         available=plan.supervisor.controllers,
         walks=policy.walks,
-        motion_frames=policy.motion_frames,
+        motion_frames=0 if is_shadow else policy.motion_frames,
         expected_duration=expected_duration(config, policy, description),
     )
     shown = ConsoleSink(console, told)
@@ -98,7 +103,9 @@ def assemble(plan: Plan, console: Console) -> Run:
     )
     video = None
     if plan.outputs.video is not None:
-        ghost = ReferenceGhost.of(description, policy.loaded.contract, policy.loaded.reference)
+        ghost = None
+        if not is_shadow:
+            ghost = ReferenceGhost.of(description, policy.loaded.contract, policy.loaded.reference)
         video = VideoSink(plan.outputs.video, setup.model, ghost=ghost)
     header = _header(plan)
     reactivation = Reactivation(lambda: _warnings(setup.bring_up))
@@ -110,14 +117,15 @@ def assemble(plan: Plan, console: Console) -> Run:
         note=lambda text: session.event(text),  # noqa: PLW0108 - there is no session yet
         is_ending=lambda: session.is_ending,
     )
+    shadow = None if plan.shadow is None else _shadow(plan, plan.shadow, header, shown, recorder, ends)
     try:
         keyboard = _keyboard(plan, reactivation, shown)
     except InputError:
         ends.close()
         raise
     operators = (ends.intents,) if keyboard is None else (ends.intents, keyboard)
-    # The last one is closed first: what the monitor finds in the last ticks still reaches console, recording and feed.
-    chosen = (ends.feed, shown, recorder, video, monitor, ends.intents, ends.data, ends.front_ends)
+    # The last one is closed first: what monitor and shadow find in the last ticks still reaches the others.
+    chosen = (ends.feed, shown, recorder, video, monitor, shadow, ends.intents, ends.data, ends.front_ends)
     sinks: list[Sink] = [sink for sink in chosen if sink is not None]
     script: Planned | None = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
     inputs = None if plan.branch is None else plan.branch.inputs
@@ -155,7 +163,7 @@ def assemble(plan: Plan, console: Console) -> Run:
         memory=None if plan.branch is None else plan.branch.memory,
     )
     plan.clock.session = session
-    return Run(plan, session, monitor, shown, ends, keyboard, tracking, anchor, recorder, video, interruption)
+    return Run(plan, session, monitor, shown, ends, keyboard, tracking, anchor, recorder, video, shadow, interruption)
 
 
 def _externs(plan: Plan, ends: LocalEnds) -> tuple[ExternSource, ...]:
@@ -193,28 +201,63 @@ def _errors(policy: PolicyChoice, description: RobotDescription) -> tuple[Tracki
     return tracking, anchor
 
 
+def _shadow(
+    plan: Plan,
+    controller: RLPolicyController,
+    header: SessionHeader,
+    shown: ConsoleSink,
+    recorder: McapRecorder | None,
+    ends: LocalEnds,
+) -> ShadowSink:
+    """The sink in which a shadow policy runs, and where its steps go."""
+    topics = ShadowTopics(header, plan.policy.loaded)
+
+    def publish(step: ShadowStep) -> None:
+        encoded = encode_shadow_step(step)
+        ends.feed.shadow(encoded)
+        if recorder is not None:
+            recorder.beside(step.time, tuple(topics.messages(step, encoded)))
+
+    sink = ShadowSink(
+        controller,
+        plan.policy.checkpoint.source,
+        plan.description.effort_limit,
+        realtime=plan.realtime,
+        publish=publish,
+        tell=lambda event: _tell(event, shown, recorder, ends.feed),
+    )
+    ends.shadow_figures = sink.figures
+    return sink
+
+
 def _header(plan: Plan) -> SessionHeader:
     """Everything that interprets the run, and repeats it. A real robot has been prepared: its checks are part of it."""
     config, policy, bring_up = plan.config, plan.policy, plan.setup.bring_up
+    motion_file = None if policy.motion_file is None else str(policy.motion_file)
+    is_shadow = plan.shadow is not None
     since_zero = float(plan.setup.robot.read()[0].time)  # a real robot's clock runs already
-    return run_header(
+    header = run_header(
         plan.description,
         plan.control_period,
-        policy.loaded,
-        policy.motion,
+        None if is_shadow else policy.loaded,
+        None if is_shadow else policy.motion,
         settings={
             "program": f"humanoid_sim.play {__version__}",
             "options": asdict(config),
-            "policy": policy.checkpoint.source,
-            "policy_sha256": policy.checkpoint.sha256,
-            "motion": None if policy.motion_file is None else str(policy.motion_file),
+            "policy": None if is_shadow else policy.checkpoint.source,
+            "policy_sha256": None if is_shadow else policy.checkpoint.sha256,
+            "motion": None if is_shadow else motion_file,
             "checks": None if bring_up is None else [": ".join(check) for check in bring_up.checks()],
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
         start=None if plan.branch is None else plan.branch.memory,
-        remote=True,
+        remote=not is_shadow,
         action_limit=config.action_limit,
     )
+    if not is_shadow:
+        return header
+    beside = shadow_documents(policy.checkpoint.source, policy.checkpoint.sha256, motion_file, policy.loaded)
+    return replace(header, documents={**header.documents, **beside})
 
 
 def _keyboard(plan: Plan, reactivation: Reactivation, shown: ConsoleSink) -> Keyboard | None:

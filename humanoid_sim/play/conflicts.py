@@ -12,11 +12,13 @@ from pathlib import Path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
+from humanoid_sim.messages import Intent
 from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.inject import Injection
+from humanoid_sim.session.script import parse_script
 
 __all__ = [
     "Outputs",
@@ -42,6 +44,7 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
     if config.gamepad and config.no_gamepad:
         raise InputError("--gamepad and --no-gamepad: expected at most one of them")
     _refuse_hardware_conflicts(config)
+    _refuse_beside_shadow(config, injections)
     if config.manual and config.script is not None:
         raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
     if config.viewer == "native" and not has_display():
@@ -66,6 +69,25 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
         )
     if config.remote == "none" and any(injection.kind == "silent_remote" for injection in injections):
         raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
+
+
+def _refuse_beside_shadow(config: PlayConfig, injections: Sequence[Injection]) -> None:
+    """Refuse what would take the robot out of the modes in which a shadow policy runs, or what it does not have."""
+    if config.shadow is None:
+        return
+    for option, given in (
+        ("--policy", config.policy is not None),
+        ("--branch", config.branch is not None),
+        ("--remote", config.remote != "none"),
+    ):
+        if given:
+            raise InputError(f"{option}: means nothing with --shadow, whose robot stays in DAMPING and STANDBY")
+    if any(injection.kind == "nan_policy" for injection in injections):
+        raise InputError("--inject: nan_policy means nothing with --shadow: it is for a policy that drives")
+    for step in () if config.script is None else parse_script(config.script):
+        if step.kind == "motion" or step.intent in (Intent.START_LOCOMOTION, Intent.START_REMOTE):
+            word = step.kind if step.intent is None else step.intent.value
+            raise InputError(f"--script: has {word}, but with --shadow the robot stays in DAMPING and STANDBY")
 
 
 def _refuse_policy_seconds(config: PlayConfig) -> None:
@@ -149,7 +171,7 @@ def refuse_beside_branch(config: PlayConfig) -> None:
     """
     if config.branch is None:
         return
-    for name in ("again", "hardware", "policy_seconds", *_BRANCH_KEEPS):
+    for name in ("again", "hardware", "policy_seconds", "shadow", *_BRANCH_KEEPS):
         if getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
             raise InputError(f"--{name.replace('_', '-')}: means nothing with --branch, which goes on as recorded")
 

@@ -9,6 +9,7 @@ from typing import Any
 from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play.plan import Plan
+from humanoid_sim.recording.shadow import shadow_width
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
@@ -47,6 +48,8 @@ class LocalEnds:
             InputError: if one of them cannot be had; nothing stays open then.
         """
         self._plan = plan
+        self.shadow_figures: Callable[[], Mapping[str, Any]] | None = None
+        """What is told of a shadow policy; None without one."""
         description, policy = plan.description, plan.policy
         contract = policy.loaded.contract
         with ExitStack() as stack:
@@ -65,7 +68,9 @@ class LocalEnds:
                 tell=note,
             )
             stack.callback(self.data.close)
-            self.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(plan.setup.model())}, contract.live_inputs)
+            width = 0 if plan.shadow is None else shadow_width(policy.loaded)
+            blobs = {MODEL_BLOB: model_bytes(plan.setup.model())}
+            self.feed = FeedWriter(header, blobs, contract.live_inputs, shadow_width=width)
             stack.callback(self.feed.close)
             self.front_ends = FrontEnds(
                 plan.front_ends, self.feed, show=show, note=note, status=self._status, is_ending=is_ending
@@ -73,7 +78,7 @@ class LocalEnds:
             stack.callback(self.front_ends.close)
             registration.register(
                 robot=description.name,
-                policy=str(policy.checkpoint.source),
+                policy=f"{'' if plan.shadow is None else 'shadow '}{policy.checkpoint.source}",
                 hardware=plan.config.hardware or "",
                 feed=self.feed.path,
             )
@@ -89,4 +94,5 @@ class LocalEnds:
             "refused": list(self.data.refusals),
             "front_ends": dict(self.front_ends.running),
             "robot": self._plan.setup.figures(),
+            "shadow": None if self.shadow_figures is None else dict(self.shadow_figures()),
         }

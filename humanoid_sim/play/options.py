@@ -32,6 +32,10 @@ class PlayConfig:
     branch: str | None = None
     """FILE@SECONDS: begin a simulation in that instant of a recording (.mcap) of play, and go on with what it took in,
     or with another --policy, --contract (gains), --motion, --command, --script, --manual or --push."""
+    shadow: str | None = None
+    """ONNX checkpoint that only looks on: while the robot is in DAMPING or STANDBY it runs on the real state, and what
+    it sees, answers and would command is recorded. Nothing of it reaches a motor, and no other policy runs; --contract,
+    --motion and --command are its."""
     robot: str = DEFAULT_ROBOT
     """A shipped robot (lite, lite_neck, lite_biped, lite_sito), or the path of a robot's YAML file or of an MJCF."""
     imu_site: str | None = None
@@ -129,3 +133,8 @@ class PlayConfig:
     """s from a joint's state to its being read, in simulation."""
     state_sampling: Literal["now", "on_command"] = "now"
     """When the simulated joints are sampled: at reading, or, as on a CAN bus, at the last command."""
+
+    @property
+    def checkpoint(self) -> str | None:
+        """The checkpoint that runs, as the robot's policy or as its shadow; None for the sample policy."""
+        return self.policy if self.shadow is None else self.shadow

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.controllers.rl_policy import ticks_per_step
+from humanoid_sim.controllers.rl_policy import RLPolicyController, ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
@@ -27,6 +27,7 @@ from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy, parse_branch
 from humanoid_sim.policy.checkpoint import read_contract
+from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics, with_imu
@@ -36,7 +37,7 @@ from humanoid_sim.session.keyboard import key_help
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity, velocity_key_help
-from humanoid_sim.stack import build_supervisor
+from humanoid_sim.stack import build_supervisor, policy_controller
 
 __all__ = [
     "Plan",
@@ -69,6 +70,8 @@ class Plan:
     realtime: bool
     setup: RobotSetup
     supervisor: Supervisor
+    shadow: RLPolicyController | None
+    """Of a policy that only looks on; the supervisor has none then."""
     steps: Sequence[ScriptStep] | None
     """What drives the FSM if no operator does; None: only operators do."""
     velocity: VelocityCommand
@@ -102,28 +105,29 @@ def make_plan(config: PlayConfig) -> Plan:
     injector = Injector(injections, clock)
     policy, suited = _policy_on_robot(config, description, injector)
     description = suited if point is None else description
-    contract = policy.loaded.contract
+    contract, is_shadow = policy.loaded.contract, config.shadow is not None
     refuse_without_effect(config, contract, description)
     if point is None:
-        control_period, notice = control_rate(config, description, contract.policy_dt)
+        control_period, notice = control_rate(config, description, None if is_shadow else contract.policy_dt)
     else:
         control_period, notice = point.control_period, ""
     setup = _robot(config, description, control_period, contract if point is None else point.contract)
     try:
-        supervisor = build_supervisor(
-            description,
-            control_period,
-            policy.loaded,
-            remote=True,
-            live={**contract.live_inputs, **setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]},
-            action_limit=config.action_limit,
-        )
+        live = {**contract.live_inputs, **setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
+        limit, shadow = config.action_limit, None
+        if is_shadow:  # without a policy and REMOTE, the FSM itself keeps the robot in DAMPING and STANDBY
+            supervisor = build_supervisor(description, control_period, None)
+            shadow = policy_controller(description, control_period, policy.loaded, live=live, action_limit=limit)
+        else:
+            supervisor = build_supervisor(
+                description, control_period, policy.loaded, remote=True, live=live, action_limit=limit
+            )
         warnings = setup.check_policy(contract)
         require_gamepad(config)
         branch = None if point is None else reach(point, setup, supervisor, contract, clock)
         setup = setup if branch is None else branch.setup
         if steps is None and not config.manual and config.hardware is None and branch is None:
-            steps = parse_script(_automatic_script(config, policy.motion_frames))
+            steps = parse_script(_automatic_script(config, policy.motion))
         command = parse_velocity(config.command, contract.command_ranges)
         if branch is not None:
             command = branch.take_velocity(command, is_given=config.command != PlayConfig.command)
@@ -150,6 +154,7 @@ def make_plan(config: PlayConfig) -> Plan:
             realtime=_realtime(config),
             setup=setup,
             supervisor=supervisor,
+            shadow=shadow,
             steps=steps,
             velocity=velocity,
             branch=branch,
@@ -167,7 +172,7 @@ def make_plan(config: PlayConfig) -> Plan:
 def _inputs(config: PlayConfig, policy: PolicyChoice) -> tuple[Path, ...]:
     """The files that the run reads."""
     branched = None if config.branch is None else parse_branch(config.branch)[0]
-    named = (config.policy, config.contract, config.again, branched, config.robot, config.calibration)
+    named = (config.checkpoint, config.contract, config.again, branched, config.robot, config.calibration)
     return (*(Path(name) for name in named if name is not None and is_file(name)), *filter(None, [policy.motion_file]))
 
 
@@ -180,7 +185,7 @@ def _policy_on_robot(
         InputError: if something is wrong with the policy, or it is for another robot; if no robot was named, that is
             the first explanation.
     """
-    is_default = config.robot == DEFAULT_ROBOT and config.policy is not None
+    is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
     hint = f"--robot: the default, '{DEFAULT_ROBOT}', is used, and this policy is for another robot: name its MJCF or "
     hint += "YAML file; "
     try:
@@ -193,6 +198,12 @@ def _policy_on_robot(
     except FieldError as error:
         problem = f"policy on robot '{description.name}': {error}"
         raise InputError(f"{hint if is_default else ''}{problem}") from None
+    if config.shadow is not None:
+        if description.has_no_gains:
+            raise InputError(
+                f"--shadow: '{description.name}' has no gains of its own to stand by, expected a robot's YAML"
+            )
+        return policy, description  # as it is without the policy
     change = with_contract if description.has_no_gains else with_contract_physics
     return policy, change(description, contract)
 
@@ -200,7 +211,7 @@ def _policy_on_robot(
 def _goes_by_places(config: PlayConfig) -> bool:
     """Whether the policy gives its joints by their places on its robot: then another robot cannot but refuse it."""
     try:
-        read_contract(Path(str(config.policy)), None if config.contract is None else Path(config.contract))
+        read_contract(Path(str(config.checkpoint)), None if config.contract is None else Path(config.contract))
     except UnnamedJointsError:
         return True
     except InputError:
@@ -254,14 +265,16 @@ _OPEN_END = 10.0
 """s that a policy without a motion runs when nothing else ends the run."""
 
 
-def _automatic_script(config: PlayConfig, frames: int) -> str:
+def _automatic_script(config: PlayConfig, motion: Motion | None) -> str:
     """The script that plays when nobody drives: long enough in each mode to see it."""
-    run = "motion; hold 0.5" if frames else f"hold {config.duration or _OPEN_END}"
+    run = "motion; hold 0.5" if motion is not None else f"hold {config.duration or _OPEN_END}"
+    if motion is not None and config.shadow is not None:
+        run = f"hold {motion.duration + 0.5}"
     if config.policy_seconds is not None:
         run = f"hold {config.policy_seconds}"
-    start = "start_remote" if config.remote != "none" else "start_locomotion"
+    start = "" if config.shadow is not None else "start_remote; " if config.remote != "none" else "start_locomotion; "
     run = f"hold {config.duration or _OPEN_END}" if config.remote != "none" else run
-    return f"hold 0.5; damp; hold 1; load_{config.pose}; wait; hold 0.2; {start}; {run}; damp; hold 1"
+    return f"hold 0.5; damp; hold 1; load_{config.pose}; wait; hold 0.2; {start}{run}; damp; hold 1"
 
 
 def expected_duration(config: PlayConfig, policy: PolicyChoice, description: RobotDescription) -> float | None:

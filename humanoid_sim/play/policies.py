@@ -71,10 +71,10 @@ def choose_policy(
     Raises:
         InputError: naming the file and what is wrong with it.
     """
-    path = SAMPLE_POLICY if config.policy is None else Path(config.policy)
+    path = SAMPLE_POLICY if config.checkpoint is None else Path(config.checkpoint)
     contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
-    if config.policy == PLACEHOLDER:
+    if config.checkpoint == PLACEHOLDER:
         checkpoint = placeholder_checkpoint(description, config.pose)
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
     elif has_onnxruntime():
@@ -109,7 +109,7 @@ def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
         return motion_path(config.motion)
     if checkpoint.motion is not None:
         return None
-    if config.policy is None:
+    if config.checkpoint is None:
         return motion_path(SAMPLE_MOTION)
     dataset = checkpoint.contract.dataset_repo_id
     hint = f"; its default is the dataset '{dataset}', to be converted to an .mcap motion first" if dataset else ""
@@ -134,6 +134,7 @@ def parse_branch(text: str) -> tuple[str, float]:
 
 _REPEATED = (
     "policy",
+    "shadow",
     "contract",
     "robot",
     "imu_site",
@@ -171,6 +172,8 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
             recorded.pop("contract", None)  # it is for the recorded policy
         recorded.pop("command", None)  # the velocity goes on as recorded
         config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
+    if config.policy is not None or config.shadow is not None:
+        recorded = {**recorded, "policy": None, "shadow": None}
     known = {field.name: field for field in fields(config)}
     values = {
         name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default

@@ -43,7 +43,8 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     plan, monitor = run.plan, run.monitor
     return {
         "robot": plan.description.name,
-        "policy": plan.policy.checkpoint.source,
+        "policy": None if plan.shadow is not None else plan.policy.checkpoint.source,
+        "shadow": None if run.shadow is None else run.shadow.figures(),
         "motion": None if plan.policy.motion_file is None else str(plan.policy.motion_file),
         "reason": result.reason,
         "duration": result.duration,
@@ -110,6 +111,8 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         console.print(_anchor(summary["anchor"]))
     if summary["base"]:
         console.print(_base(summary["base"]))
+    if summary["shadow"]:
+        console.print(_shadow(summary["shadow"]))
     console.print(loop_table(summary["loop"], summary["effort"]))
     if summary["hardware"]:
         console.print(_hardware(summary["hardware"]))
@@ -202,6 +205,23 @@ def _base(base: dict[str, Any]) -> Table:
         table.add_row("largest tilt after 2 s", f"{np.degrees(base['tilt_max']):.1f}°")
     stood, fell = f"none in {base['duration']:.2f} s", base["fall"]
     table.add_row("fall", stood if fell is None else f"[red]after {fell:.2f} s[/red]")
+    return table
+
+
+def _shadow(shadow: dict[str, Any]) -> Table:
+    table = _table("Shadow policy, of which nothing reached a motor")
+    table.add_row("steps", str(shadow["steps"]))
+    if shadow["faults"]:
+        first = shadow["first_fault"]
+        table.add_row(
+            "faults", f"[red]{shadow['faults']}, first at {first['time']:.3f} s[/] {escape(first['message'])}"
+        )
+    if shadow["left_out"]:
+        table.add_row("ticks left out", f"[red]{shadow['left_out']}[/]")
+    if shadow["steps"]:
+        offset = f"{np.degrees(shadow['largest_offset']):.1f}° ({escape(shadow['largest_joint'])})"
+        table.add_row("largest distance of its command from the joint", offset)
+        table.add_row("steps at an effort limit", str(shadow["saturated"]))
     return table
 
 

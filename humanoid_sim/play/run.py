@@ -87,7 +87,8 @@ def _introduce(console: Console, plan: Plan) -> None:
     if plan.policy.warning:
         console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
     motion = "" if plan.policy.motion_file is None else f", motion {plan.policy.motion_file.name}"
-    console.print(f"robot {plan.description.name}, policy {plan.policy.checkpoint.source}{motion}", markup=False)
+    kind = "policy" if plan.shadow is None else "shadow policy"
+    console.print(f"robot {plan.description.name}, {kind} {plan.policy.checkpoint.source}{motion}", markup=False)
     for notice in plan.notices:
         console.print(f"note: {notice}", markup=False, style="dim")
 
@@ -99,6 +100,7 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         ("final table", run.monitor.error),
         ("console", run.console.error),
         ("front ends", run.ends.front_ends.error),
+        ("shadow policy", run.shadow and run.shadow.error),
         ("robot", run.plan.setup.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
@@ -107,6 +109,11 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
     for part, sink in (("final table", run.monitor), ("console", run.console)):
         if sink.lost:
             found.append(f"{part}: {sink.lost} ticks and events left out, it could not keep up")
+    if run.shadow is not None and run.shadow.first_fault is not None:
+        time, text = run.shadow.first_fault
+        found.append(f"shadow policy: failed {run.shadow.faults} times, first at {time:.3f} s: {text}")
+    if run.shadow is not None and run.shadow.lost:
+        found.append(f"shadow policy: {run.shadow.lost} ticks left out, it could not keep up")
     return found
 
 

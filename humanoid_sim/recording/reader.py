@@ -20,7 +20,7 @@ from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
 
-__all__ = ["Entry", "Recording", "TopicCount", "open_recording"]
+__all__ = ["Entry", "Recording", "TopicCount", "messages_of", "open_recording"]
 
 
 Entry: TypeAlias = TickRecord | Event
@@ -136,6 +136,21 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
                 break
     reason = stream.damage or f"an MCAP file, but no recording of this program: it has no metadata record '{SESSION}'"
     raise InputError(f"{path}: {reason}")
+
+
+def messages_of(path: str | os.PathLike[str], topic: str) -> Iterator[bytes]:
+    """The encoded messages of one topic in file order, to the first chunk that is not whole; none of another's.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    channels: set[int] = set()
+    with _open(Path(path)) as file:
+        for record in McapStream(file):
+            if isinstance(record, Channel) and record.topic == topic:
+                channels.add(record.id)
+            elif isinstance(record, Message) and record.channel_id in channels:
+                yield record.data
 
 
 def _open(path: Path) -> IO[bytes]:

@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from time import monotonic, sleep
@@ -65,6 +66,14 @@ _QOS = """\
 """What `ros2 bag play` offers a topic with, in the numbers of rmw_qos_profile_t: keep last, reliable."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Beside:
+    """Messages that belong to no tick."""
+
+    time: float
+    messages: Sequence[TopicMessage]
+
+
 class McapRecorder:
     """Sink that records a run. One instance records one run."""
 
@@ -85,7 +94,7 @@ class McapRecorder:
         self.path = Path(path)
         self._overwrite = overwrite
         self._encoded = encoded
-        self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event | _Beside] = SimpleQueue()
         self._stop = threading.Event()
         self._wake = threading.Event()
         self.backlog_limit = QUEUE_LIMIT
@@ -143,8 +152,15 @@ class McapRecorder:
 
     def event(self, event: Event) -> None:
         """Queue an event. Never waits."""
+        self._put(event)
+
+    def beside(self, time: float, messages: Sequence[TopicMessage]) -> None:
+        """Queue messages that belong to no tick, of s on the robot's clock; from any thread. Never waits."""
+        self._put(_Beside(time, messages))
+
+    def _put(self, item: Event | _Beside) -> None:
         if self._error is None and self._thread is not None and self._queue.qsize() < 2 * QUEUE_LIMIT:
-            self._queue.put(event)
+            self._queue.put(item)
 
     def close(self) -> None:
         """Write what is queued, and the index. Never raises; `error` says whether it worked."""
@@ -182,6 +198,8 @@ class McapRecorder:
                     break
                 if isinstance(item, Event):
                     run.event(item)
+                elif isinstance(item, _Beside):
+                    run.beside(item)
                 else:
                     run.tick(*item)
                     self._done += 1
@@ -238,6 +256,12 @@ class _RunWriter:
     def event(self, event: Event) -> None:
         """Encode one event."""
         self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(event)), self._log_time(event.time), self._index)
+
+    def beside(self, item: _Beside) -> None:
+        """Write messages that belong to no tick."""
+        time_ns = self._log_time(item.time)
+        for message in item.messages:
+            self._add(message, time_ns, self._index)
 
     @property
     def is_due(self) -> bool:

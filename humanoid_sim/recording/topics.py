@@ -22,7 +22,7 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import MITState
 from humanoid_sim.recording.body import RecordedBody
-from humanoid_sim.recording.labels import read_labels
+from humanoid_sim.recording.labels import Labels, read_labels
 from humanoid_sim.ros2.definitions import (
     CONTROL_MODE,
     FLOAT32_MULTI_ARRAY,
@@ -62,7 +62,7 @@ from humanoid_sim.ros2.topics import (
 )
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["KEY_PRESSED", "TopicMessage", "ViewerTopics", "topic_prefix"]
+__all__ = ["KEY_PRESSED", "PolicyTopics", "TopicMessage", "ViewerTopics", "topic_prefix"]
 
 VIEWER_PERIOD = 0.02
 """s between two messages of a topic that has something new in every tick."""
@@ -91,6 +91,43 @@ def topic_prefix(header: SessionHeader) -> str:
     return prefix if isinstance(prefix, str) and prefix else header.robot
 
 
+class PolicyTopics:
+    """Turns the steps of one policy into messages: arrays, or under the names of their values where there are any."""
+
+    def __init__(self, prefix: str, terms: tuple[tuple[str, int], ...], labels: Labels) -> None:
+        """Prepare.
+
+        Args:
+            prefix: of the topics' names.
+            terms: name and width of each observation term.
+            labels: the names of their values.
+        """
+        self._terms = tuple(
+            (f"{prefix}/observation/{name}", width, labels.observation.get(name)) for name, width in terms
+        )
+        self._action = f"{prefix}/action", labels.action
+
+    def messages(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
+        """The observation term by term, and the raw action."""
+        start = 0
+        for topic, width, names in self._terms:
+            values = step.observation[start : start + width]
+            start += width
+            yield self._values(topic, names, values, time_ns)
+        topic, names = self._action
+        yield self._values(topic, names, step.action, time_ns)
+
+    @staticmethod
+    def _values(
+        topic: str, names: tuple[str, ...] | None, values: npt.NDArray[np.float32], time_ns: int
+    ) -> TopicMessage:
+        """Under their names, if there are any; of a policy that fails, the answer may have any shape."""
+        if not names:
+            return TopicMessage(topic, FLOAT32_MULTI_ARRAY, encode_float32_array(values))
+        flat = values.reshape(-1)[: len(names)]
+        return TopicMessage(topic, JOINT_STATE, encode_named_values(time_ns, names[: len(flat)], flat))
+
+
 class ViewerTopics:
     """Turns the ticks of one run into messages. Keeps what it last said, for the topics that change rarely."""
 
@@ -104,14 +141,13 @@ class ViewerTopics:
         self._joints = header.joint_names
         self._joint_topic = joint_states_topic(topic_prefix(header))
         self._every_state = every_state
-        self._terms = header.observation_terms
         self._every = max(1, round(VIEWER_PERIOD / header.control_period))
         self._control_mode: ControlMode | None = None
         self._standby: tuple[str, StandbyState | None] = ("", None)
         self._safety: dict[str, SafetyStatus] = {}
         self._remote: RemoteCommand | None = None
         self._keys_arrival: float | None = None
-        self._labels = read_labels(header)
+        self._policy = PolicyTopics("/rl_policy_controller", header.observation_terms, read_labels(header))
         self._body = RecordedBody.of(header)
         self._is_described = self._body is None
         if self._body is not None:
@@ -145,7 +181,7 @@ class ViewerTopics:
         if is_due and self._body is not None:
             yield from self._frames(self._body, record, time_ns)
         if output.policy_step is not None:
-            yield from self._policy_step(output.policy_step, time_ns)
+            yield from self._policy.messages(output.policy_step, time_ns)
         if state.extern:
             yield from self._key_state(state)
 
@@ -193,26 +229,6 @@ class ViewerTopics:
             yield TopicMessage(TF_TOPIC, TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
         if body.floating and body.knows_base(record):
             yield TopicMessage("/base_pose", POSE_STAMPED, encode_pose(time_ns, "world", self._poses[count]))
-
-    def _policy_step(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
-        """The observation term by term, and the raw action: arrays, and the same under the names of their values."""
-        start = 0
-        for name, width in self._terms:
-            values = step.observation[start : start + width]
-            start += width
-            topic = f"/rl_policy_controller/observation/{name}"
-            yield self._values(topic, self._labels.observation.get(name), values, time_ns)
-        yield self._values("/rl_policy_controller/action", self._labels.action, step.action, time_ns)
-
-    @staticmethod
-    def _values(
-        topic: str, names: tuple[str, ...] | None, values: npt.NDArray[np.float32], time_ns: int
-    ) -> TopicMessage:
-        """Under their names, if there are any; of a policy that fails, the answer may have any shape."""
-        if not names:
-            return TopicMessage(topic, FLOAT32_MULTI_ARRAY, encode_float32_array(values))
-        flat = values.reshape(-1)[: len(names)]
-        return TopicMessage(topic, JOINT_STATE, encode_named_values(time_ns, names[: len(flat)], flat))
 
     def _key_state(self, state: MITState) -> Iterator[TopicMessage]:
         keys = state.extern.get(KEY_PRESSED)

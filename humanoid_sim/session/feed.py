@@ -31,14 +31,14 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import header_metadata
-from humanoid_sim.ros2.definitions import EVENT, TICK, schema_text
+from humanoid_sim.ros2.definitions import EVENT, SHADOW_STEP, TICK, schema_text
 from humanoid_sim.session.sinks import Sink
 
 __all__ = ["MODEL_BLOB", "FeedWriter"]
 
 MODEL_BLOB = "model.mjb"
 """The robot's compiled model; `qpos` of the ticks is its."""
-_TICKS, _EVENTS, _STATUSES = 64, 256, 4
+_TICKS, _EVENTS, _STATUSES, _SHADOWS = 64, 256, 4, 64
 """Samples that each ring holds: a reader that looks 10 times a second sees every tick of a loop at 200 Hz."""
 _EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
 """Bytes; a longer event is cut, a longer status is left out."""
@@ -85,6 +85,8 @@ class FeedWriter(Sink):
         header: SessionHeader,
         blobs: Mapping[str, bytes] | None = None,
         live_inputs: Mapping[str, int] | None = None,
+        *,
+        shadow_width: int = 0,
     ) -> None:
         """Make the memory, with what interprets the run.
 
@@ -92,6 +94,7 @@ class FeedWriter(Sink):
             header: of the run, as recorded.
             blobs: files by name, beside the header's attachments.
             live_inputs: name and width of those that the session takes from outside.
+            shadow_width: how many values a shadow policy observes and answers; 0 for none.
 
         Raises:
             InputError: it cannot be made.
@@ -108,7 +111,7 @@ class FeedWriter(Sink):
             "control_period": header.control_period,
             "live_inputs": dict(live_inputs or {}),
             "header": {"session": session, "documents": documents},
-            "definitions": {"tick": schema_text(TICK), "event": schema_text(EVENT)},
+            "definitions": {"tick": schema_text(TICK), "event": schema_text(EVENT), "shadow": schema_text(SHADOW_STEP)},
         }
         offset = _PAGE
         places: dict[str, tuple[int, int]] = {}
@@ -120,6 +123,7 @@ class FeedWriter(Sink):
             ("tick", _TICKS, _tick_size(header)),
             ("event", _EVENTS, _EVENT_SIZE),
             ("status", _STATUSES, _STATUS_SIZE),
+            ("shadow", _SHADOWS if shadow_width else 1, _shadow_size(header, shadow_width)),
         ):
             rings[name] = (offset, slots, size)
             offset = _aligned(offset + 64 + slots * size)
@@ -134,7 +138,9 @@ class FeedWriter(Sink):
             self._memory[place : place + length] = files[name]
         self._memory[offset : offset + len(text)] = text
         FEED_HEAD.pack_into(self._memory, 0, FEED_MAGIC, offset, len(text), zlib.crc32(text), 0)
-        self._ticks, self._events, self._statuses = (_Ring(self._memory, *place) for place in rings.values())
+        self._ticks, self._events, self._statuses, self._shadows = (
+            _Ring(self._memory, *place) for place in rings.values()
+        )
         for place, slots, size in rings.values():  # every page is mapped before the loop begins
             for at in range(place, place + 64 + slots * size, _PAGE):
                 self._memory[at] = 0
@@ -158,6 +164,10 @@ class FeedWriter(Sink):
     def status(self, told: Mapping[str, object]) -> None:
         """Publish what is told beside ticks; from one thread."""
         self._statuses.put(json.dumps(told).encode())
+
+    def shadow(self, message: bytes) -> None:
+        """Publish a step of a shadow policy; from one thread."""
+        self._shadows.put(message)
 
     def close(self) -> None:
         """Say that the session has ended, and let the memory go; readers keep what they have mapped."""
@@ -204,6 +214,11 @@ def _tick_size(header: SessionHeader) -> int:
     observation = sum(width for _, width in header.observation_terms)
     numbers = 4 * joints + 5 * joints + (joints + 64) + 5 * joints + observation + joints
     return _aligned(8 * numbers + _ROOM)
+
+
+def _shadow_size(header: SessionHeader, width: int) -> int:
+    """Bytes of a slot, with room for what a fault says."""
+    return _aligned(8 * (width + 5 * len(header.joint_names)) + _EVENT_SIZE)
 
 
 def _aligned(offset: int) -> int:

@@ -53,7 +53,7 @@ class LocalSession:
             tell=self.told.append,
         )
         self.stack.callback(self.data.close)
-        self.feed = FeedWriter(HEADER, {"model.mjb": b"model"})
+        self.feed = FeedWriter(HEADER, {"model.mjb": b"model"}, shadow_width=8)
         self.stack.callback(self.feed.close)
         self.registration.register(robot="three", policy="p.onnx", hardware="", feed=self.feed.path)
 

@@ -1,0 +1,154 @@
+"""What a shadow policy leaves in a recording: what it saw, what it answered, and the command it would have given.
+
+A shadow policy runs beside a robot that somebody else drives; nothing of it reaches a motor, and it is in no tick.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import PolicyStep, SessionHeader
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.policy.contract_json import encode
+from humanoid_sim.policy.labels import observation_labels
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
+from humanoid_sim.recording.labels import Labels
+from humanoid_sim.recording.reader import messages_of
+from humanoid_sim.recording.topics import PolicyTopics, TopicMessage
+from humanoid_sim.ros2.cdr import CdrError, CdrReader, CdrWriter
+from humanoid_sim.ros2.definitions import MIT_COMMAND, SHADOW_STEP
+from humanoid_sim.ros2.messages import encode_mit_command
+
+__all__ = [
+    "SHADOW_CONTRACT_DOCUMENT",
+    "SHADOW_DOCUMENT",
+    "SHADOW_TOPIC",
+    "ShadowStep",
+    "ShadowTopics",
+    "decode_shadow_step",
+    "encode_shadow_step",
+    "read_shadow_steps",
+    "shadow_documents",
+    "shadow_width",
+]
+
+SHADOW_DOCUMENT = "shadow"
+"""Of a header: the shadow policy's file and the terms of its observation."""
+SHADOW_CONTRACT_DOCUMENT = "shadow_contract"
+_PREFIX = "/humanoid_sim/shadow"
+SHADOW_TOPIC = f"{_PREFIX}/step"
+_MOST = 4096
+"""Values of an answer that are kept: one that is too long is a fault, and its beginning tells why."""
+_COMMAND = ("position", "velocity", "effort", "stiffness", "damping")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShadowStep:
+    """One inference of a shadow policy, or why there was none."""
+
+    tick: int
+    """Index of the tick whose state it saw."""
+    time: float
+    """s, the robot's clock, of that state."""
+    step: PolicyStep | None = None
+    """What it saw and answered; None if it came to nothing."""
+    command: MITCommand | None = None
+    """What it would have commanded; None with a fault."""
+    fault: str = ""
+    """Why there is no command; empty where there is one."""
+
+
+def encode_shadow_step(shadow: ShadowStep) -> bytes:
+    """`humanoid_sim_msgs/msg/ShadowStep`."""
+    nothing, none = np.zeros(0, dtype=np.float32), np.zeros(0)
+    step = shadow.step
+    writer = CdrWriter()
+    writer.pack("Qdq", shadow.tick, shadow.time, -1 if step is None else step.frame)
+    writer.array(nothing if step is None else step.observation)
+    writer.array(nothing if step is None else step.action.reshape(-1)[:_MOST])
+    for name in _COMMAND:
+        writer.array(none if shadow.command is None else getattr(shadow.command, name))
+    writer.string(shadow.fault)
+    return writer.message()
+
+
+def decode_shadow_step(message: bytes) -> ShadowStep:
+    """The step in a message. Raises `CdrError`."""
+    reader = CdrReader(message)
+    tick, time, frame = reader.unpack("Qdq")
+    observation, action = reader.array(np.float32), reader.array(np.float32)
+    arrays = [reader.array(np.float64) for _ in _COMMAND]
+    fault = reader.string()
+    reader.finish()
+    if len({len(values) for values in arrays}) > 1:
+        raise CdrError("a command whose arrays differ in length")
+    return ShadowStep(
+        tick,
+        time,
+        PolicyStep(frame, observation, action) if len(observation) else None,
+        MITCommand(*arrays) if len(arrays[0]) else None,
+        fault,
+    )
+
+
+def shadow_documents(source: str, sha256: str, motion: str | None, loaded: LoadedPolicy) -> dict[str, str]:
+    """What a header says of a shadow policy."""
+    told = {
+        "policy": source,
+        "policy_sha256": sha256,
+        "motion": motion,
+        "observation_terms": [[term.name, term.width] for term in loaded.layout.terms],
+    }
+    return {SHADOW_DOCUMENT: json.dumps(told, indent=1), SHADOW_CONTRACT_DOCUMENT: encode(loaded.contract)}
+
+
+def shadow_width(loaded: LoadedPolicy) -> int:
+    """How many values it observes and answers."""
+    return loaded.layout.width + len(loaded.contract.action_joint_names)
+
+
+class ShadowTopics:
+    """Turns the steps of one shadow policy into messages: one that holds everything, and those that viewers plot."""
+
+    def __init__(self, header: SessionHeader, loaded: LoadedPolicy) -> None:
+        """Prepare for a run."""
+        self._joints = header.joint_names
+        self._start_time_ns = header.start_time_ns
+        layout = loaded.layout
+        labels = Labels(
+            MappingProxyType(dict(observation_labels(loaded.contract, layout))), loaded.contract.action_joint_names
+        )
+        self._policy = PolicyTopics(_PREFIX, tuple((term.name, term.width) for term in layout.terms), labels)
+
+    def messages(self, shadow: ShadowStep, encoded: bytes) -> Iterator[TopicMessage]:
+        """The messages of a step; `encoded` is the step's own."""
+        yield TopicMessage(SHADOW_TOPIC, SHADOW_STEP, encoded)
+        if not math.isfinite(shadow.time) or abs(shadow.time) >= 1e9:
+            return
+        time_ns = max(0, self._start_time_ns + round(shadow.time * 1e9))
+        if shadow.command is not None:
+            data = encode_mit_command(time_ns, self._joints, shadow.command)
+            yield TopicMessage(f"{_PREFIX}/mit_command", MIT_COMMAND, data)
+        if shadow.step is not None:
+            yield from self._policy.messages(shadow.step, time_ns)
+
+
+def read_shadow_steps(path: str | Path) -> Iterator[ShadowStep]:
+    """The steps of the shadow policy in a recording, in their order; none where none ran.
+
+    Raises:
+        InputError: if the file cannot be read, or a message is damaged.
+    """
+    for data in messages_of(path, SHADOW_TOPIC):
+        try:
+            yield decode_shadow_step(data)
+        except (CdrError, ValueError) as error:
+            raise InputError(f"{path}: a message of {SHADOW_TOPIC}: {error}") from None
