@@ -20,14 +20,16 @@ import fcntl
 import json
 import mmap
 import os
+import queue
 import re
 import socket
 import stat
 import struct
 import tempfile
+import threading
 import time
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
@@ -43,7 +45,9 @@ __all__ = [
     "Sample",
     "SessionError",
     "SessionInfo",
+    "ask_sessions",
     "find_session",
+    "keep_network_on",
     "monotonic_ns",
     "running_sessions",
     "session_folder",
@@ -617,3 +621,69 @@ class Intake:
         except OSError as error:
             raise SessionError(f"{self.session}: has ended ({error.strerror or error})") from None
         return True
+
+
+def ask_sessions(
+    word: str, process: int | None, *, producer: str, timeout: float = 2.0
+) -> Iterator[tuple[SessionInfo, Answer | SessionError]]:
+    """Ask a session for something; for `damp` and no process id all that run, at once: none waits for another.
+
+    Args:
+        word: see `Intake.ask`, as for `timeout`.
+        process: id of the session; None for the only one that runs.
+        producer: a name for operators to read.
+
+    Returns:
+        Each session and its answer, or why there is none, as they come.
+
+    Raises:
+        SessionError: there is no such session.
+    """
+    sessions = running_sessions() if word == "damp" and process is None else []
+    sessions = sessions or [find_session(process)]
+
+    def ask(session: SessionInfo) -> tuple[SessionInfo, Answer | SessionError]:
+        try:
+            with Intake(session, producer) as intake:
+                return session, intake.ask(word, timeout)
+        except SessionError as error:
+            return session, error
+
+    return map(ask, sessions) if len(sessions) == 1 else _at_once(ask, sessions)
+
+
+def _at_once(
+    ask: Callable[[SessionInfo], tuple[SessionInfo, Answer | SessionError]], sessions: Sequence[SessionInfo]
+) -> Iterator[tuple[SessionInfo, Answer | SessionError]]:
+    answers: queue.SimpleQueue[tuple[SessionInfo, Answer | SessionError]] = queue.SimpleQueue()
+    threads = [threading.Thread(target=lambda session=session: answers.put(ask(session))) for session in sessions]
+    for thread in threads:
+        thread.start()
+    for _ in threads:
+        yield answers.get()
+    for thread in threads:
+        thread.join()
+
+
+# The network.
+
+
+def keep_network_on(device: str) -> None:
+    """Bind every network socket of this process to a device, such as `lo`: nothing comes or goes by another one.
+
+    The address that a socket is bound to is no such limit. DDS libraries bind some to all addresses, and then a packet
+    from any network gets in, whatever interface they were configured for. For a library that has opened its sockets.
+
+    Raises:
+        OSError: there is no such device, or the kernel (before Linux 5.7) allows this to root alone.
+    """
+    for name in os.listdir("/proc/self/fd"):
+        try:
+            if not os.readlink(f"/proc/self/fd/{name}").startswith("socket:"):
+                continue
+            handle = os.dup(int(name))
+        except OSError:  # closed meanwhile, or the descriptor of this very listing
+            continue
+        with socket.socket(fileno=handle) as end:
+            if end.family in (socket.AF_INET, socket.AF_INET6):
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device.encode() + b"\0")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-import threading
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 
 # Nothing here loads NumPy, nor tyro: somebody waits for a DAMP.
 from humanoid_sim.cli import ExitStatus, complain, run_program
-from humanoid_sim.client import Intake, SessionError, SessionInfo, find_session, running_sessions
+from humanoid_sim.client import SessionError, ask_sessions
 from humanoid_sim.errors import InputError
 
 __all__ = ["main"]
@@ -35,43 +34,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("intent", choices=WORDS, help="what to ask for")
     parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
     config = parser.parse_args(arguments)
+    timeout = _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT
+    granted, problems = [], []
     try:
-        sessions = running_sessions() if config.intent == "damp" and config.session is None else []
-        sessions = sessions or [find_session(config.session)]
+        for session, answer in ask_sessions(config.intent, config.session, producer="mode", timeout=timeout):
+            if isinstance(answer, SessionError):
+                problems.append(answer)
+            else:
+                granted.append(answer.granted)
+                print(f"{session}: {answer.text}")
     except SessionError as error:
-        raise InputError(str(error)) from None
-    if len(sessions) == 1:
-        try:
-            return ExitStatus.of(_asked(sessions[0], config.intent))
-        except SessionError as error:
-            raise InputError(str(error)) from None
-    return ExitStatus.of(_damped(sessions))
-
-
-def _asked(session: SessionInfo, word: str) -> bool:
-    """Whether a session grants what it is asked for; its answer is printed."""
-    with Intake(session, "mode") as intake:
-        answer = intake.ask(word, _REACTIVATE_TIMEOUT if word == "reactivate" else _TIMEOUT)
-    print(f"{session}: {answer.text}")
-    return answer.granted
-
-
-def _damped(sessions: Sequence[SessionInfo]) -> bool:
-    """Whether all sessions are damped. They are asked at once: one that does not answer keeps no other waiting."""
-    granted: list[bool] = []
-
-    def damp(session: SessionInfo) -> None:
-        try:
-            granted.append(_asked(session, "damp"))
-        except SessionError as error:
-            complain(f"error: {error}")
-
-    threads = [threading.Thread(target=damp, args=(session,)) for session in sessions]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return len(granted) == len(sessions) and all(granted)
+        problems.append(error)
+    if not granted and len(problems) == 1:
+        raise InputError(str(problems[0]))
+    for problem in problems:
+        complain(f"error: {problem}")
+    return ExitStatus.of(all(granted) and not problems)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,143 @@
+"""What the ROS 2 services do without ROS 2; with it they are tested in `tests/ros2_live`."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from local_session import LocalSession
+
+from humanoid_sim import client, ros2_services
+from humanoid_sim.ros2_services import SERVICES, ServiceError, answer, loopback_environment
+
+FILE = Path(ros2_services.__file__)
+
+HAS_ROS = """
+import sys, types
+rclpy = sys.modules["rclpy"] = types.ModuleType("rclpy")
+executors = sys.modules["rclpy.executors"] = types.ModuleType("rclpy.executors")
+executors.ExternalShutdownException = executors.MultiThreadedExecutor = None
+utilities = sys.modules["rclpy.utilities"] = types.ModuleType("rclpy.utilities")
+utilities.get_rmw_implementation_identifier = lambda: sys.argv[1]
+from humanoid_sim.ros2_services import main
+sys.exit(main([]))
+"""
+
+BOUND = """
+import socket, sys
+from humanoid_sim.client import keep_network_on
+ends = [socket.socket(family, kind) for family in (socket.AF_INET, socket.AF_INET6)
+        for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM)]
+local = socket.socketpair()
+keep_network_on(sys.argv[1])
+for end in (*ends, *local):
+    print(end.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16).rstrip(b"\\0").decode(), end=" ")
+    end.close()
+"""
+
+
+def told(local: LocalSession, word: str, process: int | None = None) -> tuple[bool, str]:
+    """The answer of a session that ticks meanwhile."""
+    answers: list[tuple[bool, str]] = []
+    thread = threading.Thread(target=lambda: answers.append(answer(word, process)))
+    thread.start()
+    while thread.is_alive():
+        local.tick()
+        thread.join(0.002)
+    return answers[0]
+
+
+def test_the_names_are_those_of_the_original() -> None:
+    assert SERVICES == {
+        "/humanoid_control/mode/damp": "damp",
+        "/humanoid_control/mode/load_a": "load_a",
+        "/humanoid_control/mode/load_b": "load_b",
+        "/humanoid_control/mode/start_remote": "start_remote",
+        "/humanoid_control/mode/start_locomotion": "start_locomotion",
+        "/humanoid_control/mode/quit": "quit",
+    }
+
+
+def test_the_answer_is_that_of_the_fsm(local: LocalSession) -> None:
+    assert told(local, "start_remote") == (
+        False,
+        "ZERO_TORQUE (zero_torque_controller): START_REMOTE refused: requires finished STANDBY, mode is ZERO_TORQUE",
+    )
+    assert told(local, "damp") == (True, "DAMPING (damping_controller): DAMP requested")
+    granted, text = told(local, "load_b")
+    assert granted
+    assert text.startswith("STANDBY (standby_controller_b)")
+    assert told(local, "damp", client.find_session().process)[0]
+
+
+def test_without_a_session_every_service_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    for word in SERVICES.values():
+        assert answer(word, None) == (False, "no session is running; start one with play")
+    assert ros2_services.main(["--session", "1"]) == 2
+
+
+def test_a_damp_of_several_succeeds_if_all_are_damped(local: LocalSession, monkeypatch: pytest.MonkeyPatch) -> None:
+    granted = (local.info, client.Answer(True, "DAMPING"))
+    silent = (local.info, client.SessionError("did not answer"))
+    for answers, expected in (([granted, granted], True), ([granted, silent], False)):
+        monkeypatch.setattr(ros2_services, "ask_sessions", lambda *_, answers=answers, **__: iter(answers))
+        succeeded, text = answer("damp", None)
+        assert succeeded is expected
+        assert f"{local.info}: DAMPING; " in text
+
+
+def test_each_middleware_is_kept_on_this_machine_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    profiles = tmp_path / "profiles.xml"
+    monkeypatch.setenv("ROS_DISTRO", "kilted")
+    fast = loopback_environment("rmw_fastrtps_cpp", profiles)
+    assert fast["FASTDDS_DEFAULT_PROFILES_FILE"] == str(profiles)
+    assert fast["FASTRTPS_DEFAULT_PROFILES_FILE"] is None
+    assert fast["ROS_STATIC_PEERS"] is None
+    assert "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>" in profiles.read_text()
+    assert "<useBuiltinTransports>false</useBuiltinTransports>" in profiles.read_text()
+    monkeypatch.setenv("ROS_DISTRO", "humble")
+    older = loopback_environment("rmw_fastrtps_dynamic_cpp", profiles)
+    assert older["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(profiles)
+    assert older["FASTDDS_DEFAULT_PROFILES_FILE"] is None
+    cyclone = loopback_environment("rmw_cyclonedds_cpp", profiles)
+    assert '<NetworkInterface name="lo" multicast="true"/>' in (cyclone["CYCLONEDDS_URI"] or "")
+    for other in ("rmw_zenoh_cpp", "rmw_connextdds", ""):
+        with pytest.raises(ServiceError, match=r"expected rmw_fastrtps_cpp or rmw_cyclonedds_cpp$"):
+            loopback_environment(other, profiles)
+
+
+def test_a_middleware_that_cannot_be_restricted_is_one_line_and_status_2() -> None:
+    run = subprocess.run([sys.executable, "-c", HAS_ROS, "rmw_zenoh_cpp"], capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert run.stderr == (
+        "error: RMW_IMPLEMENTATION: rmw_zenoh_cpp cannot be kept on this machine, expected rmw_fastrtps_cpp or "
+        "rmw_cyclonedds_cpp\n"
+    )
+
+
+def test_the_two_files_work_without_the_package(tmp_path: Path) -> None:
+    for file in (FILE, Path(client.__file__)):
+        shutil.copy(file, tmp_path)
+        ast.parse(file.read_text(encoding="utf-8"), feature_version=(3, 9))
+    command = [sys.executable, "-S", str(tmp_path / FILE.name)]  # without the packages that are installed
+    run = subprocess.run(command, capture_output=True, text=True, env={}, check=False)
+    assert run.returncode == 2
+    assert run.stderr == (
+        "error: the services need ROS 2's Python (No module named 'rclpy'): source /opt/ros/<distribution>/setup.bash "
+        "and run them there\n"
+    )
+
+
+@pytest.mark.skipif(not hasattr(socket, "SO_BINDTODEVICE"), reason="binds to devices on Linux alone")
+def test_all_network_sockets_of_a_process_are_bound_to_the_device() -> None:
+    run = subprocess.run([sys.executable, "-c", BOUND, "lo"], capture_output=True, text=True, check=True)
+    assert run.stdout == "lo lo lo lo   "
+    run = subprocess.run([sys.executable, "-c", BOUND, "lo77"], capture_output=True, text=True, check=False)
+    assert run.stderr.splitlines()[-1] == "OSError: [Errno 19] No such device"
