@@ -4,8 +4,10 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 # LeRobot bounds NumPy, PyAV and others lower than the rest needs, and brings PyTorch with CUDA: an environment of its own.
 LEROBOT := .venv-lerobot
+# ROS 2's wheels restart every Python of the environment that they are in: one of their own, whose nodes the tests start.
+ROS := .venv-ros
 
-.PHONY: play test test-slow test-train test-lerobot bench lint format types train clean
+.PHONY: play test test-slow test-train test-lerobot test-ros bench lint format types train clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -26,6 +28,9 @@ test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, whic
 
 test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs about 9 GB at the first time
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -m lerobot $(ARGS)
+
+test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/test.done  ## with ROS 2's rclpy, in network namespaces; needs cmake, ninja and g++
+	$(BIN)/python -m pytest -m ros tests/ros2_live $(ARGS)
 
 bench: $(VENV)/play.done  ## this machine's figures
 	$(BIN)/python -m humanoid_sim.bench $(ARGS)
@@ -50,7 +55,7 @@ train: $(VENV)/train.done  ## make the sample motions and train the sample polic
 	    --motion assets/motions/wave.mcap --overwrite --output assets/policies/lite_tracking.onnx
 
 clean:
-	rm -rf $(VENV) $(LEROBOT) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(LEROBOT) $(ROS) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 
 $(VENV)/bin/pip:
 	$(PYTHON) -m venv $(VENV)
@@ -74,4 +79,13 @@ $(VENV)/slow.done: $(VENV)/test.done $(VENV)/train.done
 $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
 	$(PYTHON) -m venv $(LEROBOT)
 	$(LEROBOT)/bin/pip install --quiet --disable-pip-version-check -c constraints-lerobot.txt -e '.[lerobot,wandb,test,test-video]'
+	touch $@
+
+$(VENV)/dds.done: $(VENV)/play.done
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dds]'
+	touch $@
+
+$(ROS)/test.done: constraints-ros.txt
+	$(PYTHON) -m venv $(ROS)
+	$(ROS)/bin/pip install --quiet --disable-pip-version-check -r constraints-ros.txt
 	touch $@

@@ -30,6 +30,7 @@ import threading
 import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
@@ -47,8 +48,8 @@ __all__ = [
     "SessionInfo",
     "ask_sessions",
     "find_session",
-    "keep_network_on",
     "monotonic_ns",
+    "network_on",
     "running_sessions",
     "session_folder",
 ]
@@ -668,22 +669,39 @@ def _at_once(
 # The network.
 
 
-def keep_network_on(device: str) -> None:
-    """Bind every network socket of this process to a device, such as `lo`: nothing comes or goes by another one.
+@contextmanager
+def network_on(device: str) -> Iterator[None]:
+    """Bind the network sockets opened within to a device, such as `lo`: nothing comes or goes by another one.
 
     The address that a socket is bound to is no such limit. DDS libraries bind some to all addresses, and then a packet
-    from any network gets in, whatever interface they were configured for. For a library that has opened its sockets.
+    from any network gets in, whatever interface they were configured for. For a library that opens its own sockets;
+    they are bound at the end.
 
     Raises:
         OSError: there is no such device, or the kernel (before Linux 5.7) allows this to root alone.
     """
-    for name in os.listdir("/proc/self/fd"):
+    before = _open_sockets()
+    yield
+    for number, target in _open_sockets().items():
+        if before.get(number) == target:
+            continue
         try:
-            if not os.readlink(f"/proc/self/fd/{name}").startswith("socket:"):
-                continue
-            handle = os.dup(int(name))
-        except OSError:  # closed meanwhile, or the descriptor of this very listing
+            handle = os.dup(number)
+        except OSError:  # closed meanwhile
             continue
         with socket.socket(fileno=handle) as end:
             if end.family in (socket.AF_INET, socket.AF_INET6):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device.encode() + b"\0")
+
+
+def _open_sockets() -> dict[int, str]:
+    """Descriptor and name of every socket of this process."""
+    found = {}
+    for name in os.listdir("/proc/self/fd"):
+        try:
+            target = os.readlink(f"/proc/self/fd/{name}")
+        except OSError:  # the descriptor of this very listing
+            continue
+        if target.startswith("socket:"):
+            found[int(name)] = target
+    return found

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING or __package__:
-    from humanoid_sim.client import SessionError, ask_sessions, find_session, keep_network_on
+    from humanoid_sim.client import SessionError, ask_sessions, find_session, network_on
 else:
-    from client import SessionError, ask_sessions, find_session, keep_network_on
+    from client import SessionError, ask_sessions, find_session, network_on
 
 __all__ = ["LOOPBACK", "SERVICES", "ServiceError", "answer", "loopback_environment", "main"]
 
@@ -151,6 +151,7 @@ def _serve(process: int | None, profiles: Path) -> None:
         import rclpy  # noqa: PLC0415 - a user's own; whoever lacks it is told in a line
         from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor  # noqa: PLC0415
         from rclpy.utilities import get_rmw_implementation_identifier  # noqa: PLC0415
+        from std_srvs.srv import Trigger  # noqa: PLC0415
     except ImportError as error:
         raise ServiceError(
             f"the services need ROS 2's Python ({error}): source /opt/ros/<distribution>/setup.bash and run them there"
@@ -160,14 +161,17 @@ def _serve(process: int | None, profiles: Path) -> None:
             os.environ.pop(name, None)
         else:
             os.environ[name] = value
-    rclpy.init(args=[])
+    try:
+        rclpy.init(args=[])
+    except RuntimeError as error:  # of rclpy; a domain that is none, for example
+        raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
     try:
         # Five services that run one at a time each, and damps, which wait for none of them.
         executor = MultiThreadedExecutor(num_threads=len(SERVICES) - 1 + _DAMPS_AT_ONCE)
-        node = rclpy.create_node("mode_services", start_parameter_services=False)
-        _advertise(node, process)
         try:
-            keep_network_on(LOOPBACK)
+            with network_on(LOOPBACK):
+                node = rclpy.create_node("mode_services", start_parameter_services=False)
+                _advertise(node, Trigger, process)
         except OSError as error:
             raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device {LOOPBACK}: {error}") from None
         executor.add_node(node)
@@ -181,9 +185,8 @@ def _serve(process: int | None, profiles: Path) -> None:
         rclpy.try_shutdown()
 
 
-def _advertise(node: Any, process: int | None) -> None:
+def _advertise(node: Any, kind: Any, process: int | None) -> None:
     from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
-    from std_srvs.srv import Trigger  # noqa: PLC0415
 
     def respond(word: str, response: Any) -> Any:
         response.success, response.message = answer(word, process)
@@ -191,7 +194,7 @@ def _advertise(node: Any, process: int | None) -> None:
 
     for name, word in SERVICES.items():
         group = ReentrantCallbackGroup() if word == "damp" else MutuallyExclusiveCallbackGroup()
-        node.create_service(Trigger, name, lambda _, response, word=word: respond(word, response), callback_group=group)
+        node.create_service(kind, name, lambda _, response, word=word: respond(word, response), callback_group=group)
 
 
 if __name__ == "__main__":

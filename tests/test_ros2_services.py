@@ -23,6 +23,9 @@ import sys, types
 rclpy = sys.modules["rclpy"] = types.ModuleType("rclpy")
 executors = sys.modules["rclpy.executors"] = types.ModuleType("rclpy.executors")
 executors.ExternalShutdownException = executors.MultiThreadedExecutor = None
+std_srvs = sys.modules["std_srvs"] = types.ModuleType("std_srvs")
+sys.modules["std_srvs.srv"] = types.ModuleType("std_srvs.srv")
+sys.modules["std_srvs.srv"].Trigger = None
 utilities = sys.modules["rclpy.utilities"] = types.ModuleType("rclpy.utilities")
 utilities.get_rmw_implementation_identifier = lambda: sys.argv[1]
 from humanoid_sim.ros2_services import main
@@ -31,12 +34,13 @@ sys.exit(main([]))
 
 BOUND = """
 import socket, sys
-from humanoid_sim.client import keep_network_on
-ends = [socket.socket(family, kind) for family in (socket.AF_INET, socket.AF_INET6)
-        for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM)]
-local = socket.socketpair()
-keep_network_on(sys.argv[1])
-for end in (*ends, *local):
+from humanoid_sim.client import network_on
+before = socket.socket()
+with network_on(sys.argv[1]):
+    ends = [socket.socket(family, kind) for family in (socket.AF_INET, socket.AF_INET6)
+            for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM)]
+    local = socket.socketpair()
+for end in (before, *ends, *local):
     print(end.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16).rstrip(b"\\0").decode(), end=" ")
     end.close()
 """
@@ -136,8 +140,8 @@ def test_the_two_files_work_without_the_package(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(socket, "SO_BINDTODEVICE"), reason="binds to devices on Linux alone")
-def test_all_network_sockets_of_a_process_are_bound_to_the_device() -> None:
+def test_network_sockets_that_a_library_opens_are_bound_to_the_device() -> None:
     run = subprocess.run([sys.executable, "-c", BOUND, "lo"], capture_output=True, text=True, check=True)
-    assert run.stdout == "lo lo lo lo   "
+    assert run.stdout == " lo lo lo lo   "
     run = subprocess.run([sys.executable, "-c", BOUND, "lo77"], capture_output=True, text=True, check=False)
     assert run.stderr.splitlines()[-1] == "OSError: [Errno 19] No such device"

@@ -1,0 +1,44 @@
+"""Tests with real ROS 2 (`rclpy`), in an environment and in network namespaces of their own, by `make test-ros`."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+# The machines have a name for all test modules; importlib mode leaves sys.path alone.
+sys.path.append(str(Path(__file__).parent))
+
+from interface_package import build, missing_tools
+from machines import Machine, plug_in, why_not
+
+
+@pytest.fixture(scope="session")
+def able() -> None:
+    """Skip where there is no ROS 2, or no namespaces."""
+    reason = why_not()
+    if reason:
+        pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def interfaces(able: None) -> Path:
+    """Where the compiled `humanoid_control_msgs` is."""
+    if missing_tools():
+        pytest.skip(f"needs {', '.join(missing_tools())}")
+    return build()
+
+
+@pytest.fixture(scope="module")
+def robot(able: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
+    """The robot's computer."""
+    with Machine(tmp_path_factory.mktemp("robot")) as machine:
+        yield machine
+
+
+@pytest.fixture(scope="module")
+def host(robot: Machine, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
+    """Another computer, at the other end of the robot's cable."""
+    with Machine(tmp_path_factory.mktemp("host"), beside=robot) as machine:
+        plug_in(robot, machine)
+        yield machine

@@ -1,0 +1,71 @@
+"""Builds `examples/ros2/humanoid_control_msgs` with the wheels of ROS 2, as colcon would with an installation."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+from machines import ROOT, ROS_PYTHON
+
+PACKAGE = ROOT / "examples" / "ros2" / "humanoid_control_msgs"
+TOOLS = ("cmake", "ninja", "g++")
+_WHEELS = Path(__file__).with_name("wheels.cmake")
+
+
+def missing_tools() -> list[str]:
+    return [tool for tool in TOOLS if shutil.which(tool) is None]
+
+
+def build() -> Path:
+    """Compile and install the package beside the wheels, once for each state of its files; the folder it is in."""
+    files = sorted(path for path in PACKAGE.rglob("*") if path.is_file())
+    state = hashlib.sha256(b"".join(path.name.encode() + path.read_bytes() for path in [*files, _WHEELS])).hexdigest()
+    environment = ROS_PYTHON.parent.parent
+    installed = environment / "interfaces" / state[:16]
+    if installed.exists():
+        return installed
+    folder = installed.with_name(f"building-{os.getpid()}")
+    shutil.rmtree(folder, ignore_errors=True)
+    settings = {
+        "CMAKE_PREFIX_PATH": environment,
+        "CMAKE_INSTALL_PREFIX": folder / "installed",
+        "CMAKE_PROJECT_INCLUDE": _WHEELS,
+        "Python3_FIND_VIRTUALENV": "ONLY",
+        "BUILD_TESTING": "OFF",
+    }
+    options = [f"-D{name}={value}" for name, value in settings.items()]
+    variables = {
+        "PATH": f"{environment / 'bin'}:{os.environ['PATH']}",
+        "VIRTUAL_ENV": str(environment),
+        "AMENT_PREFIX_PATH": str(environment),
+    }
+    for command in (
+        ["cmake", "-S", str(PACKAGE), "-B", str(folder / "build"), "-G", "Ninja", *options],
+        ["cmake", "--build", str(folder / "build"), "--target", "install"],
+    ):
+        run = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
+        assert run.returncode == 0, run.stdout[-4000:] + run.stderr[-4000:]
+    (folder / "installed").rename(installed)
+    shutil.rmtree(folder)
+    return installed
+
+
+def variables_of(installed: Path) -> Mapping[str, str]:
+    """The environment in which ROS 2's Python finds the package, as its `setup.bash` would set it."""
+    python = ".".join(map(str, _version()))
+    return {
+        "PYTHONPATH": str(installed / "lib" / f"python{python}" / "site-packages"),
+        "LD_LIBRARY_PATH": str(installed / "lib"),
+    }
+
+
+def _version() -> tuple[int, int]:
+    asked = subprocess.run(
+        [str(ROS_PYTHON), "-c", "import sys; print(*sys.version_info[:2])"], capture_output=True, text=True, check=True
+    )
+    major, minor = map(int, asked.stdout.split())
+    return major, minor

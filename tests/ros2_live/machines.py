@@ -1,0 +1,183 @@
+"""Computers for tests: network and shared memory of their own, joined by a cable, on this machine."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+PROGRAMS = Path(__file__).parent / "programs"
+ROS_PYTHON = ROOT / ".venv-ros" / "bin" / "python"
+CABLE = "eth1"
+"""The device at both ends."""
+
+_HOLD = "mount -t tmpfs tmpfs /dev/shm && ip link set lo up && echo ready && exec cat"
+_LIMIT = 60.0
+"""s; a program that should have ended long before."""
+
+
+def why_not() -> str:
+    """Why these tests cannot run here; empty if they can."""
+    if not ROS_PYTHON.exists():
+        return f"no ROS 2 in {ROS_PYTHON.parent.parent}; run `make test-ros`"
+    if shutil.which("unshare") is None or shutil.which("ip") is None:
+        return "needs unshare (util-linux) and ip (iproute2)"
+    try:
+        with Machine(Path("/tmp")):
+            return ""
+    except OSError as error:
+        return str(error)
+
+
+class Machine:
+    """A computer of its own: programs that run on it share loopback, `/dev/shm` and the folder of sessions."""
+
+    def __init__(self, folder: Path, beside: Machine | None = None) -> None:
+        """Switch it on.
+
+        Args:
+            folder: of its users' sessions.
+            beside: a machine that a cable is to lead to.
+        """
+        self._folder = folder
+        self._programs: list[subprocess.Popen[str]] = []
+        begin = ["unshare", "-rnm"] if beside is None else [*beside.command("unshare", "-nm")]
+        self._holder = subprocess.Popen(
+            [*begin, "sh", "-c", _HOLD],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert self._holder.stdout is not None
+        if self._holder.stdout.readline() != "ready\n":
+            _, problem = self._holder.communicate()
+            raise OSError(f"no namespaces of our own here: {problem.strip()}")
+
+    @property
+    def process(self) -> int:
+        """That holds its namespaces."""
+        return self._holder.pid
+
+    def __enter__(self) -> Machine:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for program in self._programs:
+            if program.poll() is None:
+                program.terminate()
+        for program in self._programs:
+            try:
+                program.communicate(timeout=20.0)
+            except subprocess.TimeoutExpired:
+                program.kill()
+                program.communicate()
+        self._holder.communicate()
+
+    def command(self, *arguments: str) -> list[str]:
+        """What runs a command on it."""
+        return ["nsenter", "-t", str(self.process), "-U", "-n", "-m", "--preserve-credentials", *arguments]
+
+    def start(
+        self, *arguments: str, environment: Mapping[str, str] | None = None, **options: Any
+    ) -> subprocess.Popen[str]:
+        """Start a program on it, which ends with it. Its output, errors included, is to be read."""
+        clean = {name: os.environ[name] for name in ("PATH", "HOME", "LANG", "PYTHONPATH") if name in os.environ}
+        env = {**clean, "XDG_RUNTIME_DIR": str(self._folder), "PYTHONUNBUFFERED": "1", **(environment or {})}
+        program = subprocess.Popen(
+            self.command(*arguments),
+            env=env,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            **options,
+        )
+        self._programs.append(program)
+        return program
+
+    def run(self, *arguments: str, environment: Mapping[str, str] | None = None, **options: Any) -> str:
+        """Run a program on it to its end, which must be a good one; its output."""
+        program = self.start(*arguments, environment=environment, **options)
+        output, _ = program.communicate(timeout=_LIMIT)
+        assert program.returncode == 0, output
+        return output
+
+    def python(self, *arguments: str, **options: Any) -> subprocess.Popen[str]:
+        """Start a program with this Python, which has no ROS 2."""
+        return self.start(sys.executable, *arguments, **options)
+
+    def ros(self, program: str, *arguments: str, **options: Any) -> subprocess.Popen[str]:
+        """Start one of `programs/` with ROS 2's Python."""
+        return self.start(str(ROS_PYTHON), str(PROGRAMS / program), *arguments, **options)
+
+    def ask_ros(self, program: str, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
+        """Run one of `programs/` with ROS 2's Python to its end; its output."""
+        return self.run(str(ROS_PYTHON), str(PROGRAMS / program), *arguments, environment=environment)
+
+
+def plug_in(one: Machine, other: Machine) -> None:
+    """Lay a cable: 10.7.0.1 at one machine, 10.7.0.2 at the other."""
+    one.run("ip", "link", "add", CABLE, "type", "veth", "peer", "name", CABLE, "netns", str(other.process))
+    for number, machine in enumerate((one, other), 1):
+        machine.run("ip", "address", "add", f"10.7.0.{number}/24", "dev", CABLE)
+        machine.run("ip", "link", "set", CABLE, "up")
+        machine.run("ip", "route", "add", "default", "dev", CABLE)  # multicast has somewhere to go
+
+
+def read_until(program: subprocess.Popen[str], wanted: str) -> list[str]:
+    """The lines of a program up to one that holds a text."""
+    lines: list[str] = []
+    assert program.stdout is not None
+    for line in program.stdout:
+        lines.append(line)
+        if wanted in line:
+            return lines
+    raise AssertionError(f"it ended without '{wanted}': {''.join(lines)}")
+
+
+def play(machine: Machine, *options: str, script: str = "hold 300") -> subprocess.Popen[str]:
+    """Start a session on a machine, in simulation, where whoever sends an intent takes over."""
+    return machine.python(
+        "-m", "humanoid_sim.play", "--script", script, "--viewer", "none", "--record", "none", *options, cwd=ROOT
+    )
+
+
+def wait_for_session(machine: Machine, patience: float = 40.0) -> None:
+    """Wait until a session runs on a machine."""
+    machine.run(sys.executable, "-c", _FIND, str(patience), cwd=ROOT)
+
+
+_FIND = """
+import sys, time
+from humanoid_sim.client import Feed, running_sessions
+end = time.monotonic() + float(sys.argv[1])
+while time.monotonic() < end:
+    for session in running_sessions():
+        with Feed(session) as feed:
+            if feed.newest():
+                sys.exit(0)
+    time.sleep(0.05)
+sys.exit("no session began")
+"""
+
+
+def serve(machine: Machine, folder: Path = ROOT, **environment: str) -> subprocess.Popen[str]:
+    """Start the services on a machine, as a user of ROS 2 does."""
+    program = machine.start(
+        str(ROS_PYTHON),
+        "-m",
+        "humanoid_sim.ros2_services",
+        environment={**environment, "PYTHONPATH": str(ROOT)},
+        cwd=folder,
+    )
+    read_until(program, "on this machine")
+    return program

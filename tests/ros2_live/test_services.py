@@ -1,0 +1,97 @@
+"""The six services, called by ROS 2's own client."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from typing import Any
+
+import pytest
+from machines import Machine, play, read_until, serve, wait_for_session
+
+pytestmark = pytest.mark.ros
+
+TYPES = ["std_srvs/srv/Trigger"]
+SERVICES = [
+    [f"/humanoid_control/mode/{word}", TYPES]
+    for word in ("damp", "load_a", "load_b", "quit", "start_locomotion", "start_remote")
+]
+
+
+class Caller:
+    """A ROS 2 client that stays."""
+
+    def __init__(self, machine: Machine, **environment: str) -> None:
+        self._program = machine.ros("trigger.py", "call", environment=environment)
+        read_until(self._program, "ready")
+
+    def __call__(self, word: str) -> Any:
+        assert self._program.stdin is not None
+        assert self._program.stdout is not None
+        self._program.stdin.write(word + "\n")
+        self._program.stdin.flush()
+        return json.loads(self._program.stdout.readline())
+
+    def until_granted(self, word: str) -> str:
+        """Call until it is granted; every refusal is for the pose that is not reached yet."""
+        for _ in range(300):
+            granted, message = self(word)
+            if granted:
+                return str(message)
+            assert "requires finished STANDBY" in message
+            time.sleep(0.1)
+        raise AssertionError(f"{word}: {message}")
+
+
+@pytest.fixture(scope="module")
+def services(robot: Machine) -> subprocess.Popen[str]:
+    return serve(robot)
+
+
+def test_all_six_drive_the_fsm_with_its_own_answers(robot: Machine, services: subprocess.Popen[str]) -> None:
+    call = Caller(robot)
+    assert json.loads(robot.ask_ros("trigger.py", "list", "6", "10")) == SERVICES
+    assert call("damp") == [False, "no session is running; start one with play"]
+    session = play(robot)
+    wait_for_session(robot)
+    assert call("load_a") == [
+        False,
+        "ZERO_TORQUE (zero_torque_controller): LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE",
+    ]
+    assert call("damp") == [True, "DAMPING (damping_controller): DAMP requested"]
+    assert call("start_remote")[0] is False
+    assert call("load_a") == [True, "STANDBY (standby_controller_a): LOAD_A requested"]
+    assert call.until_granted("start_locomotion") == "LOCOMOTION (rl_policy_controller): START_LOCOMOTION requested"
+    assert call("damp")[0] is True
+    assert call("load_b") == [True, "STANDBY (standby_controller_b): LOAD_B requested"]
+    assert call.until_granted("start_remote") == "REMOTE (remote_policy_controller): START_REMOTE requested"
+    granted, message = call("quit")
+    assert not granted
+    assert "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is REMOTE" in message
+    assert call("damp")[0] is True
+    assert call("quit")[0] is True
+    assert session.wait(30.0) == 0
+    assert services.poll() is None
+    assert call("damp") == [False, "no session is running; start one with play"]
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [{}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, {"ROS_LOCALHOST_ONLY": "1"}],
+    ids=["default", "localhost", "localhost_only"],
+)
+def test_every_client_of_this_machine_finds_them(
+    robot: Machine, services: subprocess.Popen[str], environment: dict[str, str]
+) -> None:
+    listed = robot.ask_ros("trigger.py", "list", "6", "15", environment=environment)
+    assert json.loads(listed.splitlines()[-1]) == SERVICES
+
+
+def test_another_domain_does_not_see_them_and_can_have_its_own(robot: Machine, services: subprocess.Popen[str]) -> None:
+    domain = {"ROS_DOMAIN_ID": "42"}
+    assert json.loads(robot.ask_ros("trigger.py", "list", "1", "2", environment=domain)) == []
+    other = serve(robot, **domain)
+    assert json.loads(robot.ask_ros("trigger.py", "list", "6", "10", environment=domain)) == SERVICES
+    other.terminate()
+    assert other.wait(10.0) == 0
