@@ -79,7 +79,7 @@ producer's process id, its stamp in CLOCK_MONOTONIC ns. Name, topic and float64 
 REMOTE, VELOCITY, LIVE, HEARTBEAT, REFUSED = range(5)
 """Kinds, and their topics and values. REMOTE: joint names, one a line, and the five MIT fields one after the other.
 VELOCITY: none; vx, vy, wz, and 1 if it is deliberate. LIVE: the input's name; its timeout in s, and its value. REFUSED:
-why; how many samples."""
+why; how many samples in all."""
 
 VELOCITY_TIMEOUT = 0.25
 """s after which a velocity command that is not repeated is zero."""
@@ -606,9 +606,14 @@ class Intake:
         """Say that this producer and its device are there; a session that watches it damps 200 ms after the last."""
         return self._send(HEARTBEAT, "", (), stamp)
 
-    def refused(self, reason: str, count: int = 1) -> bool:
-        """Say that this producer has refused samples from outside, so that the session counts and tells it."""
-        return self._send(REFUSED, " ".join(reason.split())[:_LONGEST_REASON], (float(count),), None)
+    def refused(self, reason: str, total: int) -> bool:
+        """Say what this producer has refused itself of what came from outside, so that the session counts and tells it.
+
+        Args:
+            reason: of the latest.
+            total: samples since this producer began.
+        """
+        return self._send(REFUSED, " ".join(reason.split())[:_LONGEST_REASON], (float(total),), None)
 
     def _send(self, kind: int, topic: str, values: Sequence[float], stamp: int | None) -> bool:
         assert self._data is not None

@@ -90,8 +90,7 @@ class LocalEnds:
 
     def _status(self) -> Mapping[str, Any]:
         return {
-            "owners": dict(self.data.owners),
-            "refused": list(self.data.refusals),
+            **self.data.status(),
             "front_ends": dict(self.front_ends.running),
             "robot": self._plan.setup.figures(),
             "shadow": None if self.shadow_figures is None else dict(self.shadow_figures()),

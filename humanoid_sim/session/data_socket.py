@@ -32,6 +32,7 @@ from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand
 from humanoid_sim.session.intent_socket import listening, queue_length
 from humanoid_sim.session.ownership import Producer, Turn
+from humanoid_sim.session.refusals import Refusals
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import ExternSource, RemoteInbox, VelocityCommand
 
@@ -45,8 +46,10 @@ _LONGEST_TIMEOUT = 5.0
 """s that a live input may hold without being repeated."""
 _MOST_LINES = 10
 """Lines that are told per second, and at once."""
-_MOST_REFUSALS = 256
-"""Different refusals that are remembered, so that each is told once."""
+_MOST_REPORTED = 2.0**53
+"""Samples that a producer may have refused in all."""
+_MOST_STAMPS = 256
+"""Producers and topics whose newest stamp is remembered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +108,10 @@ class DataSocket(ExternSource, Sink):
         self._mode = Mode.ZERO_TORQUE
         self._entered = 0.0
         self._newest_stamp: dict[tuple[int, Producer, str], int] = {}
-        self._told: set[tuple[str, str]] = set()
+        self.refusals = Refusals(self._say)
+        """Of samples."""
+        self._reported: dict[Producer, int] = {}
+        """Samples that a producer has refused itself, in all."""
         self._shown: dict[str, str] = {}
         self.heartbeats: dict[str, float] = {}
         """Arrival of the latest heartbeat by its producer's name, s, robot's clock."""
@@ -130,7 +136,8 @@ class DataSocket(ExternSource, Sink):
                 refused.append((sample.producer, str(refusal)))
         self._show_owners()
         for producer, reason in refused:
-            self._refuse(producer, reason)
+            self.refusals.add(producer, reason)
+        self.refusals.flush(time)
         return self._live
 
     def tick(self, record: TickRecord) -> None:
@@ -189,15 +196,17 @@ class DataSocket(ExternSource, Sink):
         body = datagram[start + topic_size :]
         producer = Producer(" ".join(name.split())[:40] or "?", process)
         if len(body) % 8:
-            self._refuse(producer, f"a datagram of {len(datagram)} bytes, expected whole float64 values at its end")
+            self.refusals.add(
+                producer, f"a datagram of {len(datagram)} bytes, expected whole float64 values at its end"
+            )
             return None
         if stamp > received:
-            self._refuse(producer, "a stamp in the future, expected the time of CLOCK_MONOTONIC on this machine")
+            self.refusals.add(producer, "a stamp in the future, expected the time of CLOCK_MONOTONIC on this machine")
             return None
         key = (kind, producer, topic)
         if stamp < self._newest_stamp.get(key, 0):  # overtaken on its way
             return None
-        if len(self._newest_stamp) > _MOST_REFUSALS:
+        if len(self._newest_stamp) > _MOST_STAMPS:
             self._newest_stamp.clear()
         self._newest_stamp[key] = stamp
         arrival = time - 1e-9 * max(begun - stamp, 0)
@@ -213,7 +222,7 @@ class DataSocket(ExternSource, Sink):
         elif sample.kind == HEARTBEAT:
             self.heartbeats[sample.producer.name] = sample.arrival_time
         elif sample.kind == REFUSED:
-            raise _RefusedError(sample.topic)
+            self._accept_report(sample)
         else:
             raise _RefusedError(f"kind {sample.kind}, expected 0 to {REFUSED}")
 
@@ -271,16 +280,25 @@ class DataSocket(ExternSource, Sink):
             raise _RefusedError(f"live input '{sample.topic}': belongs to {self._live_turns[sample.topic].owner}")
         self._live = {**self._live, sample.topic: Extern(sample.values[1:], sample.arrival_time, timeout)}
 
-    def _refuse(self, producer: Producer, reason: str) -> None:
-        """Tell a refusal, once until the owners change."""
-        if (str(producer), reason) not in self._told and len(self._told) < _MOST_REFUSALS:
-            self._told.add((str(producer), reason))
-            self._say(f"refused of {producer}: {reason}")
+    def _accept_report(self, sample: _Sample) -> None:
+        """Take over what a producer has refused itself: the latest reason, and how many samples in all."""
+        if len(sample.values) != 1 or not 0.0 < sample.values[0] < _MOST_REPORTED:
+            raise _RefusedError("a report of refusals without a number of them")
+        total, before = int(sample.values[0]), self._reported.get(sample.producer, 0)
+        if len(self._reported) > _MOST_STAMPS:
+            self._reported.clear()
+        self._reported[sample.producer] = total
+        if total > before:
+            self.refusals.add(sample.producer, sample.topic, total - before)
 
-    @property
-    def refusals(self) -> tuple[str, ...]:
-        """What was refused since the owners last changed, one line each."""
-        return tuple(f"{producer}: {reason}" for producer, reason in sorted(self._told))
+    def status(self) -> dict[str, object]:
+        """What to tell beside ticks: owners, refusals since they last changed, and in all."""
+        return {
+            "owners": dict(self._shown),
+            "refused": list(self.refusals.lines),
+            "refused_samples": self.refusals.count,
+            "refused_last": self.refusals.latest,
+        }
 
     def _show_owners(self) -> None:
         """Tell owners as they change."""
@@ -295,7 +313,7 @@ class DataSocket(ExternSource, Sink):
             if owner != before:
                 self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer belongs to {before}")
         self._shown = owners
-        self._told.clear()
+        self.refusals.forget()
 
     def _say(self, text: str) -> None:
         """Tell a line, of a bounded number per second: two producers may quarrel in every tick."""

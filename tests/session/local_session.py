@@ -76,6 +76,8 @@ class LocalSession:
         self.index += 1
         for sink in (self.feed, self.intents, self.data):
             sink.tick(record)
+        if self.index % 25 == 0:
+            self.feed.status(self.data.status())
         return record
 
     def enter_remote(self) -> None:

@@ -48,7 +48,7 @@ def test_remote_belongs_to_the_first_producer_after_activation_until_it_is_stale
         assert value_of(local.tick()) == 0.1
     assert f"REMOTE: belongs to first {ME}" in local.told
     assert local.told.count(f"refused of second {ME}: REMOTE: belongs to first {ME}") == 1
-    assert local.data.refusals == (f"second {ME}: REMOTE: belongs to first {ME}",)
+    assert local.data.refusals.lines == (f"second {ME}: REMOTE: belongs to first {ME}",)
     stopped = local.time
     while local.time - stopped < 0.1 - 1.5 * rig.PERIOD:  # a sample is as old as its way was long
         send(second, 0.2)
@@ -108,7 +108,8 @@ def test_a_stamp_in_the_future_and_a_stale_one_are_refused(local: LocalSession) 
     assert local.told[-1].startswith(f"refused of clock {ME}: a stamp in the future")
     send(intake, 0.5, stamp=monotonic_ns() - 10**9)
     assert value_of(local.tick()) is None
-    assert "already stale, expected one younger than 0.1 s" in local.told[-1]
+    assert "already stale, expected one younger than 0.1 s" in local.data.refusals.latest
+    assert local.data.refusals.count == 2
     assert local.data.owners["REMOTE"] == ""
 
 
@@ -126,20 +127,26 @@ def test_what_is_no_command_is_refused_by_name(local: LocalSession) -> None:
     intake = local.intake("wrong")
     local.enter_remote()
     three, zeros = [0.0] * 3, [[0.0] * 3] * 4
+    latest = []
+
+    def tick() -> TickRecord:
+        record = local.tick()
+        latest.append(local.data.refusals.latest.removeprefix(f"wrong {ME}: "))
+        return record
+
     intake.remote(("shoulder", "wrist", "elbow"), three, *zeros)
-    local.tick()
+    tick()
     intake.remote(rig.JOINTS, [0.0, float("nan"), 0.0], *zeros)
-    local.tick()
+    tick()
     intake.remote(rig.JOINTS[:2], *[[0.0, 0.0]] * 5)
-    local.tick()
+    tick()
     intake.live("pedals", [1.0])
-    local.tick()
+    tick()
     intake.live("keys", [1.0])
-    local.tick()
+    tick()
     intake.live("keys", [1.0, 0.0], timeout=60.0)
-    assert local.tick().output.command.stiffness.tolist() == [0.0] * 3
-    told = [line.removeprefix(f"refused of wrong {ME}: ") for line in local.told if "refused" in line]
-    assert told == [
+    assert tick().output.command.stiffness.tolist() == [0.0] * 3
+    assert latest == [
         "remote command: joint_names are shoulder, wrist, elbow, expected shoulder, elbow, wrist in this order",
         "remote command's position of elbow is nan, expected a finite number from -1e+06 to 1e+06",
         "remote command: joint_names are shoulder, elbow, expected shoulder, elbow, wrist in this order",
@@ -159,7 +166,7 @@ def test_bytes_that_are_no_sample_do_nothing(local: LocalSession) -> None:
     datagram(local.registration.data, DATA_HEAD.pack(DATA_MAGIC, 1, 0, 1, 0, 1, 1) + b"x" + bytes(7))
     record = local.tick()
     assert record.input.remote is None
-    assert [line for line in local.told if "kind 99, expected 0 to 4" in line]
+    assert [line for line in local.data.refusals.lines if "kind 99, expected 0 to 4" in line]
 
 
 # The velocity.

@@ -6,7 +6,9 @@ while this process stood still is old when it goes on, although nobody saw it co
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections import OrderedDict
 from contextlib import ExitStack
 
@@ -27,6 +29,8 @@ _STOOD_STILL = 0.05
 """s between two looks after which the process stood still."""
 _SETTLE = 0.1
 """s for which old samples may come in after that: sockets are emptied, and what got lost is sent again."""
+_REPORT_PERIOD = 1.0
+"""s between two reports of what was refused."""
 _MOST_WRITERS = 16
 """Writers that are told apart; of more the one that was silent longest is forgotten."""
 DEPTH = 64
@@ -69,6 +73,8 @@ class CommandReader:
         self._intakes: OrderedDict[int, Intake] = OrderedDict()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="DDS commands", daemon=True)
+        self._refused = self._reported = 0
+        self._reported_at, self._reason = -math.inf, ""
         self.error: Exception | None = None
         """Why nothing is read any more; None while all is well."""
 
@@ -94,16 +100,17 @@ class CommandReader:
                 stamp = clock.look(monotonic_ns())
                 newest = {sample.writer: sample for sample in self._commands.take()}
                 for sample in newest.values():
-                    self._command(sample, own, stamp)
+                    self._command(sample, stamp)
                 if self._keys is not None:
                     for sample in self._keys.take()[-1:]:
                         self._key_state(sample, own, stamp)
+                self._report(own)
         except SessionError:  # it has ended, as the feed says too
             return
         except Exception as error:  # told by the main thread
             self.error = error
 
-    def _command(self, sample: Received, own: Intake, stamp: int) -> None:
+    def _command(self, sample: Received, stamp: int) -> None:
         """Hand on a command that is one; the session checks it again, and who may command."""
         try:
             names, command = decode_mit_command(sample.data)
@@ -111,7 +118,7 @@ class CommandReader:
         except (CdrError, FieldError) as error:
             problem = f"remote command: {error}"
         if problem:
-            own.refused(f"{COMMAND_TOPIC}: {problem}")
+            self._refuse(COMMAND_TOPIC, problem)
             return
         fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
         self._intake(sample.writer).remote(names, *map(list, fields), stamp=stamp)
@@ -120,9 +127,20 @@ class CommandReader:
         try:
             keys = decode_float32_array(sample.data)
         except CdrError as error:
-            own.refused(f"{KEY_STATE_TOPIC}: {error}")
+            self._refuse(KEY_STATE_TOPIC, str(error))
             return
         own.live(KEY_PRESSED, keys.tolist(), stamp=stamp)
+
+    def _refuse(self, topic: str, problem: str) -> None:
+        self._refused += 1
+        self._reason = f"{topic}: {problem}"
+
+    def _report(self, own: Intake) -> None:
+        """Tell the session what was refused here: at once, and then once a second."""
+        now = time.monotonic()
+        is_due = self._refused > self._reported and now - self._reported_at >= _REPORT_PERIOD
+        if is_due and own.refused(self._reason, self._refused):
+            self._reported, self._reported_at = self._refused, now
 
     def _intake(self, writer: int) -> Intake:
         """Of a writer: whoever commands REMOTE is one of them, not the bridge."""

@@ -22,6 +22,8 @@ __all__ = ["DdsConfig", "main"]
 
 _LOOK_PERIOD = 0.5
 """s between two looks whether the session is still there."""
+_NEWS_PERIOD = 1.0
+"""s between two looks at what the session has refused."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         attachment = stack.enter_context(attached(config.session, "dds"))
         participant = stack.enter_context(Participant())
         topics = local_topics(attachment)
-        telemetry = Telemetry(attachment, participant, topics)
+        refusals = _Refusals(attachment)
+        telemetry = Telemetry(attachment, participant, topics, news=refusals.news)
         keys = None if KEY_STATE_TOPIC in topics else Reader(participant, KEY_STATE_TOPIC, TOPICS[KEY_STATE_TOPIC])
         commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=DEPTH)
         reader = CommandReader(attachment.session, attachment.header.joint_names, commands, keys)
@@ -52,6 +55,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ready(f"DDS: domain {participant.domain} on {participant.interface}, for {attachment.session}")
         _serve(attachment, telemetry, reader)
     return 0
+
+
+class _Refusals:
+    """What the session has refused of late, as it says in its status: a client elsewhere sees no console."""
+
+    def __init__(self, attachment: Attachment) -> None:
+        self._feed = attachment.feed
+        self._count = int(self._feed.status().get("refused_samples", 0))
+        self._looked = time.monotonic()
+        self._text = ""
+
+    def news(self) -> str:
+        """Of the last second, told for the next; empty for nothing."""
+        now = time.monotonic()
+        if now - self._looked >= _NEWS_PERIOD:
+            self._looked = now
+            status = self._feed.status()
+            count = int(status.get("refused_samples", self._count))
+            more, self._count = count - self._count, count
+            self._text = f"{more} samples refused, the last of {status['refused_last']}" if more > 0 else ""
+        return self._text
 
 
 def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader) -> None:
