@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Answer",
+    "Decoder",
     "Feed",
     "Intake",
     "Sample",
@@ -261,7 +262,7 @@ class Feed:
         self._definitions: Mapping[str, str] = told["definitions"]
         self._blobs: Mapping[str, Sequence[int]] = told["blobs"]
         self._rings: Mapping[str, Sequence[int]] = told["rings"]
-        self._decoders: dict[str, _Decoder] = {}
+        self._decoders: dict[str, Decoder] = {}
 
     def _description(self) -> bytes | None:
         """What says where everything is; None in a feed of another version."""
@@ -358,7 +359,7 @@ class Feed:
         """A sample of `tick` or `event` as a dict with the names of its message definition, arrays as NumPy's."""
         decoder = self._decoders.get(ring)
         if decoder is None:
-            decoder = self._decoders[ring] = _Decoder(self._definitions[ring])
+            decoder = self._decoders[ring] = Decoder(self._definitions[ring])
         return decoder(sample.data)
 
     def status(self) -> dict[str, Any]:
@@ -383,7 +384,7 @@ _PRIMITIVES = {
 _FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[(\d*)\])?\s+([a-z][a-z0-9_]*)\s*(?:#.*)?$")
 
 
-class _Decoder:
+class Decoder:
     """Little-endian CDR by a `ros2msg` definition."""
 
     def __init__(self, definition: str) -> None:
@@ -399,6 +400,7 @@ class _Decoder:
         return [(match[4], match[1], match[3] if match[2] else None) for match in matches if match]
 
     def __call__(self, message: bytes) -> dict[str, Any]:
+        """A message as a dict with the definition's names, arrays as NumPy's. Raises `SessionError` if it is none."""
         try:
             return _Cursor(message).struct("", self._types)
         except (struct.error, ValueError, KeyError) as error:

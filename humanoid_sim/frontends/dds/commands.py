@@ -1,7 +1,7 @@
 """From DDS to the intake: commands for REMOTE, and the piano's keys, on a thread of their own.
 
-A sample is as old as the last moment at which nothing waited: it may have come right after. So what lay in a socket
-while this process stood still is old when it goes on, although nobody saw it come.
+What lay in a socket while this process stood still is old when it goes on, although nobody saw it come: see
+`ArrivalClock`.
 """
 
 from __future__ import annotations
@@ -38,21 +38,43 @@ DEPTH = 64
 
 
 class ArrivalClock:
-    """When what is found in a look arrived at the latest that is certain: not after the look before."""
+    """When samples arrived, in ns of CLOCK_MONOTONIC.
+
+    What a look finds has come after the look before, and so it is stamped with that. But where the process stood still,
+    what it finds when it goes on has come at any time since, and more of it may follow from the sockets. Such a sample
+    is as much later than its writer's last one before as the writer's clock says, within that time: only how that clock
+    runs counts, not what it shows.
+    """
 
     def __init__(self, now: int) -> None:
-        """Start; `now` in ns, CLOCK_MONOTONIC, as all here."""
-        self._looked = now
-        self._old = 0
-        self._settled = 0
+        """Start; `now` in ns, as all here."""
+        self._looked = self._stamp = now
+        self._stopped = self._settled = 0
+        self._last: OrderedDict[int, tuple[int, int]] = OrderedDict()
 
-    def look(self, now: int) -> int:
-        """The stamp of what has come since the last look."""
-        before, self._looked = self._looked, now
-        if now - before > 1e9 * _STOOD_STILL:
-            self._old = before if before >= self._settled else self._old
+    def look(self, now: int) -> None:
+        """Begin a look."""
+        self._stamp, self._looked = self._looked, now
+        if now - self._stamp > 1e9 * _STOOD_STILL:
+            if self._stamp >= self._settled:
+                self._stopped = self._stamp
             self._settled = now + round(1e9 * _SETTLE)
-        return self._old if now < self._settled else before
+
+    def stamp(self, writer: int, source: int) -> int:
+        """When a sample that this look has found arrived at the latest that is certain.
+
+        Args:
+            writer: who wrote it.
+            source: ns, when, by the writer's own clock.
+        """
+        if self._looked < self._settled:
+            last_source, last = self._last.get(writer, (source, self._stopped))
+            return min(max(last + source - last_source, self._stopped), self._looked)
+        self._last[writer] = source, self._stamp
+        self._last.move_to_end(writer)
+        if len(self._last) > _MOST_WRITERS:
+            self._last.popitem(last=False)
+        return self._stamp
 
 
 class CommandReader:
@@ -97,13 +119,13 @@ class CommandReader:
             own = self._stack.enter_context(Intake(self._session, "dds"))
             while not self._stop.is_set():
                 self._commands.wait(_WAIT)
-                stamp = clock.look(monotonic_ns())
+                clock.look(monotonic_ns())
                 newest = {sample.writer: sample for sample in self._commands.take()}
                 for sample in newest.values():
-                    self._command(sample, stamp)
+                    self._command(sample, clock.stamp(sample.writer, sample.source_ns))
                 if self._keys is not None:
                     for sample in self._keys.take()[-1:]:
-                        self._key_state(sample, own, stamp)
+                        self._key_state(sample, own, clock.stamp(sample.writer, sample.source_ns))
                 self._report(own)
         except SessionError:  # it has ended, as the feed says too
             return

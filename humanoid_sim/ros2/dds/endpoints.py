@@ -20,6 +20,8 @@ class Received(NamedTuple):
 
     data: bytes
     """The whole message, with its encapsulation header."""
+    source_ns: int
+    """ns, when it was written, by the writer's clock."""
     writer: int
     """Tells writers apart; `Reader.name_of` says more of one."""
 
@@ -54,11 +56,12 @@ class Writer:
         self.left_out = 0
         """Messages that were not sent, because readers took too few of those before."""
 
-    def write(self, message: bytes) -> None:
-        """Send a message, as `humanoid_sim.ros2.messages` encodes it. Never waits."""
+    def write(self, message: bytes) -> bool:
+        """Send a message, as `humanoid_sim.ros2.messages` encodes it; whether it left. Never waits."""
         padded = message if len(message) % 4 == 0 else message.ljust(-(-len(message) // 4) * 4, b"\0")
-        if self._put(self._writer._ref, padded) < 0:
-            self.left_out += 1
+        is_sent: bool = self._put(self._writer._ref, padded) >= 0
+        self.left_out += not is_sent
+        return is_sent
 
     @property
     def readers(self) -> int:
@@ -100,7 +103,9 @@ class Reader:
         taken = self._get(self._reader._ref, self._condition.mask, self._depth)
         if isinstance(taken, int):  # an error of the library's
             return []
-        return [Received(data, info.publication_handle) for data, info in taken if info.valid_data]
+        return [
+            Received(data, info.source_timestamp, info.publication_handle) for data, info in taken if info.valid_data
+        ]
 
     def name_of(self, writer: int) -> str:
         """A writer's name for people: the first digits of its participant's GUID, and its own number there."""

@@ -1,0 +1,90 @@
+"""Hold a robot's arms against gravity, from outside, over DDS: `python examples/gravity_compensation.py`.
+
+Walk the robot to REMOTE, by the gamepad, the console or `python -m humanoid_sim.mode start_remote`; the arms are then
+held. In the torque form they can be led by hand and stay where they are let go. In the PD form they keep their pose.
+The page docs/dds-client.md explains it line by line.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import tyro
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.dds_client import RobotClient
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
+from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.kinematics import GravityTorque
+
+
+@dataclass(frozen=True)
+class Options:
+    """Compensate gravity in REMOTE, over DDS."""
+
+    form: Literal["torque", "pd"] = "torque"
+    """torque: gravity's torque itself, no stiffness, a little damping; pd: a position offset that makes the spring of
+    the robot's own gains carry the weight."""
+    robot: str = "lite"
+    """Whose model this program uses: a shipped robot, the path of a robot's YAML file, or of an MJCF."""
+    damping: float = 1.0
+    """N·m·s/rad, of the torque form."""
+
+
+def command(robot: RobotDescription, position: FloatArray, torque: FloatArray, form: str, damping: float) -> MITCommand:
+    """What holds a position, shape (n,), rad, against gravity's torque, shape (n,), N·m."""
+    zeros = np.zeros_like(position)
+    if form == "torque":
+        return MITCommand(position, zeros, torque, zeros, np.full_like(position, damping))
+    return MITCommand(position + torque / robot.stiffness, zeros, zeros, robot.stiffness, robot.damping)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until it is interrupted, or the robot falls silent."""
+    options = tyro.cli(Options, prog="gravity_compensation", args=arguments)
+    robot = load_robot(options.robot)
+    gravity = GravityTorque(robot)  # a model of our own; its torque is within the motors' limits
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: stopped.append(number))
+
+    with RobotClient(robot.topic_prefix or robot.name) as client:
+        print("waiting for the robot", flush=True)
+        state = None
+        while state is None and not stopped:
+            state = client.state()
+        if state is not None and state.names != robot.joint_names:
+            raise InputError(f"--robot: {robot.name} has not the joints of the robot on DDS: {', '.join(state.names)}")
+        hold: FloatArray | None = None
+        was_remote: bool | None = None
+        while state is not None and not stopped:
+            mode = client.control_mode()
+            is_remote = mode is not None and mode.mode is Mode.REMOTE
+            if np.isfinite(state.position).all():
+                if hold is None or not (is_remote and was_remote):
+                    hold = state.position  # in the end the pose in which REMOTE begins
+                if was_remote != is_remote:
+                    print("REMOTE: holding" if is_remote else "ready; waiting for REMOTE", flush=True)
+                was_remote = is_remote
+                position = hold if options.form == "pd" else state.position
+                client.command(command(robot, position, gravity(position), options.form, options.damping))
+            state = client.state()
+        # Passive at the end: damped, as the robot does by itself 100 ms after the last command.
+        if state is not None:
+            zeros = np.zeros(len(robot.joints))
+            settings = robot.remote_policy_controller
+            passive = np.array(settings.damping or [settings.damping_scalar] * len(zeros))
+            client.command(MITCommand(np.nan_to_num(state.position), zeros, zeros, zeros, passive))
+    print("the robot fell silent" if state is None else "stopped", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

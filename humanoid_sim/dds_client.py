@@ -1,0 +1,225 @@
+"""Talk to a robot over DDS: read its state, command its joints in REMOTE. For programs outside the robot's session.
+
+    with RobotClient("lite") as robot:
+        while (state := robot.state()) is not None:
+            robot.command(MITCommand(state.position, zeros, effort, zeros, damping))
+
+It speaks to the bridge (`humanoid_sim.dds`) with nothing but the topics of the original ROS 2 stack, so it works with
+that stack's robots too. Modes are not on DDS: `RobotClient.ask` asks a session of this machine. A program on the
+session's own machine may also read its feed and write to its intake directly (`humanoid_sim.client`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+from humanoid_sim.client import Answer, Decoder, Intake, SessionError, find_session
+from humanoid_sim.errors import FieldError
+from humanoid_sim.messages import ControlMode, Mode, SafetyFlag, SafetyLevel, SafetyStatus, StandbyState
+from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
+from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant
+from humanoid_sim.ros2.dds.endpoints import Reader, Writer
+from humanoid_sim.ros2.definitions import JOINT_STATE, schema_text
+from humanoid_sim.ros2.messages import encode_mit_command
+from humanoid_sim.ros2.topics import (
+    COMMAND_TOPIC,
+    CONTROL_MODE_TOPIC,
+    DESCRIPTION_TOPIC,
+    IMU_TOPIC,
+    SAFETY_TOPIC,
+    STANDBY_TOPIC,
+    TOPICS,
+    Topic,
+    joint_states_topic,
+)
+
+__all__ = ["Imu", "JointStates", "RobotClient"]
+
+_ARRAYS = ("position", "velocity", "effort")
+_DEPTH = 64
+"""Messages of a topic that wait for the next look."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointStates:
+    """The joints at one time; all arrays of shape (n,), read-only, in the order of `names`."""
+
+    names: tuple[str, ...]
+    position: FloatArray
+    """rad, joint frame; NaN for a joint that was never heard."""
+    velocity: FloatArray
+    """rad/s"""
+    effort: FloatArray
+    """N·m"""
+    time_ns: int
+    """ns, the robot's stamp."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imu:
+    """What the IMU measures, in the body frame; arrays are read-only."""
+
+    quaternion: FloatArray
+    """Shape (4,), w x y z."""
+    angular_velocity: FloatArray
+    """Shape (3,), rad/s."""
+    linear_acceleration: FloatArray
+    """Shape (3,), m/s²."""
+    time_ns: int
+    """ns, the robot's stamp."""
+
+
+class _Topic:
+    """A subscription, and the decoder of its messages."""
+
+    def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
+        self.reader = Reader(participant, name, kind, depth=_DEPTH)
+        self._decoder = Decoder(schema_text(kind.schema))
+
+    def take(self) -> list[dict[str, Any]]:
+        """What has come, oldest first, without what is no such message."""
+        found = []
+        for sample in self.reader.take():
+            with contextlib.suppress(SessionError):
+                found.append(self._decoder(sample.data))
+        return found
+
+
+class RobotClient:
+    """A robot on DDS. A context manager; for one thread."""
+
+    def __init__(self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK) -> None:
+        """Join the robot's domain.
+
+        Args:
+            prefix: what its joint states are under: `lite` for all Lites, otherwise the robot's name.
+            domain: its id; None for that of `ROS_DOMAIN_ID`.
+            interface: network interface by which the robot is reached; `lo` for a robot on this machine.
+
+        Raises:
+            InputError: the domain or the interface cannot be used.
+            MissingPackageError: Cyclone DDS is not installed.
+        """
+        self._participant = Participant(domain, interface)
+        self._states = _Topic(self._participant, joint_states_topic(prefix), Topic(JOINT_STATE))
+        names = (IMU_TOPIC, CONTROL_MODE_TOPIC, SAFETY_TOPIC, STANDBY_TOPIC, DESCRIPTION_TOPIC)
+        self._topics = {name: _Topic(self._participant, name, TOPICS[name]) for name in names}
+        self._newest: dict[str, dict[str, Any]] = {}
+        self._safety: dict[str, SafetyStatus] = {}
+        self._writer = Writer(self._participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC])
+        self._joints: tuple[str, ...] = ()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the domain. May be called twice."""
+        self._participant.close()
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The robot's joints in its order; empty before the first state."""
+        return self._joints
+
+    def state(self, timeout: float = 1.0) -> JointStates | None:
+        """The newest joint states that were not given yet; None if none come within `timeout` s."""
+        deadline = time.monotonic() + timeout
+        while not (taken := self._states.take()):
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                return None
+            self._states.reader.wait(left)
+        told = taken[-1]
+        self._joints = tuple(told["name"])
+        position, velocity, effort = (frozen_array("JointStates", name, told[name]) for name in _ARRAYS)
+        return JointStates(self._joints, position, velocity, effort, _stamp(told))
+
+    def command(self, command: MITCommand) -> bool:
+        """Send a command for REMOTE, one value per joint in each field; whether it left.
+
+        What is not repeated ends: 100 ms after the last command the robot damps its joints.
+
+        Raises:
+            FieldError: before the first state, or if its shape is not that of the robot's joints.
+        """
+        if command.position.shape != (len(self._joints),) or not self._joints:
+            raise FieldError(
+                f"MITCommand: has shape {command.position.shape}, expected ({len(self._joints)},), one value per joint "
+                "of the robot's state, which must have come before"
+            )
+        return self._writer.write(encode_mit_command(time.time_ns(), self._joints, command))
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether anybody subscribes to commands."""
+        return self._writer.readers > 0
+
+    def control_mode(self) -> ControlMode | None:
+        """The mode, who is in control, and the latest word to the operator; None while nothing was heard."""
+        told = self._look(CONTROL_MODE_TOPIC)
+        return told and ControlMode(Mode(told["mode"]), told["controller_name"], told["status_message"])
+
+    def imu(self) -> Imu | None:
+        """The newest IMU sample; None while nothing was heard."""
+        told = self._look(IMU_TOPIC)
+        if told is None:
+            return None
+        turn, gyro, acceleration = told["orientation"], told["angular_velocity"], told["linear_acceleration"]
+        return Imu(
+            frozen_array("Imu", "quaternion", [turn[axis] for axis in "wxyz"]),
+            frozen_array("Imu", "angular_velocity", [gyro[axis] for axis in "xyz"]),
+            frozen_array("Imu", "linear_acceleration", [acceleration[axis] for axis in "xyz"]),
+            _stamp(told),
+        )
+
+    def standby(self) -> StandbyState | None:
+        """How far the latest standby pose has come; None while nothing was heard."""
+        told = self._look(STANDBY_TOPIC)
+        fields = ("current_segment", "total_segments", "progress", "is_finished")
+        return told and StandbyState(*(told[name] for name in fields))
+
+    def safety(self) -> Mapping[str, SafetyStatus]:
+        """The latest status of each source, such as a CAN bus."""
+        for told in self._topics[SAFETY_TOPIC].take():
+            self._safety[told["source"]] = SafetyStatus(
+                SafetyLevel(told["level"]), SafetyFlag(told["flags"]), told["source"], told["message"]
+            )
+        return dict(self._safety)
+
+    def description(self) -> str | None:
+        """The robot as URDF; None while nothing was heard."""
+        told = self._look(DESCRIPTION_TOPIC)
+        return told and str(told["data"])
+
+    def ask(self, word: str, timeout: float = 2.0) -> Answer:
+        """Ask the session that runs on this machine for a mode: `damp`, `load_a`, `start_remote`, ...
+
+        No mode crosses a network. See `humanoid_sim.client.Intake.ask`.
+
+        Raises:
+            SessionError: there is no session here, or several.
+        """
+        with Intake(find_session(), "dds client") as intake:
+            return intake.ask(word, timeout)
+
+    def _look(self, topic: str) -> Any:
+        """The newest message of a topic; None while there is none."""
+        for told in self._topics[topic].take():
+            self._newest[topic] = told
+        return self._newest.get(topic)
+
+
+def _stamp(told: Mapping[str, Any]) -> int:
+    """Ns of a message's header."""
+    stamp = told["header"]["stamp"]
+    return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
