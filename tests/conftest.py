@@ -8,7 +8,7 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,28 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def fuzzing_seconds(request: pytest.FixtureRequest) -> float:
     """s of wall time that a slow fuzzing test goes on."""
     return 120.0 if request.config.getoption("--complete") else 20.0
+
+
+_TABLES = pytest.StashKey[dict[str, list[tuple[str, ...]]]]()
+
+
+@pytest.fixture
+def table_of(request: pytest.FixtureRequest) -> Callable[[str, tuple[str, ...]], list[tuple[str, ...]]]:
+    """`table_of(title, headings)`: the rows of a table that is printed at the end of the run, to be added to."""
+    tables = request.config.stash.setdefault(_TABLES, {})
+
+    def rows(title: str, headings: tuple[str, ...]) -> list[tuple[str, ...]]:
+        return tables.setdefault(title, [headings])
+
+    return rows
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    for title, rows in config.stash.get(_TABLES, {}).items():
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        terminalreporter.section(title)
+        for row in rows if len(rows) > 1 else ():
+            terminalreporter.line("  ".join(map(str.ljust, row, widths)).rstrip())
 
 
 _PATIENCE = 2.0

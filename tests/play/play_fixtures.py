@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,21 +32,22 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return work
 
 
+def quick_robot(folder: Path, name: str = "lite", change: Callable[[Document], Any] = lambda _: None) -> str:
+    """Writes a copy of a shipped robot that reaches its standby poses in 0.4 s, changed by a function; its path."""
+    document = yaml.safe_load(asset_path("robots", f"{name}.yaml").read_text(encoding="utf-8"))
+    document["mjcf"] = str((asset_path("robots") / document["mjcf"]).resolve())
+    for pose in ("a", "b"):
+        document[f"standby_controller_{pose}"]["segment_durations"] = [0.2, 0.2]
+    change(document)
+    path = folder / f"quick_{name}.yaml"
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return str(path)
+
+
 @pytest.fixture
 def make_robot(tmp_path: Path) -> Callable[..., str]:
-    """Writes a copy of a shipped robot that reaches its standby poses in 0.4 s, changed by a function; its path."""
-
-    def make(name: str = "lite", change: Callable[[Document], Any] = lambda _: None) -> str:
-        document = yaml.safe_load(asset_path("robots", f"{name}.yaml").read_text(encoding="utf-8"))
-        document["mjcf"] = str((asset_path("robots") / document["mjcf"]).resolve())
-        for pose in ("a", "b"):
-            document[f"standby_controller_{pose}"]["segment_durations"] = [0.2, 0.2]
-        change(document)
-        path = tmp_path / f"quick_{name}.yaml"
-        path.write_text(yaml.safe_dump(document), encoding="utf-8")
-        return str(path)
-
-    return make
+    """`quick_robot` in the test's own folder."""
+    return partial(quick_robot, tmp_path)
 
 
 @pytest.fixture

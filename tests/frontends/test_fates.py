@@ -1,0 +1,172 @@
+"""Every front end stopped and killed in every mode of a simulated run: whoever only looks on changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import pytest
+from fates import BLOWS, ROWS, Log, Played, available, client, display, playing, script, walking_lite
+from play_fixtures import quick_robot
+
+from humanoid_sim.frontends import FRONT_ENDS
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray
+
+SAMPLE = {(Mode.STANDBY, "stopped"), (Mode.LOCOMOTION, "killed")}
+"""Modes and blows that are tried without --complete."""
+ATTEMPTS = 4
+"""On a machine that is so busy that the blow falls after the mode."""
+PERIOD = 0.005
+"""s"""
+
+
+def test_every_front_end_has_a_row() -> None:
+    assert set(ROWS) == set(FRONT_ENDS), "add its row to fates.py: what may its loss cost the robot?"
+
+
+def simulated(folder: Path, mode: Mode, *options: str, policy: str = "placeholder") -> tuple[str, ...]:
+    """Options of `play` for a run through that mode in real time."""
+    given = ("--robot", quick_robot(folder), "--policy", policy, "--script", script(mode))
+    return *given, "--pace", "realtime", *options
+
+
+@pytest.fixture(scope="module")
+def unwatched(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Mode], list[tuple[object, ...]]]:
+    """The control log of a run that nobody watched."""
+
+    @cache
+    def run(mode: Mode) -> list[tuple[object, ...]]:
+        folder = tmp_path_factory.mktemp("unwatched")
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("XDG_RUNTIME_DIR", str(folder))
+            with playing(folder, *simulated(folder, mode)) as play:
+                log = play.finish()
+        assert log.status == 0, play.said
+        return log.control()
+
+    return run
+
+
+def struck(folder: Path, mode: Mode, names: list[str], blow: Callable[[Played], None], **given: str) -> Log:
+    """A run with these front ends, which was in that mode when the blow fell."""
+    with display() as (_, screen):
+        asked = [option for name in names for option in ROWS[name].options]
+        for _ in range(ATTEMPTS):
+            with playing(folder, *simulated(folder, mode, *asked, **given), screen=screen) as play:
+                play.reach(mode)
+                blow(play)
+                log = play.finish()
+            assert log.status == 0, play.said
+            if log.mode_at(log.blow) is mode:
+                return log
+    pytest.fail("the machine is too busy: the mode was over before the blow fell", pytrace=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blow", BLOWS)
+@pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
+def test_those_who_look_on_leave_the_control_log_as_it_is(
+    mode: Mode,
+    blow: str,
+    unwatched: Callable[[Mode], list[tuple[object, ...]]],
+    folder: Path,
+    rows: list[tuple[str, ...]],
+    request: pytest.FixtureRequest,
+) -> None:
+    """All at once; a producer for REMOTE too, in the modes in which it does not command."""
+    if (mode, blow) not in SAMPLE and not request.config.getoption("--complete"):
+        pytest.skip("a sample without --complete")
+    names = [name for name in available(ROWS) if not (ROWS[name].remote and mode is Mode.REMOTE)]
+    log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]))
+    assert log.ended == (dict.fromkeys(names, "-9") if blow == "killed" else {})
+    assert log.control() == unwatched(mode)
+    assert log.is_exact()
+    rows += [(name, blow, mode.name, "simulated", f"{len(log.ticks)} ticks, bit for bit") for name in names]
+
+
+@pytest.mark.slow
+def test_a_window_whose_display_is_lost_leaves_the_control_log_as_it_is(
+    unwatched: Callable[[Mode], list[tuple[object, ...]]], folder: Path, rows: list[tuple[str, ...]]
+) -> None:
+    names = [name for name in available(ROWS) if ROWS[name].window]
+    if not names:
+        pytest.skip("Xvfb is not installed (xvfb)")
+    mode = Mode.LOCOMOTION
+    options = simulated(folder, mode, *ROWS["viewer"].options)
+    with display() as (server, screen), playing(folder, *options, screen=screen) as play:
+        play.reach(mode)
+        server.kill()
+        play.operator.ask("mark blow")
+        log = play.finish()
+    assert log.status == 0, play.said
+    assert log.mode_at(log.blow) is mode
+    assert log.ended == {"viewer": "1"}
+    assert log.control() == unwatched(mode)
+    assert log.is_exact()
+    rows.append(("viewer", "display lost", mode.name, "simulated", f"{len(log.ticks)} ticks, bit for bit"))
+
+
+def velocity(tick: TickRecord) -> FloatArray:
+    """Shape (3,), as the policy observes it."""
+    state = tick.input.state
+    return state.extern[VELOCITY_COMMAND].at(state.time)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blow", BLOWS)
+@pytest.mark.parametrize("name", [*(name for name in ROWS if ROWS[name].remote), "client"])
+def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
+    name: str, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
+) -> None:
+    """A front end of this package, and a program that has the client module alone."""
+    if (name == "client") is (blow == "killed") and not request.config.getoption("--complete"):
+        pytest.skip("a sample without --complete")
+
+    def strike_program(play: Played) -> None:
+        with client(play, "remote") as process:
+            play.until_owned("REMOTE", "client")
+            process.send_signal(BLOWS[blow])
+            play.operator.ask("mark blow")
+            play.process.wait()
+
+    def strike_child(play: Played) -> None:
+        play.until_owned("REMOTE", name)
+        play.strike([name], BLOWS[blow])
+
+    if name == "client":
+        log = struck(folder, Mode.REMOTE, [], strike_program)
+    else:
+        log = struck(folder, Mode.REMOTE, [name], strike_child)
+    took = log.silence()
+    assert 0.1 - PERIOD <= took <= 0.1 + PERIOD + 1e-6
+    assert log.is_exact()
+    rows.append((name, blow, "REMOTE", "simulated", f"passive {1e3 * took:.0f} ms after its last command"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blow", BLOWS)
+@pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
+def test_what_a_lost_source_of_velocity_commanded_is_zero_within_its_timeout(
+    mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
+) -> None:
+    if (mode, blow) != (Mode.LOCOMOTION, "killed") and not request.config.getoption("--complete"):
+        pytest.skip("a sample without --complete")
+
+    def strike(play: Played) -> None:
+        with client(play, "velocity") as process:
+            play.until_owned("velocity", "client")
+            process.send_signal(BLOWS[blow])
+            play.operator.ask("mark blow")
+            play.process.wait()
+
+    log = struck(folder, mode, [], strike, policy=walking_lite(folder))
+    heard = [tick for tick in log.ticks if velocity(tick).any()]
+    assert velocity(heard[0]).tolist() == [0.5, 0.0, 0.0]
+    arrival = heard[-1].input.state.extern[VELOCITY_COMMAND].arrival_time
+    after = next(tick for tick in log.ticks if tick.index > heard[-1].index)
+    took = float(after.input.state.time) - arrival
+    assert 0.25 - PERIOD <= took <= 0.25 + PERIOD + 1e-6
+    assert log.is_exact()
+    rows.append(("velocity source", blow, mode.name, "simulated", f"zero {1e3 * took:.0f} ms after its last command"))

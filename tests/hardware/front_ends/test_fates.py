@@ -1,0 +1,206 @@
+"""Every front end stopped and killed in every mode, on emulated motors."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from fates import BLOWS, ROWS, Log, Played, available, display, playing, script
+from play_fixtures import quick_robot
+
+from humanoid_sim.client import monotonic_ns
+from humanoid_sim.messages import Intent, Mode
+
+pytestmark = pytest.mark.slow
+
+PERIOD = 0.02
+"""s"""
+TOO_LATE = 0.035
+"""s between two ticks: nearly one is missing, and such a run says nothing."""
+ATTEMPTS = 4
+PAD = Path(__file__).parents[2] / "frontends" / "pad_program.py"
+CONTROLLERS = {
+    Mode.ZERO_TORQUE: "zero_torque_controller",
+    Mode.DAMPING: "damping_controller",
+    Mode.STANDBY: "standby_controller_a",
+    Mode.LOCOMOTION: "rl_policy_controller",
+    Mode.REMOTE: "remote_policy_controller",
+}
+WAY = {
+    Mode.ZERO_TORQUE: (Mode.ZERO_TORQUE,),
+    Mode.DAMPING: (Mode.ZERO_TORQUE, Mode.DAMPING),
+    Mode.STANDBY: (Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY),
+    Mode.LOCOMOTION: (Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY, Mode.LOCOMOTION),
+    Mode.REMOTE: (Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY, Mode.REMOTE),
+}
+
+
+def course(mode: Mode) -> list[tuple[Mode, str]]:
+    """Modes and controllers of a run that nothing disturbs."""
+    modes = WAY[mode] if mode is Mode.DAMPING else (*WAY[mode], Mode.DAMPING)
+    return [(mode, CONTROLLERS[mode]) for mode in modes]
+
+
+def on_motors(folder: Path, mode: Mode, *options: str, lead: float = 0.3) -> tuple[str, ...]:
+    """Options of `play` for a run through that mode."""
+    hardware = ("--hardware", f"virtual:{folder.name}", "--yes", "--allow-script")
+    given = ("--robot", quick_robot(folder), "--policy", "placeholder", "--script", script(mode, lead))
+    return *hardware, *given, *options
+
+
+def struck(folder: Path, mode: Mode, names: list[str], blow: Callable[[Played], None]) -> Log:
+    """A run with these front ends on a machine that was in time, which was in that mode when the blow fell."""
+    asked = [option for name in names for option in ROWS[name].options]
+    problem = ""
+    with display() as (_, screen):
+        for _ in range(ATTEMPTS):
+            with playing(folder, *on_motors(folder, mode, *asked), screen=screen) as play:
+                play.reach(mode)
+                blow(play)
+                log = play.finish()
+            problem = disturbance(log) or ("" if log.mode_at(log.blow) is mode else "the mode was over before the blow")
+            if not problem:
+                assert log.status == 0, play.said
+                return log
+    pytest.fail(f"the machine is too busy: {problem}", pytrace=False)
+
+
+def disturbance(log: Log) -> str:
+    """How the machine itself was late; empty: it was not."""
+    return f"{log.longest_pause():.3f} s between ticks" if log.longest_pause() > TOO_LATE else ""
+
+
+def check_frames(log: Log) -> None:
+    """Every motor got every tick's command, and answered."""
+    hardware = log.summary["hardware"]
+    assert hardware["commanded"] == hardware["acknowledged"] >= 14 * len(log.ticks)
+    assert (hardware["invalid_frames"], hardware["refused"], log.summary["safety"]) == (0, 0, [])
+    indices = [tick.index for tick in log.ticks]
+    assert indices == list(range(len(indices)))
+
+
+def skip_unless(is_sampled: bool, request: pytest.FixtureRequest) -> None:
+    if not is_sampled and not request.config.getoption("--complete"):
+        pytest.skip("a sample without --complete")
+
+
+@pytest.mark.parametrize("blow", BLOWS)
+@pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
+def test_those_who_look_on_change_neither_mode_nor_controller_nor_frames(
+    mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
+) -> None:
+    """All at once; a producer for REMOTE too, in the modes in which it does not command."""
+    skip_unless((mode, blow) == (Mode.LOCOMOTION, "stopped"), request)
+    names = [name for name in available(ROWS) if not ROWS[name].operates]
+    names = [name for name in names if not (ROWS[name].remote and mode is Mode.REMOTE)]
+    log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]))
+    assert log.ended == (dict.fromkeys(names, "-9") if blow == "killed" else {})
+    assert log.course == course(mode)
+    check_frames(log)
+    assert log.is_exact()
+    rows += [(name, blow, mode.name, "motors", f"{14 * len(log.ticks)} frames, none missing") for name in names]
+
+
+@pytest.mark.parametrize("blow", BLOWS)
+@pytest.mark.parametrize("name", [name for name in ROWS if ROWS[name].remote])
+def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
+    name: str, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
+) -> None:
+    skip_unless(blow == "killed", request)
+
+    def strike(play: Played) -> None:
+        play.until_owned("REMOTE", name)
+        play.strike([name], BLOWS[blow])
+
+    log = struck(folder, Mode.REMOTE, [name], strike)
+    took = log.silence()
+    assert 0.1 - PERIOD <= took <= 0.1 + PERIOD + 1e-3
+    assert log.course == course(Mode.REMOTE), "passive is REMOTE still"
+    check_frames(log)
+    assert log.is_exact()
+    rows.append((name, blow, "REMOTE", "motors", f"passive {1e3 * took:.0f} ms after its last command"))
+
+
+@contextmanager
+def virtual_pad(play: Played) -> Iterator[subprocess.Popen[str]]:
+    """The gamepad's program with a pad of SDL's, once that drives."""
+    command = [sys.executable, str(PAD), "--session", str(play.process.pid)]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        try:
+            assert process.stdout is not None
+            while not process.stdout.readline().strip().endswith("drives"):
+                assert process.poll() is None
+            yield process
+        finally:
+            process.kill()
+
+
+def unplug(pad: subprocess.Popen[str]) -> None:
+    assert pad.stdin is not None
+    pad.stdin.write("unplug\n")
+    pad.stdin.flush()
+
+
+LOSSES: dict[str, Callable[[subprocess.Popen[str]], None]] = {
+    "unplugged": unplug,
+    "killed": lambda pad: pad.send_signal(BLOWS["killed"]),
+    "stopped": lambda pad: pad.send_signal(BLOWS["stopped"]),
+}
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
+def test_the_loss_of_the_gamepad_damps_in_every_mode(
+    mode: Mode, loss: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
+) -> None:
+    """Within 200 ms and a tick; at once where its program lives to tell."""
+    pytest.importorskip("pygame", reason="pygame-ce is not installed (extra 'gamepad')")
+    skip_unless(mode is Mode.LOCOMOTION or (mode, loss) == (Mode.ZERO_TORQUE, "killed"), request)
+    problem = ""
+    for _ in range(ATTEMPTS):
+        problem, took, log = damped_after(folder, mode, loss)
+        if not problem:
+            break
+    else:
+        pytest.fail(f"the machine is too busy: {problem}", pytrace=False)
+    assert took <= (0.1 if loss == "unplugged" else 0.2) + 0.05
+    assert (
+        log.course == [*((mode, CONTROLLERS[mode]) for mode in WAY[mode]), *course(Mode.DAMPING)[1:]][: len(log.course)]
+    )
+    assert log.course[-1][0] is Mode.DAMPING
+    check_frames(log)
+    assert log.is_exact()
+    rows.append(("gamepad", loss, mode.name, "motors", f"DAMP after {1e3 * took:.0f} ms"))
+
+
+def damped_after(folder: Path, mode: Mode, loss: str) -> tuple[str, float, Log]:
+    """How the machine was late, if it was; s from the loss to the tick with the DAMP; and the run."""
+    options = on_motors(folder, mode, *ROWS["gamepad"].options, lead=3.0)
+    with playing(folder, *options) as play, virtual_pad(play) as pad:
+        is_there = play.reach(mode, 20.0)  # a pad whose program gets no time is lost on its way
+        time.sleep(0.4)
+        begun = monotonic_ns()
+        LOSSES[loss](pad)
+        time.sleep(0.6)
+        stamps = {sample.number - 1: sample.stamp for sample in play.feed.since(0)}
+        play.process.terminate()
+        log = play.finish()
+    if not is_there:
+        return "the gamepad was lost before", 0.0, log
+    damps = [tick.index for tick in log.ticks if Intent.DAMP in tick.input.intents]
+    damp = next((index for index in damps if stamps.get(index, 0) > begun), None)
+    before = log.ticks[damp - 1 if damp else 0].output.control_mode.mode
+    if damp is None or before is not mode:
+        problem = disturbance(log) or "the gamepad was lost before"
+        assert damp is not None or problem, "no DAMP"
+        return problem, 0.0, log
+    return disturbance(log), 1e-9 * (stamps[damp] - begun), log
