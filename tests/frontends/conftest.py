@@ -4,7 +4,7 @@ import os
 import sys
 from pathlib import Path
 
-sys.path += [str(Path(__file__).parents[1] / name) for name in ("frontends", "play", "policy")]
+sys.path += [str(Path(__file__).parents[1] / name) for name in ("frontends", "frontends/dds", "play", "policy")]
 
 from fates import folder, rows
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import onnx
 import pytest
+from dds_bridge import free_domain
 from models import linear_model
 
 from humanoid_sim import replay
@@ -48,6 +49,7 @@ class Row:
 
 ROWS = {
     "console": Row(("--console",)),
+    "dds": Row(("--dds",)),
     "foxglove": Row(("--foxglove",)),
     "gamepad": Row(("--gamepad",), operates=True),
     "gravity": Row(("--remote", "gravity"), remote=True),
@@ -167,7 +169,7 @@ class Played:
 @contextmanager
 def playing(folder: Path, *options: str, screen: str = "") -> Iterator[Played]:
     """A run, once it can be reached; killed if it is not over at the end."""
-    environment = {**os.environ, "NO_COLOR": "1"}
+    environment = {**os.environ, "NO_COLOR": "1", "ROS_DOMAIN_ID": str(free_domain())}
     environment.pop("DISPLAY", None)
     if screen:
         environment["DISPLAY"] = screen

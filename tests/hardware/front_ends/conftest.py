@@ -3,7 +3,9 @@
 import sys
 from pathlib import Path
 
-sys.path += [str(Path(__file__).parents[2] / name) for name in ("frontends", "play", "policy", "hardware/play")]
+sys.path += [
+    str(Path(__file__).parents[2] / name) for name in ("frontends", "frontends/dds", "play", "policy", "hardware/play")
+]
 
 from fates import folder, rows
 
