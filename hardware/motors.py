@@ -17,7 +17,7 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.motors import MotorModel
+from humanoid_sim.robots.motors import FAMILIES, MotorModel
 
 __all__ = [
     "NEVER",
@@ -59,6 +59,10 @@ class MotorGroup:
     def on_channel(self, channel: int) -> tuple[int, ...]:
         """Indices of the motors on a channel."""
         return tuple(i for i, index in enumerate(self.channel) if index == channel)
+
+    def period_frames(self, channel: int) -> int:
+        """Frames on a channel in a control period to its motors, at most, and as many from them."""
+        return sum(FAMILIES[self.model[i].family].period_frames for i in self.on_channel(channel))
 
     def of_family(self, family: str) -> tuple[int, ...]:
         """Indices of the motors of a family."""
@@ -152,6 +156,8 @@ class SessionTerms:
     """s without a command after which a motor stops by itself, where it can."""
     control_period: float
     """s between two commands."""
+    period_frames: tuple[int, ...] = ()
+    """By channel: frames in a control period to the motors of all families, at most, and as many from them."""
     known_uids: Mapping[str, bytes] = field(default_factory=dict)
     """Unique ids at an earlier activation by joint, where motors have them."""
 

@@ -48,11 +48,11 @@ class RobotMotors:
         """
         wiring = settings.wiring
         self._count = wiring.count
-        bursts = [len(wiring.on_channel(channel)) for channel in range(len(settings.addresses))]
+        bursts = tuple(wiring.period_frames(channel) for channel in range(len(settings.addresses)))
         period = settings.control_period
         self.line = OpenChannels(settings.addresses, bursts, checks, clock=clock, open_bus=open_bus, period=period)
         self.channels, self.sources, self.opened = self.line.channels, self.line.sources, self.line.opened
-        terms = SessionTerms(settings.host_id, settings.can_timeout, period, known_uids)
+        terms = SessionTerms(settings.host_id, settings.can_timeout, period, bursts, known_uids)
         self._joints = {family: np.array(wiring.of_family(family), dtype=int) for family in DRIVERS}
         self._links = tuple(
             driver.link(self.line, wiring.select(self._joints[family].tolist()), terms)

@@ -14,10 +14,10 @@ from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID, BaudRate, 
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
     PARAMETERS_BY_INDEX,
-    ParameterType,
     RunMode,
     default_value,
     fault_word,
+    function_codes,
     pack_value,
     unpack_value,
 )
@@ -157,9 +157,9 @@ def read_parameter(identity: MotorIdentity, state: MotorState, sensed: Sensed, i
         "VBUS": sensed.voltage,
         "torque_fdb": sensed.torque,
     }
-    function = _function_codes(identity.model.name).get(index)
-    if function is not None:
-        return pack_value(ParameterType.F32, live[function])
+    function = function_codes(identity.model.name).get(index)
+    if function is not None and function.name in live:
+        return pack_value(function.type, live[function.name])
     known = PARAMETERS_BY_INDEX.get(index)
     if known is None or not _exists(identity, index):
         return None
@@ -182,13 +182,6 @@ def written_parameters(state: MotorState, index: int, payload: bytes) -> Mapping
     if known.name == "run_mode" and (state.is_running or value not in tuple(RunMode)):
         return state.parameters
     return MappingProxyType({**state.parameters, index: value})
-
-
-def _function_codes(model: str) -> Mapping[int, str]:
-    """The measurements among the function codes, which are numbered per model."""
-    first = 0x3017 if model == "rs-04" else 0x3016
-    torque = 0x302D if model in ("rs-01", "rs-06") else 0x302C
-    return {first: "mechPos", first + 1: "mechVel", torque: "torque_fdb"}
 
 
 def _exists(identity: MotorIdentity, index: int) -> bool:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify
@@ -124,11 +125,14 @@ def make_ready(
     _write_exactly(requests, "canTimeout", dict.fromkeys(joints, ticks), checks)
     if takes_over:
         motors = requests.motors
-        _write_limit(requests, "limit_torque", {i: motors.torque_limit[i] for i in joints}, checks, is_needed=True)
+        torques, currents = motors.torque_limit, motors.current_limit
+        _write_limit(requests, "limit_torque", {i: torques[i] for i in joints}, _peaks(motors), checks, is_needed=True)
         # Documented for the velocity and position modes only: operation mode is held by the torque limit.
-        _write_limit(requests, "limit_cur", {i: motors.current_limit[i] for i in joints}, checks, is_needed=False)
+        peaks = {i: motors.model[i].peak_current for i in joints}
+        _write_limit(requests, "limit_cur", {i: currents[i] for i in joints}, peaks, checks, is_needed=False)
     elif torque is not None:
-        _write_limit(requests, "limit_torque", dict.fromkeys(joints, torque), checks, is_needed=True)
+        limits = dict.fromkeys(joints, torque)
+        _write_limit(requests, "limit_torque", limits, _peaks(requests.motors), checks, is_needed=True)
     check_stored_hosts(channels, joints, checks)
 
 
@@ -198,11 +202,24 @@ def _write_exactly(requests: Requests, name: str, values: Mapping[int, float], c
             checks.passed(motor, f"{name} {found:g}")
 
 
+def _peaks(motors: MotorGroup) -> dict[int, float]:
+    """The data sheets' peak torques by motor, N·m."""
+    return {i: model.peak_torque for i, model in enumerate(motors.model)}
+
+
 def _write_limit(
-    requests: Requests, name: str, values: Mapping[int, float], checks: CheckList, *, is_needed: bool
+    requests: Requests,
+    name: str,
+    limits: Mapping[int, float],
+    peaks: Mapping[int, float],
+    checks: CheckList,
+    *,
+    is_needed: bool,
 ) -> None:
+    """Write a limit, but never one above the peak of the motor's data sheet; 0 leaves the firmware's own."""
     parameter = PARAMETERS[name]
-    for joint, found in requests.write(parameter, {i: limit for i, limit in values.items() if limit > 0.0}).items():
+    values = {i: min(limit, peaks[i]) for i, limit in limits.items() if limit > 0.0}
+    for joint, found in requests.write(parameter, values).items():
         motor, wanted = requests.motors.names[joint], values[joint]
         if isinstance(found, Unreadable):
             note = checks.problem if is_needed else checks.warn
@@ -212,7 +229,9 @@ def _write_limit(
         elif found < wanted * (1.0 - _FLOAT32):
             checks.warn(motor, f"{name} reads {found:g} {parameter.unit}: the motor allows no {wanted:g}")
         else:
-            checks.passed(motor, f"at most {found:g} {parameter.unit}")
+            asked = limits[joint]
+            sheet = f", its data sheet's peak, not {asked:g}" if wanted < asked else ""
+            checks.passed(motor, f"at most {found:g} {parameter.unit}{sheet}")
 
 
 def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:

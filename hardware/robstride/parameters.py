@@ -1,7 +1,7 @@
 """The motors' parameters: their numbers, types and units, and how values become the 4 bytes of types 17 and 18.
 
 The set with indices 0x7005 to 0x702E is the same for all models. The function codes 0x20xx and 0x30xx are numbered per
-model; only the fault word is named here.
+model: `function_codes` has the few that are known.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from types import MappingProxyType
 
@@ -29,6 +29,8 @@ __all__ = [
     "depends_on_model",
     "fault_word",
     "find_parameter",
+    "function_codes",
+    "is_function_code",
     "pack_value",
     "report_interval",
     "unpack_value",
@@ -277,14 +279,39 @@ def find_parameter(name_or_index: str) -> Parameter:
     """
     text = name_or_index.strip()
     for parameter in PARAMETERS.values():
-        if text.lower() in (parameter.name.lower(), f"0x{parameter.index:04x}", str(parameter.index)):
+        if text.lower() == parameter.name.lower():
             return parameter
-    raise InputError(known_names("parameter", name_or_index, PARAMETERS))
+    try:
+        return PARAMETERS_BY_INDEX[int(text, 0)]  # however it is written: 0x7018, 0x07018, 28696
+    except (ValueError, KeyError):
+        raise InputError(known_names("parameter", name_or_index, PARAMETERS)) from None
 
 
 def fault_word(model: str) -> Parameter:
     """The 32-bit fault word (`FaultBit`) as a parameter: it shows overvoltage, which no status does."""
     return Parameter(0x3023 if model == "rs-04" else 0x3022, "fault_word", _U32, "", False)
+
+
+def function_codes(model: str) -> Mapping[int, Parameter]:
+    """What is known of the function codes of a model, by index: measurements, and the CAN timeout that is stored."""
+    first = 0x3017 if model == "rs-04" else 0x3016
+    word = fault_word(model)
+    stored = 0x200B if model in ("rs-03", "rs-04") else 0x200C
+    torque = 0x302D if model in ("rs-01", "rs-06") else 0x302C
+    timeout = PARAMETERS["canTimeout"]
+    known = [
+        replace(PARAMETERS["mechPos"], index=first),
+        replace(PARAMETERS["mechVel"], index=first + 1),
+        Parameter(torque, "torque_fdb", _F32, "N·m", False),
+        word,
+        replace(timeout, index=stored, name="stored canTimeout"),
+    ]
+    return MappingProxyType({parameter.index: parameter for parameter in known})
+
+
+def is_function_code(index: int) -> bool:
+    """Whether `function_codes` has this index for some model."""
+    return any(index in function_codes(motor.name) for motor in _MODELS)
 
 
 def report_interval(scan_time: int) -> float:

@@ -111,7 +111,7 @@ class RobstrideSession(RobstrideLink):
         for channel, source in enumerate(self.sources):
             here = motors.on_channel(channel)
             interval = report_interval(_SCAN_TIME)
-            load = bus_load(len(here) * (2.0 / period + 1.0 / interval))
+            load = bus_load(2.0 * self._terms.period_frames[channel] / period + len(here) / interval)
             if interval >= period:
                 checks.passed(source, "no active reports: commands are answered as often")
             elif load > _FULL_BUS:

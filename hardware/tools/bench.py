@@ -116,7 +116,7 @@ def open_bench(
             open_channel = guard.start(locks, checks, open_channel)
             for warning in checks.warnings:
                 complain(f"warning: {warning}")
-        bursts = [len(motors.on_channel(channel)) for channel in range(len(addresses))]
+        bursts = [motors.period_frames(channel) for channel in range(len(addresses))]
         line = OpenChannels(addresses, bursts, checks, open_bus=open_channel)
         try:
             link = RobstrideLink(line, motors, host_id)

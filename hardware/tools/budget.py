@@ -96,8 +96,9 @@ def channel_budgets(
     budgets = []
     for channel in range(channel_count):
         here = [(name, motor) for name, motor in motors if channel_count == 1 or motor.bus == channel]
-        apart = sum(FAMILIES[motor.family].gains_apart for _, motor in here)  # gains and state in two frames each
-        frames, reporting = len(here) + apart, len(here) - apart
+        families = [FAMILIES[motor.family] for _, motor in here]
+        frames = sum(family.period_frames for family in families)
+        reporting = sum(family.has_reports for family in families)
         names = tuple(name for name, _ in here)
         budgets.append(ChannelBudget(names, rate, bitrate, reports_per_second, (frames, frames), reporting))
     return tuple(budgets)

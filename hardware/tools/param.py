@@ -18,6 +18,8 @@ from humanoid_sim.hardware.robstride.parameters import (
     check_value,
     depends_on_model,
     find_parameter,
+    function_codes,
+    is_function_code,
 )
 from humanoid_sim.hardware.tools.bench import (
     command_motor,
@@ -88,14 +90,12 @@ def _get(config: Get) -> int:
 
 def _set(config: Set) -> int:
     parameter = _parameter(config.name, config.type)
-    if not parameter.is_writable:
-        raise InputError(f"{parameter.name}: is read only")
     known = None if config.model is None else motor_model(config.model)
-    check_value(parameter, config.value, known)
+    _check(parameter, config.value, known)
     with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
         before = read_value(channels, parameter)
-        if known is None and depends_on_model(parameter):
-            check_value(parameter, config.value, _model(channels, parameter))
+        if known is None and (depends_on_model(parameter) or is_function_code(parameter.index)):
+            _check(parameter, config.value, _model(channels, parameter))
         write_value(channels, parameter, config.value)
         after = read_value(channels, parameter)
         sample = channels.table.slots[0].sample  # what the write was answered with
@@ -104,6 +104,20 @@ def _set(config: Set) -> int:
     if sample is not None and sample.status.mode is MotorMode.RUN:
         print(f"motor {config.motor_id} is enabled")
     return 0
+
+
+def _check(parameter: Parameter, value: float, model: MotorModel | None) -> None:
+    """Refuse what the documents do not allow to be written; of an index without a name, what it is in this model."""
+    code = None if model is None else function_codes(model.name).get(parameter.index)
+    if code is not None and model is not None:
+        if not code.is_writable:
+            raise InputError(f"0x{code.index:04X}: is {code.name} of an {model.name}, which is read only")
+        if parameter.type is not code.type:
+            raise InputError(f"--type: is {parameter.type.name.lower()}, {code.name} is a {code.type.name.lower()}")
+        parameter = code
+    if not parameter.is_writable:
+        raise InputError(f"{parameter.name}: is read only")
+    check_value(parameter, value, model)
 
 
 def _model(channels: RobstrideLink, parameter: Parameter) -> MotorModel:

@@ -46,12 +46,19 @@ class MotorFamily:
     """Whether its motors stop by themselves when their host falls silent."""
     has_torque_limit: bool = True
     """Whether a motor can be told a limit for its torque and its current."""
+    has_reports: bool = True
+    """Whether its motors can send their state by themselves, beside the answers to commands."""
     gains_apart: bool = False
     """Whether K_p and K_d come in a frame of their own, so that a command may meet gains that are not its own."""
     stiffness_doubt: float = 1.0
     """How many times the K_p that it was told a motor may have, where sources disagree: torque is bounded for that."""
     damping_doubt: float = 1.0
     """Likewise K_d."""
+
+    @property
+    def period_frames(self) -> int:
+        """Frames in a control period to a motor, at most, and as many from it."""
+        return 2 if self.gains_apart else 1
 
 
 _HOST_IDS = range(128, 256)
@@ -67,6 +74,7 @@ FAMILIES: Mapping[str, MotorFamily] = MappingProxyType(
             frozenset({0x00, 0x01, 0x09, 0x45}),
             has_timeout=False,
             has_torque_limit=False,
+            has_reports=False,
             gains_apart=True,
             stiffness_doubt=688.58 / 500.0,
             damping_doubt=1.125 / 0.5,

@@ -74,7 +74,8 @@ class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     direction: Literal[-1, 1]
     """Sign between motor and joint frame: a fact of the design, not of one physical robot."""
     torque_limit: NotNegative | None = None
-    """N·m, written to the firmware; 0: leave the firmware's own. Needed where the family has such a limit."""
+    """N·m, written to the firmware, up to its data sheet's peak; 0: leave the firmware's own. Needed where the family
+    has such a limit."""
     current_limit: NotNegative | None = None
     """A, written to the firmware; 0: leave the firmware's own. Likewise."""
 

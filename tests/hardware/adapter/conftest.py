@@ -127,9 +127,11 @@ def make_robot(
     """Makes robots on the two channels; at the end the motors obey again, and the robots are closed."""
     made: list[HardwareRobot] = []
 
-    def make(calibration: Mapping[str, float] | None = None, **options: object) -> HardwareRobot:
+    def make(
+        calibration: Mapping[str, float] | None = None, pair: RobotDescription = description, **options: object
+    ) -> HardwareRobot:
         offsets = {"left": 0.0, "right": 0.0} if calibration is None else calibration
-        robot = HardwareRobot(description, channels, calibration=offsets, **options)  # type: ignore[arg-type]
+        robot = HardwareRobot(pair, channels, calibration=offsets, **options)  # type: ignore[arg-type]
         made.append(robot)
         return robot
 

@@ -93,6 +93,26 @@ def test_sound_motors_are_configured_and_enabled_without_torque(
     assert all(status.is_ok for status in statuses)
 
 
+def test_no_limit_is_written_beyond_the_peak_of_the_motors_data_sheet(
+    make_robot: MakeRobot, description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
+) -> None:
+    joints = []
+    for joint, torque, current in zip(description.joints, (170.0, 14.0), (27.0, 16.0), strict=True):
+        assert joint.motor is not None
+        motor = msgspec.structs.replace(joint.motor, torque_limit=torque, current_limit=current)
+        joints.append(msgspec.structs.replace(joint, motor=motor))
+    robot = make_robot(pair=msgspec.structs.replace(description, joints=tuple(joints)))
+    robot.prepare()
+    assert [_parameter(left, "limit_torque"), _parameter(left, "limit_cur")] == [17.0, 23.0]
+    assert [_parameter(right, "limit_torque"), _parameter(right, "limit_cur")] == [14.0, 15.5]
+    lines = {check.subject: str(check) for check in robot.checks}
+    assert (
+        "at most 17 N·m, its data sheet's peak, not 170; at most 23 A, its data sheet's peak, not 27" in lines["left"]
+    )
+    assert "at most 14 N·m; at most 15.5 A, its data sheet's peak, not 16" in lines["right"]
+    assert not _warnings(robot)
+
+
 def test_the_list_says_what_was_verified(robot: HardwareRobot) -> None:
     robot.activate()
     lines = {check.subject: str(check) for check in robot.checks}

@@ -52,7 +52,9 @@ def short_listening(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def rig(
-    settings: EmulationSettings | None = None, before: Callable[[VirtualMotors], None] = lambda _: None
+    settings: EmulationSettings | None = None,
+    before: Callable[[VirtualMotors], None] = lambda _: None,
+    control_period: float | None = None,
 ) -> Iterator[tuple[HardwareRobot, VirtualMotors, list[str]]]:
     told: list[str] = []
     channel = f"virtual:mixed-{next(_numbers)}"
@@ -63,7 +65,13 @@ def rig(
     with motors:
         before(motors)
         robot = HardwareRobot(
-            ROBOT, [channel], calibration=ZEROS, open_bus=motors.open_bus, allow_no_timeout=True, clock=slow_clock
+            ROBOT,
+            [channel],
+            calibration=ZEROS,
+            control_period=control_period,
+            open_bus=motors.open_bus,
+            allow_no_timeout=True,
+            clock=slow_clock,
         )
         try:
             yield robot, motors, told
@@ -88,6 +96,15 @@ def test_it_is_refused_without_leave_to_drive_motors_that_nothing_stops() -> Non
         "timeout of theirs is known: left_wrist_roll, left_wrist_pitch, right_wrist_roll, right_wrist_pitch; "
         "--allow-no-timeout accepts that"
     )
+
+
+@pytest.mark.parametrize(("rate", "told"), [(80.0, False), (90.0, True)])
+def test_the_gains_and_feedback_of_sito_motors_count_where_reports_are_to_find_room(rate: float, told: bool) -> None:
+    """The bus may be loaded to 60 %: 18 frames each way, and ten reports every 10 ms, are 61 % at 90 Hz."""
+    with rig(control_period=1.0 / rate) as (robot, _, _):
+        robot.prepare()
+        text = "no active reports: they would load the bus to 62 %"
+        assert any(text in str(check) for check in robot.checks) is told
 
 
 def test_from_limp_to_holding_to_disabled() -> None:

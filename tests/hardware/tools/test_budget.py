@@ -47,6 +47,12 @@ def test_reports_take_their_share() -> None:
     assert full.load[1] > 1.0
 
 
+def test_a_sito_takes_two_frames_each_way_and_sends_no_reports() -> None:
+    (channel,) = channel_budgets(load_robot("lite_sito"), 1, 50.0, 1e6, 100.0)
+    assert (channel.frames, channel.reporting, channel.burst) == ((18, 18), 10, 18)
+    assert channel.load[1] == pytest.approx((2 * 18 * 50 + 10 * 100) * 160e-6)
+
+
 def test_channels_that_do_not_fit_the_robot() -> None:
     with pytest.raises(InputError, match="lite: 3 channels given, expected 1 or one per bus, 2"):
         channel_budgets(_LITE, 3, 50.0, 1e6, 0.0)

@@ -61,10 +61,28 @@ def test_a_value_is_written_verified_and_said(run: Run, values: Values) -> None:
 
 
 def test_a_value_that_the_motor_does_not_take_is_an_error(run: Run) -> None:
-    status, _, complained = run("param", "set", _CHANNEL, "15", "0x3017", "1", "--type", "f32")
+    status, _, complained = run("param", "set", _CHANNEL, "15", "damper", "0")  # an rs-05 has none
     assert status == 2
-    assert complained.startswith(f"error: motor 15 on {_CHANNEL}: 0x3017 reads ")
-    assert complained.endswith(" after 1 was written\n")
+    assert complained == f"error: motor 15 on {_CHANNEL}: damper reads nothing after 0 was written\n"
+
+
+def test_a_function_code_is_what_it_is_in_the_motors_model(run: Run) -> None:
+    at = ("param", "set", _CHANNEL, "15")
+    assert run(*at, "0x3017", "1", "--type", "f32") == (
+        2,
+        "",
+        "error: 0x3017: is mechVel of an rs-05, which is read only\n",
+    )
+    assert run(*at, "0x3022", "0", "--type", "u32")[2] == (
+        "error: 0x3022: is fault_word of an rs-05, which is read only\n"
+    )
+    assert run(*at, "0x200C", "1e9", "--type", "u32")[2] == (
+        "error: stored canTimeout: is 1e+09, expected 0 to 100000\n"
+    )
+    assert run(*at, "0x200B", "1e9", "--type", "u32", "--model", "rs-04")[2] == (
+        "error: stored canTimeout: is 1e+09, expected 0 to 100000\n"
+    )
+    assert run(*at, "0x200C", "2000", "--type", "f32")[2] == "error: --type: is f32, stored canTimeout is a u32\n"
 
 
 @pytest.mark.parametrize(
@@ -102,6 +120,11 @@ def test_status_3_where_the_motor_is_silent(run: Run) -> None:
         (("set", "limit_torque", "18", "--model", "rs-02"), "limit_torque: is 18, expected 0 to 17 N·m for an rs-02"),
         (("set", "limit_torque", "1", "--model", "rs-22"), "unknown motor model 'rs-22'; known: "),
         (("set", "canTimeout", "1e9"), "canTimeout: is 1e+09, expected 0 to 100000"),
+        (("set", "0x07028", "1e9", "--type", "u32"), "canTimeout: is 1e+09, expected 0 to 100000"),
+        (("set", "0b111000000011000", "200", "--type", "f32"), "limit_cur: is 200, expected 0 to 90 A for any model"),
+        (("set", "0o70013", "-5", "--type", "f32"), "limit_torque: is -5, expected 0 to 120 N·m for any model"),
+        (("set", "0x07019", "1", "--type", "f32"), "mechPos: is read only"),
+        (("set", "0x7028", "5", "--type", "f32"), "--type: is f32, canTimeout is a u32"),
         (("set", "run_mode", "9"), "run_mode: is 9, expected 0, 1, 2, 3, 5"),
         (("set", "EPScan_time", "0"), "EPScan_time: is 0, expected 1 to 65535"),
         (("set", "cur_filter_gain", "1.5"), "cur_filter_gain: is 1.5, expected 0 to 1"),
