@@ -63,7 +63,7 @@ def test_a_robot_with_gains_of_its_own(hopper: Path) -> None:
         ("joints: {knee: {effort_limit: -3}}", "joints[1].effort_limit: is -3.0, expected a finite number > 0"),
         ("joints: {knee: {limit: 3}}", "joints[1]: unknown field 'limit'; known: name, lower, "),
         ("initial_position: {knee: 3}", "initial_position[1]: is 3, outside the limits of knee, 0.2 to 2"),
-        ("imu_site: torso", "unknown field 'imu_site'; known: name, mjcf, "),
+        ("imu_site: torso", "unknown field 'imu_site'; known: name, topic_prefix, mjcf, "),
         ("joints: all", "joints: is 'all', expected a list"),
     ],
 )

@@ -170,7 +170,7 @@ def test_an_id_that_another_familys_frames_could_address(tmp_path: Path, documen
 UNKNOWN_FIELDS = [
     (
         "stifness",
-        "unknown field 'stifness'; known: name, mjcf, joints, initial_position, imu, base, hands, simulation, ",
+        "unknown field 'stifness'; known: name, topic_prefix, mjcf, joints, initial_position, imu, base, hands, ",
     ),
     ("joints[2].limit", "joints[2]: unknown field 'limit'; known: name, lower, upper, effort_limit, stiffness, "),
     ("joints[2].motor.id", "joints[2].motor: unknown field 'id'; known: family, bus, can_id, model, direction, "),
