@@ -6,7 +6,7 @@ import json
 import platform
 from collections.abc import Mapping
 from importlib.metadata import version
-from typing import Literal
+from typing import Literal, NoReturn
 
 import msgspec
 import numpy as np
@@ -47,9 +47,12 @@ from humanoid_sim.strict_json import parse_json
 
 __all__ = [
     "build_supervisor",
+    "no_policy",
     "policy_controller",
     "rebuild_supervisor",
     "recorded_contract",
+    "recorded_motion",
+    "recorded_policy",
     "run_header",
 ]
 
@@ -239,6 +242,31 @@ def recorded_contract(header: SessionHeader) -> PolicyContract | None:
     return decode(text, "recording")
 
 
+def recorded_motion(header: SessionHeader) -> Motion | None:
+    """The motion that a recorded run's policy follows; None if it follows none.
+
+    Raises:
+        InputError: if it is damaged.
+    """
+    attached = header.attachments.get(MOTION_ATTACHMENT)
+    return None if attached is None else parse_motion(attached, MOTION_ATTACHMENT)
+
+
+def no_policy(*_: object) -> NoReturn:
+    """In the place of a policy that is not to run."""
+    raise AssertionError("this policy is not to run")
+
+
+def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | None:
+    """Contract and motion of a recorded run, with `policy` in the place of the one that ran; None if it had none.
+
+    Raises:
+        InputError: if they are damaged, or do not fit each other.
+    """
+    contract = recorded_contract(header)
+    return None if contract is None else load_policy(contract, policy, recorded_motion(header))
+
+
 def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     """The supervisor of a recorded run with `policy` in the place of the one that ran.
 
@@ -256,16 +284,10 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         guards = None if controllers.guards is None else controllers.guards.on(description)
     except FieldError as error:
         raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
-    loaded = None
-    contract = recorded_contract(header)
-    if contract is not None:
-        attached = header.attachments.get(MOTION_ATTACHMENT)
-        motion = parse_motion(attached, MOTION_ATTACHMENT) if attached is not None else None
-        loaded = load_policy(contract, policy, motion)
     return build_supervisor(
         description,
         header.control_period,
-        loaded,
+        recorded_policy(header, policy),
         remote=controllers.remote,
         action_limit=controllers.action_limit,
         guards=guards,

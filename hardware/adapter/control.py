@@ -68,6 +68,8 @@ class MotorControl:
         """The last that was sent."""
         self.refused = 0
         """Commands that were not sent as they were: not enabled, or not finite."""
+        self.faults: Mapping[str, tuple[str, ...]] = {}
+        """By joint, what the latest statuses say of its motor; empty before enabling, and where a guardian drives."""
         zeros = np.zeros(wiring.count)
         self._damped = MITCommand(zeros, zeros, zeros, zeros, settings.damping)
 
@@ -109,8 +111,10 @@ class MotorControl:
             return ()
         told = self._guard.status()
         if told is not None and told.level is SafetyLevel.FAULT:
+            self.faults = {}
             return (told,)  # whatever the motors do is its doing
         statuses = self._watch.statuses(now, age, self._tracker)
+        self.faults = self._watch.faults
         if now - self._bad_command <= self._settings.rx_timeout:
             statuses = (*statuses, _BAD_COMMAND)
         return statuses if told is None else (*statuses, told)

@@ -57,6 +57,8 @@ class RobotStatistics:
     """By joint: how often the position was moved so that the MIT law stays within the effort limit."""
     temperature: Mapping[str, float]
     """By joint, °C, as last heard."""
+    faults: Mapping[str, tuple[str, ...]]
+    """By joint, what the latest safety statuses say of its motor; joints of which they say nothing are left out."""
     refused: int
     """Commands that were not sent: the motors were not enabled, or a value was not finite."""
 
@@ -135,5 +137,6 @@ def gather_statistics(
         saturations={} if control is None else control.encoder.saturations,
         bounded={} if control is None else control.encoder.bounded,
         temperature=temperature,
+        faults={} if control is None else control.faults,
         refused=0 if control is None else control.refused,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -50,6 +50,8 @@ class SafetyWatch:
         self._rx_timeout = settings.rx_timeout
         self._since = since
         self._ok = tuple(SafetyStatus(source=str(channel.address)) for channel in channels)
+        self.faults: Mapping[str, tuple[str, ...]] = {}
+        """By joint, what the latest statuses say of its motor. A new one each time: other threads may look."""
 
     def statuses(self, now: float, age: FloatArray, tracker: JointTracker) -> tuple[SafetyStatus, ...]:
         """One status per channel.
@@ -61,15 +63,29 @@ class SafetyWatch:
         """
         recent = max(now - self._rx_timeout, self._since)
         silent = age > self._rx_timeout
-        return tuple(self._status(index, recent, silent, tracker) for index in range(len(self._channels)))
+        faults: dict[str, tuple[str, ...]] = {}
+        statuses = tuple(self._status(index, recent, silent, tracker, faults) for index in range(len(self._channels)))
+        self.faults = faults
+        return statuses
 
-    def _status(self, index: int, recent: float, silent: npt.NDArray[np.bool_], tracker: JointTracker) -> SafetyStatus:
+    def _status(
+        self,
+        index: int,
+        recent: float,
+        silent: npt.NDArray[np.bool_],
+        tracker: JointTracker,
+        faults: dict[str, tuple[str, ...]],
+    ) -> SafetyStatus:
+        """Of one channel; adds what it says of each joint to `faults`."""
         joints = self._joints[index]
         findings = [*self._bus(index, recent)]
         for i in joints:
+            own = [*self._motor(i, recent, tracker)]
             if silent[i]:
-                findings.append((SafetyFlag.RX_TIMEOUT, "silent", self._names[i]))
-            findings += self._motor(i, recent, tracker)
+                own.insert(0, (SafetyFlag.RX_TIMEOUT, "silent", self._names[i]))
+            if own:
+                faults[self._names[i]] = tuple(dict.fromkeys(what for _, what, _ in own))
+                findings += own
         if not findings:
             return self._ok[index]
         flags = SafetyFlag.NONE

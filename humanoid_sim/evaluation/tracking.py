@@ -18,11 +18,20 @@ from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import FieldError
 from humanoid_sim.evaluation.errors import length, pose_error
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITState
-from humanoid_sim.policy.motion import body_poses
+from humanoid_sim.policy.loaded_policy import LoadedPolicy
+from humanoid_sim.policy.motion import Motion, body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
-__all__ = ["AnchorErrors", "AnchorSummary", "BodyError", "TrackingErrors", "TrackingSummary", "peak_speed"]
+__all__ = [
+    "AnchorErrors",
+    "AnchorSummary",
+    "BodyError",
+    "TrackingErrors",
+    "TrackingSummary",
+    "errors_of_run",
+    "peak_speed",
+]
 
 
 class _End:
@@ -96,7 +105,7 @@ class TrackingErrors:
                 f"9 for each of {count} bodies"
             )
         self._kinematics = ForwardKinematics(description, body_names)
-        self._names = body_names
+        self.names = body_names
         hands = [i for i, name in enumerate(body_names) if name in description.hands]
         self._hands = hands or list(range(count))
         self._position, self._rotation = body_poses(frames, count)
@@ -106,6 +115,8 @@ class TrackingErrors:
         # Columns: position (m), orientation (rad).
         self._sum_of_squares = np.zeros((count, 2))
         self._largest = np.zeros((count, 2))
+        self.latest: FloatArray | None = None
+        """Shape (B, 2), m and rad: the latest policy step's errors; None before any, and once the motion is over."""
 
     def update(self, frame: int, joint_position: FloatArray) -> None:
         """Take one policy step.
@@ -115,17 +126,19 @@ class TrackingErrors:
             joint_position: shape (n,), rad, joint frame, read in that same tick.
         """
         if self._end.is_past(frame):
+            self.latest = None
             return
         position, rotation = self._kinematics(joint_position)
         k = min(frame, len(self._position) - 1)
         error = np.stack([length(position - self._position[k]), rotation_angle(rotation, self._rotation[k])], axis=-1)
+        self.latest = error
         self._sum_of_squares += error * error
         np.maximum(self._largest, error, out=self._largest)
         self._samples += 1
 
     def summary(self) -> TrackingSummary:
         """The errors so far."""
-        bodies = tuple(self._error(name, [i]) for i, name in enumerate(self._names))
+        bodies = tuple(self._error(name, [i]) for i, name in enumerate(self.names))
         return TrackingSummary(self._samples, self._peak_speed, self._error("hands", self._hands), bodies)
 
     def _error(self, name: str, rows: list[int]) -> BodyError:
@@ -176,18 +189,25 @@ class AnchorErrors:
         self._sum = np.zeros(3)
         self._largest = np.zeros(3)
         self._samples = 0
+        self.latest: FloatArray | None = None
+        """Shape (3,): rad, of the mean over the joints, m and rad of the anchor body, in the latest policy step; None
+        before any, once the motion is over, and while nobody knows how it was laid onto the robot."""
 
     def update(self, frame: int, state: MITState) -> None:
         """Compare the state of a policy step with the frame that it was shown."""
         live = state.extern.get(ANCHOR_POSE)
         if live is None or self._end.is_past(frame):
+            self.latest = None
             return
         pose = live.value
         if frame == 0 and self._align:
             self._alignment = self._reference.align(pose)
+        if self._align and self._alignment is None:
+            return  # the beginning was not seen
         joints = self._reference.term("reference_joint_pos", frame)
         posed = pose_error(pose, *self._reference.anchor(frame, self._alignment))
         error = np.array([np.abs(state.joint_position[self._order] - joints).mean(), posed.distance, posed.angle])
+        self.latest = error
         self._sum += error
         np.maximum(self._largest, error, out=self._largest)
         self._samples += 1
@@ -200,3 +220,22 @@ class AnchorErrors:
             (float(mean), float(most)) for mean, most in zip(self._sum / self._samples, self._largest, strict=True)
         )
         return AnchorSummary(self._samples, joint, position, angle)
+
+
+def errors_of_run(
+    description: RobotDescription, loaded: LoadedPolicy, motion: Motion | None
+) -> tuple[TrackingErrors | None, AnchorErrors | None]:
+    """What measures how well a policy's motion is followed: poses of bodies in the base frame, or joints and an anchor.
+
+    Args:
+        description: the robot.
+        loaded: the policy.
+        motion: that it follows.
+    """
+    tracking = anchor = None
+    reference, contract = loaded.reference, loaded.contract
+    if "motion_body_pos_b" in reference.terms and motion is not None:
+        tracking = TrackingErrors(description, motion.frames, contract.body_names, contract.policy_dt)
+    if "anchor_pos" in reference.terms:
+        anchor = AnchorErrors(reference, contract.joint_names, description.joint_names, align=contract.align_reference)
+    return tracking, anchor

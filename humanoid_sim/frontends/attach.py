@@ -18,10 +18,11 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import decode_event, decode_tick
 from humanoid_sim.recording.header import HeaderError, parse_header
+from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
-from humanoid_sim.stack import recorded_contract
+from humanoid_sim.stack import no_policy, recorded_contract, recorded_policy
 
 __all__ = ["Attachment", "attached", "behind", "ready"]
 
@@ -57,6 +58,15 @@ class Attachment:
     def contract(self) -> PolicyContract | None:
         """The policy's; None without one."""
         return recorded_contract(self.header)
+
+    def reference_ghost(self) -> ReferenceGhost | None:
+        """The motion that the policy follows, as poses of the robot; None where there is none that holds poses.
+
+        Raises:
+            InputError: the header is damaged.
+        """
+        loaded = recorded_policy(self.header, no_policy)
+        return None if loaded is None else ReferenceGhost.of(self.description, loaded.contract, loaded.reference)
 
     def model(self) -> mujoco.MjModel:
         """The robot's compiled model, of which the ticks' `qpos` is: a new one each time, to do with as one likes.

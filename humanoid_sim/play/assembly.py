@@ -11,20 +11,18 @@ from rich.console import Console
 from humanoid_sim import __version__
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
+from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
 from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.front_ends import has_keys, needs_gamepad
 from humanoid_sim.play.local_ends import LocalEnds
 from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
-from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.play.status_line import Told
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.recording.shadow import ShadowStep, ShadowTopics, encode_shadow_step, shadow_documents
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.video import VideoSink
-from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.device_watch import DeviceWatch
 from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.keyboard import Keyboard
@@ -78,7 +76,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     """
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     is_shadow = plan.shadow is not None
-    tracking, anchor = (None, None) if is_shadow else _errors(policy, description)
+    tracking, anchor = (None, None) if is_shadow else errors_of_run(description, policy.loaded, policy.motion)
     told = Told(
         has_keys=has_keys(config),
         available=plan.supervisor.controllers,
@@ -188,17 +186,6 @@ def _warnings(bring_up: BringUp | None) -> tuple[str, ...]:
     """The warnings of a real robot's latest check list, one line each."""
     checks = () if bring_up is None else bring_up.checks()
     return tuple(f"{subject}: {text}" for verdict, subject, text in checks if verdict == "warning")
-
-
-def _errors(policy: PolicyChoice, description: RobotDescription) -> tuple[TrackingErrors | None, AnchorErrors | None]:
-    """What measures how well a motion is followed: poses of bodies in the base frame, or joints and an anchor."""
-    tracking = anchor = None
-    reference, contract = policy.loaded.reference, policy.loaded.contract
-    if "motion_body_pos_b" in reference.terms and policy.motion is not None:
-        tracking = TrackingErrors(description, policy.motion.frames, contract.body_names, contract.policy_dt)
-    if "anchor_pos" in reference.terms:
-        anchor = AnchorErrors(reference, contract.joint_names, description.joint_names, align=contract.align_reference)
-    return tracking, anchor
 
 
 def _shadow(

@@ -11,13 +11,50 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, MotionReference
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand
 from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
-from humanoid_sim.simulation.model import joint_addresses
+from humanoid_sim.simulation.model import JointAddresses, joint_addresses
 
-__all__ = ["ReferenceGhost"]
+__all__ = ["ReferenceGhost", "ShownReference", "commanded_pose"]
+
+
+def commanded_pose(command: MITCommand, qpos: FloatArray, addresses: JointAddresses) -> FloatArray | None:
+    """Where a command pulls the robot, shape (nq,): joints with a K_p at their commanded positions; None without any.
+
+    Args:
+        command: shape (n,); a position without a K_p means nothing.
+        qpos: shape (nq,), the robot's own pose, for all the rest.
+        addresses: of the n joints.
+    """
+    pulled = (command.stiffness > 0.0) & np.isfinite(command.position)
+    if not pulled.any():
+        return None
+    pose = qpos.copy()
+    pose[addresses.qpos[pulled]] = command.position[pulled]
+    return pose
+
+
+class ShownReference:
+    """Which frame of its motion a run's policy is shown, and where the motion is laid onto the robot, tick by tick."""
+
+    def __init__(self) -> None:
+        """Nothing is shown."""
+        self.frame: int | None = None
+        """Of the latest policy step; None where the policy does not drive the robot."""
+        self.anchor: FloatArray | None = None
+        """Shape (7,), m and w x y z, world frame: the anchor body's pose at frame 0, where the motion begins."""
+
+    def look(self, record: TickRecord) -> None:
+        """Take a tick."""
+        step = record.output.policy_step
+        if step is not None:
+            live = record.input.state.extern.get(ANCHOR_POSE) if step.frame == 0 else None
+            self.frame, self.anchor = step.frame, self.anchor if live is None else live.value
+        elif record.output.control_mode.mode is not Mode.LOCOMOTION:
+            self.frame = self.anchor = None
 
 
 @dataclass(slots=True, eq=False)
@@ -49,6 +86,11 @@ class ReferenceGhost:
         """Lay the motion onto the robot: its anchor body's pose (7,), m and w x y z, world frame, at frame 0."""
         if self.is_aligned and "anchor_pos" in self.reference.terms:
             self._alignment = self.reference.align(anchor_pose)
+
+    @property
+    def has_place(self) -> bool:
+        """Whether it is known where a base that moves freely should be."""
+        return not self.is_aligned or "anchor_pos" not in self.reference.terms or self._alignment is not None
 
     def pose(self, model: mujoco.MjModel, qpos: FloatArray, frame: int) -> FloatArray:
         """The ghost at a frame, shape (nq,).

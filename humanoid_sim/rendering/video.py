@@ -20,11 +20,11 @@ from PIL import Image
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
-from humanoid_sim.messages import Mode, TickRecord
-from humanoid_sim.mit import ANCHOR_POSE, FloatArray
+from humanoid_sim.messages import TickRecord
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.drawing import Job, Moment
-from humanoid_sim.rendering.ghost import ReferenceGhost
+from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.session.sinks import Sink
 
@@ -96,7 +96,7 @@ class VideoSink(Sink):
         self._clock = 0.0
         self._last_time = math.nan
         self._next_frame = 0
-        self._shown: tuple[int | None, FloatArray | None] = None, None
+        self._shown = ShownReference()
         self.frame_count = 0
         """Frames so far."""
         self._duration = 0.0
@@ -109,14 +109,15 @@ class VideoSink(Sink):
             return
         self._clock += min(max(0.0, time - self._last_time), _LONGEST_PAUSE)  # NaN, and backwards: 0
         self._last_time = time
-        self._look_at_reference(record)
+        if self._ghost is not None:
+            self._shown.look(record)
         if self._clock * self._rate < self._next_frame:
             return
         if self._drawing is None:
             self._drawing = _Drawing(self.path, self._job)
-        frame, anchor = self._shown
-        self._shown = frame, None
-        self._drawing.add(Moment(self._clock, record.qpos, Caption.of(record), frame, anchor))
+        shown = self._shown
+        self._drawing.add(Moment(self._clock, record.qpos, Caption.of(record), shown.frame, shown.anchor))
+        shown.anchor = None  # said once
         self.frame_count += 1
         self._duration = self._clock
         if self.frame_count >= self._thin_at:
@@ -149,14 +150,6 @@ class VideoSink(Sink):
         """Nobody wants the video: end the drawing, and leave no file. May be called at any time."""
         if self._drawing is not None:
             self._drawing.abandon()
-
-    def _look_at_reference(self, record: TickRecord) -> None:
-        step = record.output.policy_step
-        if step is not None and self._ghost is not None:
-            live = record.input.state.extern.get(ANCHOR_POSE) if step.frame == 0 else None
-            self._shown = step.frame, self._shown[1] if live is None else live.value
-        elif record.output.control_mode.mode is not Mode.LOCOMOTION:
-            self._shown = None, None
 
     def _job(self, path: str) -> Job:
         return Job(path, self._model_factory(), self._size, self._camera, self._fps, self._ghost)

@@ -86,6 +86,19 @@ def test_errors_end_with_the_motion_however_long_its_last_frame_is_held(lite):
     assert errors.summary().hands.position_max > 0.01
 
 
+def test_the_latest_errors_are_those_of_a_step_of_the_motion(lite):
+    path = np.zeros((2, 14))
+    errors = TrackingErrors(lite, _frames(lite, path), BODIES, 0.02)
+    assert errors.latest is None
+    errors.update(0, path[0])
+    errors.update(1, np.full(14, 0.5))
+    assert errors.latest is not None
+    assert errors.latest.shape == (len(BODIES), 2)
+    assert errors.latest[:, 0].max() == errors.summary().hands.position_max > 0.01
+    errors.update(1, np.full(14, 0.5))
+    assert errors.latest is None
+
+
 def test_a_single_frame_is_a_pose_to_be_held(lite):
     errors = TrackingErrors(lite, _frames(lite, np.zeros((1, 14))), BODIES, 0.02)
     for _ in range(4):
@@ -165,6 +178,14 @@ def test_mean_and_greatest_errors() -> None:
     assert summary.joint_error == pytest.approx((0.1, 0.2), abs=1e-6)
     assert summary.anchor_position == pytest.approx((0.25, 0.5), abs=1e-6)
     assert summary.anchor_angle == pytest.approx((0.3, 0.6), abs=1e-6)
+    assert errors.latest == pytest.approx([0.2, 0.5, 0.6], abs=1e-6)
+
+
+def test_a_motion_that_was_laid_onto_the_robot_unseen_is_not_compared() -> None:
+    errors = AnchorErrors(REFERENCE, ("a", "b"), ("a", "b"), align=True)
+    errors.update(1, state([0.3, 0.4], [1.0, 0.0, 0.8], 0.0))
+    assert errors.summary() is None
+    assert errors.latest is None
 
 
 def test_a_state_without_the_anchor_is_not_counted() -> None:

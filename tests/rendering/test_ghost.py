@@ -1,15 +1,22 @@
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.messages import Mode
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.policy.motion import body_poses, read_motion
-from humanoid_sim.rendering.ghost import ReferenceGhost
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference, commanded_pose
 from humanoid_sim.rendering.painter import Painter
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import build_model, joint_addresses
+
+RECORDING = Path(__file__).parents[1] / "data" / "recordings" / "simulated_locomotion.mcap"
 
 
 def test_a_motion_of_bodies_is_reached_by_the_ghosts_joints() -> None:
@@ -52,7 +59,9 @@ def test_the_base_is_where_the_anchor_body_needs_it(aligned: bool, monkeypatch: 
         joint_names = ("waist",)
 
     ghost = ReferenceGhost(Description(), ("waist",), (), "chest", aligned, MotionReference(2, terms))  # type: ignore[arg-type]
+    assert ghost.has_place is not aligned
     ghost.align(np.array([5.0, 0.0, 1.25, half, 0.0, 0.0, half]))  # the robot looks along +y, 5 m away
+    assert ghost.has_place
     pose = ghost.pose(model, mujoco.MjData(model).qpos.copy(), 1)
     data = mujoco.MjData(model)
     data.qpos[:] = pose
@@ -61,6 +70,27 @@ def test_the_base_is_where_the_anchor_body_needs_it(aligned: bool, monkeypatch: 
     where, heading = ([5.0, 1.0, 1.2], [half, 0.0, 0.0, half]) if aligned else ([1.0, 0.0, 1.2], [1.0, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(data.body("chest").xpos, where, atol=1e-6)
     np.testing.assert_allclose(data.body("chest").xquat, heading, atol=1e-6)
+
+
+def test_a_command_pulls_joints_that_have_a_stiffness() -> None:
+    model = mujoco.MjModel.from_xml_string(WALKER)
+    addresses, own = joint_addresses(model, ("waist",)), mujoco.MjData(model).qpos.copy()
+    zero, one = np.zeros(1), np.ones(1)
+    pulled = commanded_pose(MITCommand(0.4 * one, zero, zero, 50.0 * one, one), own, addresses)
+    assert pulled is not None
+    assert pulled.tolist() == [*own[:7].tolist(), 0.4]
+    assert commanded_pose(MITCommand(0.4 * one, zero, zero, zero, one), own, addresses) is None
+
+
+def test_the_frame_that_is_shown_is_the_latest_that_the_policy_saw() -> None:
+    shown, seen, modes = ShownReference(), [], []
+    for record in open_recording(RECORDING).ticks():
+        shown.look(record)
+        seen.append(shown.frame)
+        modes.append(record.output.control_mode.mode)
+    driven = [frame for frame, mode in zip(seen, modes, strict=True) if mode is Mode.LOCOMOTION]
+    assert driven == list(range(52))
+    assert {frame for frame, mode in zip(seen, modes, strict=True) if mode is not Mode.LOCOMOTION} == {None}
 
 
 def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum: mujoco.MjModel) -> None:

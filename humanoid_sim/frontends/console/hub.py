@@ -17,7 +17,9 @@ from websockets.asyncio.server import ServerConnection
 from humanoid_sim.client import Answer, Intake, SessionError, monotonic_ns
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.access import Access, RateLimit
+from humanoid_sim.frontends.console.plots import Watch
 from humanoid_sim.frontends.console.server import encoded
+from humanoid_sim.frontends.console.showing import Showing
 from humanoid_sim.frontends.console.state import available_controllers, state
 from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.session.intent_socket import MARK
@@ -32,15 +34,23 @@ _ASKS_PER_SECOND, _ASKS_AT_ONCE = 5.0, 10
 """Of one page, of everything but DAMP."""
 _PATIENCE = 2.0
 """s that an answer may take."""
+_STATUS_PERIOD = 0.25
+"""s between two looks at the feed's status, which is told twice a second."""
+_CHOICES_PER_SECOND, _CHOICES_AT_ONCE = 5.0, 20
+"""Of one page, of what it is shown."""
+_WATCHING = "this address is for watching only"
 _WORDS = frozenset({*(intent.value for intent in Intent), MARK})
 
 
 class Hub:
     """All pages of one session. Everything but waiting for answers happens on the event loop's thread."""
 
-    def __init__(self, attachment: Attachment) -> None:
+    def __init__(self, attachment: Attachment, showing: Showing) -> None:
         """Know the session, and no page yet."""
         self._attachment = attachment
+        self._showing = showing
+        self._status: dict[str, Any] = {}
+        self._status_due = 0.0
         self._available = available_controllers(attachment.header)
         self._damping = Intake(attachment.session, "console")
         """For DAMP alone, which so waits for no answer to anything else."""
@@ -64,12 +74,17 @@ class Hub:
     def look(self) -> TickRecord | None:
         """Take what is new in the feed; gives the newest tick, or None where none is new."""
         feed, newest = self._attachment.feed, None
+        if time.monotonic() >= self._status_due:
+            self._status_due = time.monotonic() + _STATUS_PERIOD
+            self._status = feed.status()
+            self._showing.hear(self._status)
         for number, event in self._attachment.events(self._event_number):
             self._event_number = number
             self._tell(event.time, event.text)
         for sample in feed.since(self._number):
             self._number, self._stamp = sample.number, sample.stamp
             newest = self._attachment.record(sample)
+            self._showing.look(newest)
             output, now = newest.output, float(newest.input.state.time)
             control = output.control_mode
             mode = control.mode.name, control.controller_name
@@ -90,10 +105,16 @@ class Hub:
         self._pages.add(connection)
         answers: deque[dict[str, Any]] = deque(maxlen=_ASKS_AT_ONCE)
         limit = RateLimit(_ASKS_PER_SECOND, _ASKS_AT_ONCE)
-        tasks = {asyncio.create_task(self._tell_page(connection, access, answers))}
+        watch, choices = self._showing.watch(), RateLimit(_CHOICES_PER_SECOND, _CHOICES_AT_ONCE)
+        tasks = {asyncio.create_task(self._tell_page(connection, access, answers, watch))}
         try:
             async for message in connection:
-                word = _word(message)
+                asked = _asked(message)
+                if "plot" in asked or "show" in asked:
+                    refusal = self._choose(asked, access, watch, choices)
+                    answers += [_answer(False, refusal)] if refusal else []
+                    continue
+                word = _word(asked)
                 answer = self._at_once(word, access, limit)
                 if answer is not None:
                     answers.append(answer)
@@ -113,29 +134,43 @@ class Hub:
             with contextlib.suppress(Exception):  # a page that is gone, too
                 await asyncio.wait_for(page.send(encoded({"ended": True})), 0.2)
 
-    async def _tell_page(self, connection: ServerConnection, access: Access, answers: deque[dict[str, Any]]) -> None:
+    async def _tell_page(
+        self, connection: ServerConnection, access: Access, answers: deque[dict[str, Any]], watch: Watch
+    ) -> None:
         """Tell a page how things are, ten times a second; one that is slow is told less often, never what is past."""
         shown = 0
         session = self._attachment.session
-        await connection.send(
-            encoded({"session": str(session), "access": access.value, "joint_names": self._attachment.feed.joint_names})
-        )
+        hello = {"session": str(session), "access": access.value, "joint_names": self._attachment.feed.joint_names}
+        await connection.send(encoded(hello | self._showing.hello()))
         while True:
             told: dict[str, Any] = {}
             if self._record is not None:
                 told = state(self._record, self._available)
                 told["age"] = 1e-9 * (monotonic_ns() - self._stamp)
-                told["owners"] = self._attachment.feed.status().get("owners", {})
+                told["owners"] = self._status.get("owners", {})
+                told |= self._showing.told(self._record)
                 told["events"] = [event for event in self._events if event[0] > shown]
                 told["answers"] = [answers.popleft() for _ in range(len(answers))]
                 shown = self._told
             await connection.send(encoded(told))
+            for data in watch.due():
+                await connection.send(data)
             await asyncio.sleep(_PERIOD)
+
+    def _choose(self, asked: dict[str, Any], access: Access, watch: Watch, limit: RateLimit) -> str:
+        """What a page wants to be shown; why not, if it is refused. The view's figures are the same on all pages."""
+        if not limit.admits(time.monotonic()):
+            return f"left out: more than {_CHOICES_PER_SECOND:g} choices a second"
+        if "plot" in asked:
+            return watch.choose(asked["plot"])
+        if access is not Access.CONTROL:
+            return _WATCHING
+        return self._showing.switch(asked["show"], on=asked.get("on"))
 
     def _at_once(self, word: str, access: Access, limit: RateLimit) -> dict[str, Any] | None:
         """The answer to what needs no waiting for; None for what is to be asked."""
         if access is not Access.CONTROL:
-            return _answer(False, "this address is for watching only")
+            return _answer(False, _WATCHING)
         if word == Intent.DAMP.value:
             # Posted at once, whatever else is asked for; what became of it is seen in the state.
             try:
@@ -177,11 +212,16 @@ def _answer(granted: bool, text: str) -> dict[str, Any]:
     return {"granted": granted, "text": text}
 
 
-def _word(message: object) -> str:
-    """What a page asks for; empty if it is not understood."""
+def _asked(message: object) -> dict[str, Any]:
+    """A page's message; empty if it is not understood."""
     try:
         asked = json.loads(message) if isinstance(message, str) else None
     except (ValueError, RecursionError):
-        return ""
-    word = asked.get("ask") if isinstance(asked, dict) else None
+        return {}
+    return asked if isinstance(asked, dict) else {}
+
+
+def _word(asked: dict[str, Any]) -> str:
+    """What a page asks for; empty if it is not understood."""
+    word = asked.get("ask")
     return word if isinstance(word, str) else ""

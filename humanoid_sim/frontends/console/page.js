@@ -12,17 +12,25 @@ let age = 0;
 let ended = false;
 let jointNames = [];
 
+// Of what is not an intent; without a connection nothing is sent.
+function tell(message) {
+  const isOpen = socket && socket.readyState === WebSocket.OPEN;
+  if (isOpen) socket.send(JSON.stringify(message));
+  return isOpen;
+}
+
 function ask(word) {
-  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ ask: word }));
-  else showAnswer({ granted: false, text: `${word}: not sent, there is no connection` });
+  if (!tell({ ask: word })) showAnswer({ granted: false, text: `${word}: not sent, there is no connection` });
 }
 
 function connect() {
   const opened = new WebSocket(new URL("console", location.href.replace(/^http/, "ws")));
   socket = opened;
+  opened.binaryType = "arraybuffer";
   opened.onmessage = (event) => {
     heard = performance.now();
-    show(JSON.parse(event.data));
+    if (event.data instanceof ArrayBuffer) plots.take(event.data);
+    else show(JSON.parse(event.data));
     cover();
   };
   opened.onclose = () => {
@@ -37,6 +45,7 @@ function show(told) {
   if (told.session) {
     get("session").textContent = told.session + (told.access === "control" ? "" : ", for watching only");
     jointNames = told.joint_names;
+    plots.begin(told.charts);
     get("events").replaceChildren(); // of before a new connection: the console tells them all again
   }
   if (told.mode === undefined) return;
@@ -49,7 +58,9 @@ function show(told) {
   showIntents(told.intents);
   showSafety(told.safety);
   showJoints(told.joints);
-  const owners = Object.entries(told.owners).map(([what, who]) => `${what}: ${who}`);
+  showMotors(told.hardware);
+  showFigures(told.figures);
+  const owners = Object.entries(told.owners).filter(([, who]) => who).map(([what, who]) => `${what}: ${who}`);
   get("owners").textContent = owners.length ? `Driven by ${owners.join(", ")}` : "";
   for (const answer of told.answers) showAnswer(answer);
   for (const [, time, text] of told.events) {

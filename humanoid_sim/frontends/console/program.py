@@ -49,12 +49,13 @@ async def _serve(attachment: Attachment, host: str, port: int) -> None:
     from humanoid_sim.frontends.console.hub import Hub  # noqa: PLC0415
     from humanoid_sim.frontends.console.scene import Scene  # noqa: PLC0415
     from humanoid_sim.frontends.console.server import serving  # noqa: PLC0415
+    from humanoid_sim.frontends.console.showing import Showing  # noqa: PLC0415
 
     ending = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ending.set)
     socket = Path(attachment.session.intents).parent / f"{os.getpid()}.viser"
-    scene = Scene(socket, attachment.model(), attachment.description)
-    hub = Hub(attachment)
+    scene = Scene(socket, attachment.model(), attachment.description, attachment.reference_ghost())
+    hub = Hub(attachment, Showing(attachment, scene.ghosts))
     try:
         async with serving(host, port, socket, hub.page) as gate:
             ready(f"console on {gate.address(Access.CONTROL)}")

@@ -15,7 +15,9 @@ import numpy as np
 import viser
 import websockets.asyncio.server
 
+from humanoid_sim.frontends.console.ghosts import Ghosts
 from humanoid_sim.messages import TickRecord
+from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import joint_addresses
 
@@ -57,8 +59,13 @@ def _on_unix_socket(path: Path) -> Iterator[None]:
 class Scene:
     """The robot as it is. Used from one thread."""
 
-    def __init__(self, path: Path, model: mujoco.MjModel, description: RobotDescription) -> None:
-        """Open viser on a Unix socket at `path`, and fill it with a model, which it may change."""
+    def __init__(
+        self, path: Path, model: mujoco.MjModel, description: RobotDescription, reference: ReferenceGhost | None = None
+    ) -> None:
+        """Open viser on a Unix socket at `path`, and fill it with a model, which it may change.
+
+        `reference` is the motion that the policy follows.
+        """
         path.unlink(missing_ok=True)  # of a process that had this id before and was killed
         with _on_unix_socket(path), contextlib.redirect_stdout(io.StringIO()):
             self._server = viser.ViserServer("", 0, verbose=False)
@@ -74,6 +81,7 @@ class Scene:
         self._scene = mjviser.ViserMujocoScene(self._server, model, num_envs=1)
         is_free = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         self._scene.camera_tracking_enabled = bool(is_free)
+        self.ghosts = Ghosts(self._server, model, self._addresses, reference)
 
     def show(self, record: TickRecord) -> None:
         """Draw the state of a tick: as simulated, or from the joints that were heard."""
@@ -84,7 +92,9 @@ class Scene:
             known = np.isfinite(position)
             self._data.qpos[self._addresses.qpos[known]] = position[known]
         mujoco.mj_kinematics(self._model, self._data)
-        self._scene.update_from_mjdata(self._data)
+        with self._server.atomic():
+            self._scene.update_from_mjdata(self._data)
+            self.ghosts.show(record, self._data.qpos, self._scene.fixed_bodies_frame.position)
 
     def close(self) -> None:
         """End viser and remove its socket."""

@@ -30,7 +30,16 @@ _MOST_SOCKETS = 32
 _LONGEST = 1 << 16
 """Bytes of a page's message."""
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css"}
-_FILES = {"": "page.html", "page.js": "page.js", "page.css": "page.css"}
+_FILES = {
+    "": "page.html",
+    "page.css": "page.css",
+    "page.js": "page.js",
+    "plots.js": "plots.js",
+    "showing.js": "showing.js",
+    "uPlot.js": "vendor/uPlot.iife.min.js",
+    "uPlot.css": "vendor/uPlot.min.css",
+}
+"""By path. uPlot, which draws the plots, comes along: nothing is loaded from elsewhere."""
 _OWN_POLICY = "default-src 'self'; connect-src 'self' {socket}; frame-ancestors 'none'; base-uri 'none'"
 _VISER_POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: {socket}; "

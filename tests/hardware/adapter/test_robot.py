@@ -130,6 +130,7 @@ def test_a_silent_joint_keeps_its_values_and_ages(enabled: HardwareRobot, left: 
     status = _wait_for(enabled, SafetyFlag.RX_TIMEOUT)
     assert 0.15 < time.monotonic() - begin < 1.0
     assert (status.level, status.message) == (FAULT, "silent: left")
+    assert enabled.statistics.faults == {"left": ("silent",)}
     state, _ = enabled.read()
     assert state.joint_position[0] == pytest.approx(-0.25, abs=4e-4)
     assert state.joint_age[0] > 0.2 > state.joint_age[1]
@@ -173,8 +174,10 @@ def test_a_fault_in_a_status_is_flagged_while_it_lasts(
     left.faults = faults
     status = _wait_for(enabled, flags)
     assert (status.level, status.message) == (FAULT, text)
+    assert enabled.statistics.faults == {"left": tuple(part.removesuffix(": left") for part in text.split("; "))}
     left.faults = StatusFault(0)
     assert wait_until(lambda: _statuses(enabled)[0].is_ok)
+    assert enabled.statistics.faults == {}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,232 @@
+"""What the page can plot: charts of a session's values, and a bounded history of them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.evaluation.tracking import errors_of_run
+from humanoid_sim.hardware.bus.frame import bus_load
+from humanoid_sim.messages import Mode, SessionHeader, TickRecord
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.recording.labels import read_labels
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.stack import no_policy, recorded_motion, recorded_policy
+
+__all__ = ["MOST_CHARTS", "Chart", "History", "Plots", "Watch", "bus_loads"]
+
+MOST_CHARTS = 8
+"""That one page plots at once."""
+_ROWS = 3000
+"""That are kept, for pages that are opened late."""
+_PERIOD = 0.02
+"""s, the shortest between two rows: 50 a second, and so the last minute of the robot's time at least."""
+_MOST_SERIES = 20
+"""Of one chart; more are spread over several."""
+_HEAD = struct.Struct("<3d")
+"""A message to a page begins with: number of the chart, of its rows, and 1 if they replace what it has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """Values that are drawn together, against the robot's time."""
+
+    group: str
+    name: str
+    unit: str
+    series: tuple[str, ...]
+
+
+class History:
+    """The latest rows of a table with a column of times, numbered from 1."""
+
+    def __init__(self, width: int) -> None:
+        """Begin empty; `width` columns beside the time."""
+        self._rows: FloatArray = np.full((_ROWS, 1 + width), np.nan)
+        self.newest = 0
+        self.oldest = 1
+        """Number of the first row that is still there."""
+
+    @property
+    def time(self) -> float:
+        """Of the newest row, s; minus infinity without any."""
+        return float(self._rows[self.newest % _ROWS, 0]) if self.newest >= self.oldest else -np.inf
+
+    def add(self, time: float, values: FloatArray) -> None:
+        """Add a row, shape (width,). Where time begins again, as after a reactivation, what was before is forgotten."""
+        if time <= self.time:
+            self.oldest = self.newest + 1
+        self.newest += 1
+        self.oldest = max(self.oldest, self.newest - _ROWS + 1)
+        row = self._rows[self.newest % _ROWS]
+        row[0], row[1:] = time, values
+
+    def since(self, number: int, columns: slice) -> FloatArray:
+        """Shape (1 + c, k): time and c columns of the k rows after a number that are still there, oldest first."""
+        wanted = np.arange(max(number + 1, self.oldest), self.newest + 1) % _ROWS
+        rows = self._rows[wanted]
+        return np.vstack([rows[:, 0], rows[:, 1:][:, columns].T])
+
+
+class Plots:
+    """All that a session's page can plot."""
+
+    def __init__(self, header: SessionHeader, description: RobotDescription, channels: Sequence[str] = ()) -> None:
+        """Find out what there is.
+
+        Args:
+            header: of the session.
+            description: of the robot.
+            channels: the CAN buses; none in simulation.
+
+        Raises:
+            InputError: the header is damaged.
+        """
+        self._channels = tuple(channels)
+        self._joints = len(header.joint_names)
+        self._widths = [width for _, width in header.observation_terms]
+        loaded = recorded_policy(header, no_policy)
+        motion = recorded_motion(header)
+        self._tracking, self._anchor = (None, None) if loaded is None else errors_of_run(description, loaded, motion)
+        self.charts: tuple[Chart, ...] = ()
+        self._columns: list[slice] = []
+        width = 0
+        bodies = () if self._tracking is None or loaded is None else loaded.contract.body_names
+        for chart, columns in _charts(header, bodies, has_anchor=self._anchor is not None, channels=self._channels):
+            self.charts += (chart,)
+            self._columns.append(slice(width, width + columns))
+            width += columns
+        self.history = History(width)
+        self._observation: FloatArray = np.full(sum(self._widths), np.nan)
+        self._slowest = self._missed = 0.0
+
+    def add(self, record: TickRecord, loads: Mapping[str, float]) -> None:
+        """Take a tick; `loads` of the buses, 0 to 1."""
+        state, output = record.input.state, record.output
+        self._slowest = max(self._slowest, record.duration)
+        self._missed += record.overrun
+        step = output.policy_step
+        if step is not None:
+            self._observation = step.observation.astype(np.float64)
+            if self._tracking is not None:
+                self._tracking.update(step.frame, state.joint_position)
+            if self._anchor is not None:
+                self._anchor.update(step.frame, state)
+        is_driven = output.control_mode.mode is Mode.LOCOMOTION
+        time, last = float(state.time), self.history.time
+        if last <= time < last + _PERIOD - 1e-6:
+            return
+        joints = np.column_stack(
+            [state.joint_position, output.command.position, state.joint_velocity, state.joint_effort]
+        )
+        values: list[npt.ArrayLike] = [
+            joints[:, :2].ravel(),
+            joints[:, 2],
+            joints[:, 3],
+            self._errors(is_driven=is_driven),
+            [1e3 * self._slowest, self._missed],
+            [100.0 * loads.get(channel, np.nan) for channel in self._channels],
+            self._observation if is_driven else np.full_like(self._observation, np.nan),
+        ]
+        self.history.add(time, np.concatenate([np.asarray(part, np.float64) for part in values]))
+        self._slowest = 0.0
+
+    def _errors(self, *, is_driven: bool) -> FloatArray:
+        found = []
+        if self._tracking is not None:
+            latest = self._tracking.latest if is_driven else None
+            shown = np.full((len(self._tracking.names), 2), np.nan) if latest is None else latest
+            found.append((shown * (1e3, np.degrees(1.0))).T.ravel())
+        if self._anchor is not None:
+            latest = self._anchor.latest if is_driven else None
+            found.append((np.full(3, np.nan) if latest is None else latest) * (1.0, 1e3, np.degrees(1.0)))
+        return np.concatenate([np.empty(0), *found])
+
+    def message(self, chart: int, number: int) -> bytes:
+        """The rows of a chart after a number, for a page: the head, the times, and each series, as float64."""
+        table = self.history.since(number, self._columns[chart])
+        is_whole = number < self.history.oldest
+        return _HEAD.pack(chart, table.shape[1], float(is_whole)) + np.ascontiguousarray(table, "<f8").tobytes()
+
+
+class Watch:
+    """What one page plots, and how far it has been told. A page that is slow skips rows that are no longer there."""
+
+    def __init__(self, plots: Plots) -> None:
+        """Begin with no chart."""
+        self._plots = plots
+        self._told: dict[int, int] = {}
+
+    def choose(self, charts: object) -> str:
+        """Plot these, by their numbers, from here on; why not, if it is refused."""
+        last = len(self._plots.charts) - 1
+        chosen: list[Any] = charts if isinstance(charts, list) and len(charts) <= MOST_CHARTS else [None]
+        if not all(type(chart) is int and 0 <= chart <= last for chart in chosen):
+            return f"plots not understood, expected at most {MOST_CHARTS} numbers from 0 to {last}"
+        self._told = {chart: self._told.get(chart, 0) for chart in chosen}
+        return ""
+
+    def due(self) -> Iterator[bytes]:
+        """What the page has to be told now."""
+        for chart, number in list(self._told.items()):
+            newest = self._plots.history.newest
+            if newest > number:
+                self._told[chart] = newest
+                yield self._plots.message(chart, number)
+
+
+def bus_loads(before: Mapping[str, Any] | None, now: Mapping[str, Any] | None) -> dict[str, float]:
+    """By bus the load, 0 to 1, between two of the robot's statuses in the feed; none in simulation."""
+    earlier = {} if before is None else {channel["source"]: channel for channel in before["channels"]}
+    loads = {}
+    for channel in () if now is None else now["channels"]:
+        first = earlier.get(channel["source"])
+        if first is not None and channel["elapsed"] > first["elapsed"]:
+            frames = _frames(channel) - _frames(first)
+            loads[channel["source"]] = bus_load(frames / (channel["elapsed"] - first["elapsed"]))
+    return loads
+
+
+def _frames(channel: Mapping[str, Any]) -> int:
+    return int(channel["counters"]["sent"] + channel["counters"]["received"])
+
+
+def _charts(
+    header: SessionHeader, bodies: tuple[str, ...], *, has_anchor: bool, channels: tuple[str, ...]
+) -> Iterator[tuple[Chart, int]]:
+    """Charts and how many columns each takes, in the order of `Plots.add`."""
+    for name in header.joint_names:
+        yield Chart("position and command", name, "rad", ("position", "command")), 2
+    for group, unit in (("velocity", "rad/s"), ("effort", "N·m")):
+        for name in header.joint_names:
+            yield Chart(group, name, unit, (group,)), 1
+    group = "tracking error"
+    if bodies:
+        yield from _spread(group, "positions of bodies", "mm", bodies)
+        yield from _spread(group, "orientations of bodies", "°", bodies)
+    if has_anchor:
+        yield Chart(group, "joints, mean", "rad", ("joints",)), 1
+        yield Chart(group, "position of the anchor", "mm", ("anchor",)), 1
+        yield Chart(group, "orientation of the anchor", "°", ("anchor",)), 1
+    yield Chart("loop", "tick time", "ms", ("slowest",)), 1
+    yield Chart("loop", "missed deadlines", "since the console began", ("missed",)), 1
+    for channel in channels:
+        yield Chart("bus load", channel, "%", ("load",)), 1
+    labels = read_labels(header).observation
+    for term, width in header.observation_terms:
+        names = labels.get(term, ())
+        series = names if len(names) == width else tuple(str(i) for i in range(width))
+        yield from _spread("observation", term, "as observed", series)
+
+
+def _spread(group: str, name: str, unit: str, series: tuple[str, ...]) -> Iterator[tuple[Chart, int]]:
+    """One chart, or several where there are too many lines for one."""
+    for first in range(0, len(series), _MOST_SERIES):
+        part = series[first : first + _MOST_SERIES]
+        which = "" if len(series) <= _MOST_SERIES else f", {first + 1} to {first + len(part)}"
+        yield Chart(group, name + which, unit, part), len(part)
