@@ -11,6 +11,8 @@ __all__ = ["Refusals"]
 
 _PERIOD = 1.0
 """s between two lines about one producer."""
+_LONGEST = 1000
+"""Characters of a reason."""
 _MOST = 256
 """Different refusals that are remembered, so that each is told once, and producers that are told apart."""
 
@@ -38,6 +40,8 @@ class Refusals:
     def add(self, producer: Producer, reason: str, count: int = 1) -> None:
         """Count a refusal; `count` samples for this reason."""
         self.count += count
+        # Others chose these words: no line ends and nothing that steers a terminal, and not too many of them.
+        reason = "".join(c if c.isprintable() else "?" for c in reason[:_LONGEST])
         self.latest = f"{producer}: {reason}"
         if len(self._reasons) < _MOST:
             self._reasons.setdefault((str(producer), reason), True)

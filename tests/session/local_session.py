@@ -14,7 +14,7 @@ import numpy as np
 import rig
 
 from humanoid_sim.client import Intake, SessionInfo, find_session
-from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput, TickRecord
+from humanoid_sim.messages import Intent, Mode, SafetyStatus, SessionHeader, TickInput, TickRecord
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
@@ -33,6 +33,7 @@ class LocalSession:
     stack: ExitStack = field(default_factory=ExitStack)
     told: list[str] = field(default_factory=list)
     index: int = 0
+    safety: tuple[SafetyStatus, ...] = ()
 
     def __post_init__(self) -> None:
         self.run = rig.Run(rig.supervisor())
@@ -70,7 +71,7 @@ class LocalSession:
         intents = (*more, *self.intents.poll(self.time, None))
         live = {**self.data.latest(), **self.velocity.latest()}
         state = rig.state(self.time, extern=live)
-        tick_input = TickInput(state, (), tuple(intents), self.inbox.latest())
+        tick_input = TickInput(state, self.safety, tuple(intents), self.inbox.latest())
         self.run.memory, output = self.run.supervisor.step(self.run.memory, tick_input)
         record = TickRecord(self.index, tick_input, output, 1e-4, False, None)
         self.index += 1

@@ -50,6 +50,15 @@ def test_what_came_too_fast_is_told_later_whoever_owns_meanwhile() -> None:
     assert told == ["refused of one (1): a", "refused of one (1): b", "refused of one (1): c"]
 
 
+def test_a_reason_is_one_line_that_steers_no_terminal() -> None:
+    told: list[str] = []
+    refusals = Refusals(told.append)
+    refusals.add(ONE, "joint_names are \x1b[2J\nerror: \x07" + "x" * 100_000)
+    refusals.flush(0.0)
+    assert told[0].startswith("refused of one (1): joint_names are ?[2J?error: ?xxx")
+    assert len(told[0]) < 1100
+
+
 def test_no_flood_of_reasons_is_remembered() -> None:
     refusals = Refusals(lambda _: None)
     for number in range(10_000):

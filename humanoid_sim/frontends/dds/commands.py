@@ -14,6 +14,7 @@ from contextlib import ExitStack
 
 from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording.topics import KEY_PRESSED
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.dds.endpoints import Reader, Received
@@ -21,7 +22,7 @@ from humanoid_sim.ros2.messages import decode_float32_array, decode_mit_command
 from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC
 from humanoid_sim.session.sources import remote_problem
 
-__all__ = ["DEPTH", "ArrivalClock", "CommandReader"]
+__all__ = ["DEPTH", "ArrivalClock", "CommandReader", "read_command"]
 
 _WAIT = 0.005
 """s between two looks at most: by so much a sample may be younger than it is said to be."""
@@ -77,6 +78,26 @@ class ArrivalClock:
         return self._stamp
 
 
+def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
+    """The command in a message, shape (n,), one value per joint in each field.
+
+    Args:
+        message: a `humanoid_control_msgs/msg/MITCommand`, as it came.
+        joints: the robot's, in its order.
+
+    Raises:
+        FieldError: it is none, or not one for this robot; one line.
+    """
+    try:
+        names, command = decode_mit_command(message)
+    except CdrError as error:
+        raise FieldError(f"remote command: {error}") from None
+    problem = remote_problem(names, command, joints)
+    if problem:
+        raise FieldError(problem)
+    return command
+
+
 class CommandReader:
     """Reads until it is closed, or the session has ended."""
 
@@ -120,9 +141,7 @@ class CommandReader:
             while not self._stop.is_set():
                 self._commands.wait(_WAIT)
                 clock.look(monotonic_ns())
-                newest = {sample.writer: sample for sample in self._commands.take()}
-                for sample in newest.values():
-                    self._command(sample, clock.stamp(sample.writer, sample.source_ns))
+                self._take_commands(clock)
                 if self._keys is not None:
                     for sample in self._keys.take()[-1:]:
                         self._key_state(sample, own, clock.stamp(sample.writer, sample.source_ns))
@@ -132,18 +151,19 @@ class CommandReader:
         except Exception as error:  # told by the main thread
             self.error = error
 
-    def _command(self, sample: Received, stamp: int) -> None:
-        """Hand on a command that is one; the session checks it again, and who may command."""
-        try:
-            names, command = decode_mit_command(sample.data)
-            problem = remote_problem(names, command, self._joints)
-        except (CdrError, FieldError) as error:
-            problem = f"remote command: {error}"
-        if problem:
-            self._refuse(COMMAND_TOPIC, problem)
-            return
-        fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
-        self._intake(sample.writer).remote(names, *map(list, fields), stamp=stamp)
+    def _take_commands(self, clock: ArrivalClock) -> None:
+        """Hand on the newest command of each writer; the session checks it again, and who may command."""
+        newest: dict[int, tuple[MITCommand, int]] = {}
+        for sample in self._commands.take():
+            try:
+                command = read_command(sample.data, self._joints)
+            except FieldError as error:
+                self._refuse(COMMAND_TOPIC, str(error))
+            else:
+                newest[sample.writer] = command, clock.stamp(sample.writer, sample.source_ns)
+        for writer, (command, stamp) in newest.items():
+            fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
+            self._intake(writer).remote(self._joints, *map(list, fields), stamp=stamp)
 
     def _key_state(self, sample: Received, own: Intake, stamp: int) -> None:
         try:

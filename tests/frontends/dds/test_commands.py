@@ -1,8 +1,15 @@
-"""How old a sample is that came over DDS."""
+"""What a command is that came over DDS, and how old."""
 
 from __future__ import annotations
 
-from humanoid_sim.frontends.dds.commands import ArrivalClock
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.frontends.dds.commands import ArrivalClock, read_command
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
+from humanoid_sim.ros2.cdr import CdrWriter
+from humanoid_sim.ros2.messages import encode_mit_command
 
 MS = 1_000_000
 HOUR = 3_600_000 * MS
@@ -53,3 +60,71 @@ def test_standing_still_twice_counts_from_the_first_time_until_all_has_settled()
     assert clock.stamp(OTHER, 0) == 5 * MS
     clock.look(595 * MS)
     assert clock.stamp(ONE, 100 * MS) == 100 * MS
+
+
+JOINTS = ("shoulder", "elbow", "wrist")
+SOUND = dict(zip(COMMAND_FIELDS, ([0.1, 0.2, 0.3], [0.0] * 3, [1.0, -1.0, 0.0], [20.0] * 3, [1.0] * 3), strict=True))
+
+
+def message(names: tuple[str, ...] = JOINTS, **fields: list[float]) -> bytes:
+    """Of fields that need not fit."""
+    writer = CdrWriter()
+    writer.pack("iI", -5, 4_000_000_000)  # a stamp that no clock shows
+    writer.string("nowhere")
+    writer.strings(names)
+    for values in (SOUND | fields).values():
+        writer.array(np.array(values, dtype=np.float64))
+    return writer.message()
+
+
+def test_a_command_is_read() -> None:
+    command = read_command(message() + b"\0\0\0", JOINTS)  # some writers pad
+    for name, values in SOUND.items():
+        assert getattr(command, name).tolist() == values
+    again = MITCommand(*(np.array(values) for values in SOUND.values()))
+    assert read_command(encode_mit_command(0, JOINTS, again), JOINTS).effort.tolist() == [1.0, -1.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (message(("shoulder", "wrist", "elbow")), "joint_names are shoulder, wrist, elbow, expected shoulder, elbow, "),
+        (message(("shoulder", "elbow")), "joint_names are shoulder, elbow, expected shoulder, elbow, wrist in this"),
+        (message(()), "joint_names are missing, expected shoulder"),
+        (message(("x" * 100_000,)), f"joint_names are {'x' * 400} …, expected shoulder"),
+        (message(velocity=[0.0] * 4), r"velocity: shape is (4,), expected (3,)"),
+        (message(damping=[]), "damping: shape is (0,), expected (3,)"),
+        (message(**{name: [0.0] * 2 for name in COMMAND_FIELDS}), "command has shape (2,), expected (3,)"),
+        (message(effort=[0.0, float("nan"), 0.0]), "effort of elbow is nan"),
+        (message(velocity=[float("-inf"), 0.0, 0.0]), "velocity of shoulder is -inf"),
+        (message(position=[1e300, 0.0, 0.0]), "position of shoulder is 1e+300"),
+        (message(stiffness=[20.0, 20.0, -1.0]), "stiffness of wrist is -1.0"),
+        (b"", "encapsulation header is missing"),
+        (b"\0\0\0\0" + message()[4:], "encapsulation header is 00 00 00 00"),
+        (message() + bytes(4), "4 bytes left after the last field"),
+        (message()[:24] + b"\xff\xff\xff\x7f" + message()[28:], "a sequence of 2147483647 elements"),
+    ],
+)
+def test_what_is_no_command_is_refused_in_one_short_line(data: bytes, reason: str) -> None:
+    with pytest.raises(FieldError) as refused:
+        read_command(data, JOINTS)
+    assert reason in str(refused.value)
+    assert len(str(refused.value)) < 600
+    assert "\n" not in str(refused.value)
+
+
+def test_damaged_bytes_never_do_more_than_be_refused_or_read() -> None:
+    sound, random = message(), np.random.default_rng(12)
+    outcomes = {"read": 0, "refused": 0}
+    for _ in range(3000):
+        data = bytearray(sound[: random.integers(len(sound) + 1)] if random.random() < 0.3 else sound)
+        for place in random.integers(max(len(data), 1), size=random.integers(1, 4)):
+            data[place : place + 1] = random.bytes(1)
+        try:
+            command = read_command(bytes(data), JOINTS)
+        except FieldError:
+            outcomes["refused"] += 1
+        else:
+            outcomes["read"] += 1
+            assert command.is_finite()
+    assert min(outcomes.values()) > 100, outcomes
