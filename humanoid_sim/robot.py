@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.robot describe`: what is read from an MJCF, and a robot file to change some of it."""
+"""`python -m humanoid_sim.robot`: what is read from an MJCF, a robot file to change some of it, an MJCF of a URDF."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["Describe", "main"]
+__all__ = ["Convert", "Describe", "main"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Describe:
     """
 
     robot: tyro.conf.Positional[str]
-    """An MJCF, a robot's YAML file, or a shipped robot."""
+    """An MJCF, a robot's YAML file, a shipped robot, or robot_descriptions:NAME."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """YAML file to write; only for an MJCF."""
     imu_site: str | None = None
@@ -42,12 +42,54 @@ class Describe:
     """Replace the output if it exists."""
 
 
+@dataclass(frozen=True)
+class Convert:
+    """Make an MJCF of a URDF, and list what the URDF does not say.
+
+    A URDF leaves open whether the robot's base floats; MuJoCo alone would fix it to the world.
+    """
+
+    urdf: tyro.conf.Positional[Path]
+    """The URDF. Its meshes are looked for beside it."""
+    base: Literal["floating", "fixed"]
+    """Whether the root link floats, as a walking robot's does, or is fixed to the world."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """MJCF to write. Default: beside the URDF, with .xml for .urdf."""
+    imu: str | None = None
+    """The link that the IMU is fixed to."""
+    overwrite: bool = False
+    """Replace the output if it exists."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `robot` with command-line arguments; returns the exit status."""
-    options: Describe = tyro.extras.subcommand_cli_from_dict(
-        {"describe": Describe}, prog="humanoid_sim.robot", description="Tell what a robot is.", args=arguments
+    options: Describe | Convert = tyro.extras.subcommand_cli_from_dict(
+        {"describe": Describe, "convert": Convert},
+        prog="humanoid_sim.robot",
+        description="Tell what a robot is.",
+        args=arguments,
     )
+    return _convert(options) if isinstance(options, Convert) else _describe(options)
 
+
+def _convert(options: Convert) -> int:
+    from humanoid_sim.files import output_file, whole_file  # noqa: PLC0415 - heavy imports stay out of `--help`
+    from humanoid_sim.robots.from_urdf import convert_urdf  # noqa: PLC0415
+
+    output = options.urdf.with_suffix(".xml") if options.output is None else options.output
+    output_file(output, "--output", ".xml", overwrite=options.overwrite)
+    text, gaps = convert_urdf(options.urdf, options.base, output.resolve().parent, options.imu)
+    with whole_file(output) as file:
+        file.write(text.encode())
+    print(f"wrote {output}")
+    if gaps:
+        print("what the URDF does not say:")
+    for line in gaps:
+        print(f"  {line}")
+    return 0
+
+
+def _describe(options: Describe) -> int:
     from humanoid_sim.files import output_file  # noqa: PLC0415 - heavy imports stay out of `--help`
     from humanoid_sim.robots.description import load_robot, with_imu  # noqa: PLC0415
     from humanoid_sim.robots.mjcf import bare_model  # noqa: PLC0415

@@ -19,6 +19,7 @@ from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.completion import bounded, completed, is_partial
+from humanoid_sim.robots.public import PREFIX, public_mjcf
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
 
@@ -41,6 +42,8 @@ def shipped_robots() -> tuple[str, ...]:
 def load_robot(name_or_path: str | Path) -> RobotDescription:
     """The description of a shipped robot (`lite`), of the YAML file at a path, beside its MJCF, or of an MJCF alone.
 
+    `robot_descriptions:g1` is the MJCF of a public robot: see `humanoid_sim.robots.public`.
+
     A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
     user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it. A YAML without a list of joints changes single
     fields of that: see `humanoid_sim.robots.completion`.
@@ -49,6 +52,11 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         InputError: one line, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
     path, label = _find(str(name_or_path))
+    if path.suffix == ".urdf":
+        raise InputError(
+            f"{label}: is a URDF, which says neither whether the base floats nor where the IMU is; "
+            f"`python -m humanoid_sim.robot convert {label} --base floating` makes an MJCF of it"
+        )
     if path.suffix == ".xml":
         from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
@@ -83,13 +91,17 @@ def _find(name_or_path: str) -> tuple[Path, str]:
     known = shipped_robots()
     if name_or_path in known:
         return asset_path("robots", f"{name_or_path}.yaml"), f"{name_or_path}.yaml"
+    if name_or_path.startswith(PREFIX):
+        return public_mjcf(name_or_path), name_or_path
     path = Path(name_or_path)
     if os.path.isdir(path):
         raise InputError(
             f"{name_or_path}: is a folder, expected a robot's YAML file, an MJCF or one of: {', '.join(known)}"
         )
     if not os.path.exists(path):
-        raise InputError(f"unknown robot '{name_or_path}': neither a file nor one of: {', '.join(known)}")
+        raise InputError(
+            f"unknown robot '{name_or_path}': neither a file, nor {PREFIX}NAME, nor one of: {', '.join(known)}"
+        )
     return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
 
 

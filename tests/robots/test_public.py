@@ -1,0 +1,85 @@
+"""Public robots by name: from robot_descriptions' own cache, and one line where they cannot be had."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("robot_descriptions")
+
+SCENE = """<mujoco model="g1"><worldbody><body name="pelvis"><freejoint/><geom size="0.1" mass="3"/>
+<body name="leg"><joint name="hip" range="-1 1" axis="0 1 0"/><geom size="0.05" mass="1"/></body>
+</body></worldbody><actuator><motor joint="hip"/></actuator></mujoco>"""
+PROGRAM = """
+import sys
+from robot_descriptions import _repositories
+_repositories.REPOSITORIES["mujoco_menagerie"] = _repositories.Repository(
+    url=sys.argv[2], commit=sys.argv[3], cache_path="mujoco_menagerie"
+)
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.description import load_robot
+try:
+    robot = load_robot(sys.argv[1])
+except InputError as error:
+    sys.exit(f"error: {error}")
+print(robot.name, *robot.joint_names, robot.is_floating)
+"""
+
+
+def git(folder: Path, *arguments: str) -> str:
+    identity = ("-c", "user.name=a", "-c", "user.email=a@b.c")
+    return subprocess.run(
+        ["git", *identity, *arguments], cwd=folder, check=True, capture_output=True, text=True
+    ).stdout.strip()
+
+
+def loaded(name: str, repository: Path, commit: str, cache: Path) -> subprocess.CompletedProcess[str]:
+    """In a process of its own: that package fetches when it is imported."""
+    return subprocess.run(
+        [sys.executable, "-c", PROGRAM, name, str(repository), commit],
+        capture_output=True,
+        text=True,
+        env={"PATH": "/usr/bin:/bin", "ROBOT_DESCRIPTIONS_CACHE": str(cache), "PYTHONPATH": ":".join(sys.path)},
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> tuple[Path, str]:
+    folder = tmp_path / "origin"
+    (folder / "unitree_g1").mkdir(parents=True)
+    (folder / "unitree_g1" / "g1.xml").write_text(SCENE)
+    git(folder, "init", "-q")
+    git(folder, "add", ".")
+    git(folder, "commit", "-qm", "a robot")
+    return folder, git(folder, "rev-parse", "HEAD")
+
+
+def test_a_robot_is_fetched_once_and_then_there(repository: tuple[Path, str], tmp_path: Path) -> None:
+    origin, commit = repository
+    cache = tmp_path / "cache"
+    first = loaded("robot_descriptions:g1", origin, commit, cache)
+    assert (first.returncode, first.stdout) == (0, "g1 hip True\n"), first.stderr
+    origin.rename(tmp_path / "gone")
+    again = loaded("robot_descriptions:g1", origin, commit, cache)
+    assert (again.returncode, again.stdout) == (0, "g1 hip True\n"), again.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("robot_descriptions:g1", "robot_descriptions:g1: could not be fetched: "),
+        ("robot_descriptions:g7", "unknown public robot 'g7'; known: a1, "),
+        ("robot_descriptions:atlas_drc", "has this robot as a URDF only; `python -m humanoid_sim.robot convert`"),
+    ],
+)
+def test_a_robot_that_is_not_to_be_had_is_one_line(name: str, message: str, tmp_path: Path) -> None:
+    run = loaded(name, tmp_path / "nowhere", "0" * 40, tmp_path / "cache")
+    assert run.returncode == 1
+    (line,) = [line for line in run.stderr.splitlines() if line.startswith("error: ")]
+    assert message in line
+    assert run.stdout == ""
