@@ -99,9 +99,7 @@ def _find(name_or_path: str) -> tuple[Path, str]:
             f"{name_or_path}: is a folder, expected a robot's YAML file, an MJCF or one of: {', '.join(known)}"
         )
     if not os.path.exists(path):
-        raise InputError(
-            f"unknown robot '{name_or_path}': neither a file, nor {PREFIX}NAME, nor one of: {', '.join(known)}"
-        )
+        raise InputError(f"unknown robot '{name_or_path}': neither a file nor one of: {', '.join(known)}, {PREFIX}…")
     return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
 
 

@@ -264,7 +264,8 @@ def test_a_folder(tmp_path: Path) -> None:
 def test_an_unknown_name_lists_the_shipped_robots() -> None:
     with pytest.raises(InputError) as caught:
         load_robot("lit")
-    assert str(caught.value) == "unknown robot 'lit': neither a file nor one of: lite, lite_biped, lite_neck, lite_sito"
+    known = "lite, lite_biped, lite_neck, lite_sito, robot_descriptions:…"
+    assert str(caught.value) == f"unknown robot 'lit': neither a file nor one of: {known}"
 
 
 def test_shipped_robots() -> None:
