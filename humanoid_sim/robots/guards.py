@@ -10,7 +10,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import FollowingGuard, LimitGuard, RobotDescription, SpeedGuard
 
-__all__ = ["GuardRecord", "guards_of"]
+__all__ = ["GuardRecord", "guards_of", "speed_limit"]
 
 Bounds = tuple[float | None, ...]
 """One per joint; none: not watched."""
@@ -112,12 +112,19 @@ def guards_of(robot: RobotDescription) -> Guards | None:
         following_progress=chosen.progress,
         limit_margin=off if limit is None else np.full(robot.joint_count, margin.margin),
         limit_time=margin.time,
-        speed_limit=off if speed is None else np.minimum(fast.limit or _speed_limit(robot), _readable(robot)),
+        speed_limit=off if speed is None else speed_limit(robot),
         speed_time=fast.time,
     )
 
 
-def _speed_limit(robot: RobotDescription) -> FloatArray:
+def speed_limit(robot: RobotDescription) -> FloatArray:
+    """Shape (n,), rad/s: the description's, or what follows from range and motor; never more than can be read."""
+    given = robot.guards.speed.limit if robot.guards.speed is not None else ()
+    limit: FloatArray = np.minimum(given or _derived_limit(robot), _readable(robot))
+    return limit
+
+
+def _derived_limit(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: the whole range in the crossing time, but no more than the motor turns without load."""
     kind = robot.base.type
     crossing = np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])

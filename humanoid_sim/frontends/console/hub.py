@@ -10,17 +10,21 @@ import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import count
 from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 
 from humanoid_sim.client import Answer, Intake, SessionError, monotonic_ns
+from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.access import Access, RateLimit
+from humanoid_sim.frontends.console.commanding import Commanding
 from humanoid_sim.frontends.console.plots import Watch
 from humanoid_sim.frontends.console.server import encoded
 from humanoid_sim.frontends.console.showing import Showing
 from humanoid_sim.frontends.console.state import available_controllers, state
+from humanoid_sim.frontends.console.wishes import Beat, LetGo, Snap, Take, parse_wish
 from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.session.intent_socket import MARK
 
@@ -38,6 +42,8 @@ _STATUS_PERIOD = 0.25
 """s between two looks at the feed's status, which is told twice a second."""
 _CHOICES_PER_SECOND, _CHOICES_AT_ONCE = 5.0, 20
 """Of one page, of what it is shown."""
+_WISHES_PER_SECOND, _WISHES_AT_ONCE = 60.0, 60
+"""Of one page, for its heartbeat, and what sliders and keys ask for; a joint to move is asked for as intents are."""
 _WATCHING = "this address is for watching only"
 _WORDS = frozenset({*(intent.value for intent in Intent), MARK})
 
@@ -65,9 +71,13 @@ class Hub:
         self._told = 0
         self._marks = 0
         self._pages: set[ServerConnection] = set()
+        self._page_numbers = count(1)
+        self._commanding = Commanding(attachment)
+        self._commanding.start()
 
     def close(self) -> None:
         """Let go of the session."""
+        self._commanding.close()
         self._asking.shutdown()
         self._damping.close()
 
@@ -85,6 +95,7 @@ class Hub:
             self._number, self._stamp = sample.number, sample.stamp
             newest = self._attachment.record(sample)
             self._showing.look(newest)
+            self._commanding.look(newest)
             output, now = newest.output, float(newest.input.state.time)
             control = output.control_mode
             mode = control.mode.name, control.controller_name
@@ -106,12 +117,17 @@ class Hub:
         answers: deque[dict[str, Any]] = deque(maxlen=_ASKS_AT_ONCE)
         limit = RateLimit(_ASKS_PER_SECOND, _ASKS_AT_ONCE)
         watch, choices = self._showing.watch(), RateLimit(_CHOICES_PER_SECOND, _CHOICES_AT_ONCE)
-        tasks = {asyncio.create_task(self._tell_page(connection, access, answers, watch))}
+        number, wishes = next(self._page_numbers), RateLimit(_WISHES_PER_SECOND, _WISHES_AT_ONCE)
+        tasks = {asyncio.create_task(self._tell_page(connection, access, answers, watch, number))}
         try:
             async for message in connection:
                 asked = _asked(message)
                 if "plot" in asked or "show" in asked:
                     refusal = self._choose(asked, access, watch, choices)
+                    answers += [_answer(False, refusal)] if refusal else []
+                    continue
+                if "do" in asked:
+                    refusal = self._wish(number, message, access, limit, wishes)
                     answers += [_answer(False, refusal)] if refusal else []
                     continue
                 word = _word(asked)
@@ -123,6 +139,7 @@ class Hub:
                 tasks.add(asking)
                 asking.add_done_callback(tasks.discard)
         finally:
+            self._commanding.leave(number)
             self._pages.discard(connection)
             for task in tasks:
                 task.cancel()
@@ -135,20 +152,20 @@ class Hub:
                 await asyncio.wait_for(page.send(encoded({"ended": True})), 0.2)
 
     async def _tell_page(
-        self, connection: ServerConnection, access: Access, answers: deque[dict[str, Any]], watch: Watch
+        self, connection: ServerConnection, access: Access, answers: deque[dict[str, Any]], watch: Watch, number: int
     ) -> None:
         """Tell a page how things are, ten times a second; one that is slow is told less often, never what is past."""
         shown = 0
         session = self._attachment.session
         hello = {"session": str(session), "access": access.value, "joint_names": self._attachment.feed.joint_names}
-        await connection.send(encoded(hello | self._showing.hello()))
+        await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(number)))
         while True:
             told: dict[str, Any] = {}
             if self._record is not None:
                 told = state(self._record, self._available)
                 told["age"] = 1e-9 * (monotonic_ns() - self._stamp)
                 told["owners"] = self._status.get("owners", {})
-                told |= self._showing.told(self._record)
+                told |= self._showing.told(self._record) | self._commanding.told(self._record)
                 told["events"] = [event for event in self._events if event[0] > shown]
                 told["answers"] = [answers.popleft() for _ in range(len(answers))]
                 shown = self._told
@@ -156,6 +173,20 @@ class Hub:
             for data in watch.due():
                 await connection.send(data)
             await asyncio.sleep(_PERIOD)
+
+    def _wish(self, page: int, message: str | bytes, access: Access, limit: RateLimit, wishes: RateLimit) -> str:
+        """Do what a page wants that commands; why not, if it is refused. One that lets go is always heard."""
+        if access is not Access.CONTROL:
+            return _WATCHING
+        try:
+            wish = parse_wish(message)
+            admitting = limit if isinstance(wish, Take | Snap) else wishes
+            if isinstance(wish, LetGo) or admitting.admits(time.monotonic()):
+                self._commanding.hear(page, wish)
+                return ""
+        except FieldError as error:
+            return str(error)
+        return "" if isinstance(wish, Beat) else "left out: more requests than are taken in a second"
 
     def _choose(self, asked: dict[str, Any], access: Access, watch: Watch, limit: RateLimit) -> str:
         """What a page wants to be shown; why not, if it is refused. The view's figures are the same on all pages."""

@@ -44,6 +44,8 @@ function show(told) {
   if (told.ended) ended = true;
   if (told.session) {
     get("session").textContent = told.session + (told.access === "control" ? "" : ", for watching only");
+    document.body.dataset.access = told.access;
+    knowCommands(told);
     jointNames = told.joint_names;
     plots.begin(told.charts);
     get("events").replaceChildren(); // of before a new connection: the console tells them all again
@@ -58,6 +60,7 @@ function show(told) {
   showIntents(told.intents);
   showSafety(told.safety);
   showJoints(told.joints);
+  showCommands(told);
   showMotors(told.hardware);
   showFigures(told.figures);
   const owners = Object.entries(told.owners).filter(([, who]) => who).map(([what, who]) => `${what}: ${who}`);

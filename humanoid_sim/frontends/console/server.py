@@ -32,6 +32,8 @@ _LONGEST = 1 << 16
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css"}
 _FILES = {
     "": "page.html",
+    "commands.css": "commands.css",
+    "commands.js": "commands.js",
     "page.css": "page.css",
     "page.js": "page.js",
     "plots.js": "plots.js",

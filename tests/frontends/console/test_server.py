@@ -167,3 +167,45 @@ def test_a_new_page_is_told_what_happened_before(played: Any) -> None:
         told = until(page, lambda told: told.get("events"))
     assert any("ZERO_TORQUE" in event[2] for event in told["events"])
     assert told["age"] < 0.5
+
+
+def answers_to(page: Any, message: str) -> str:
+    page.send(message)
+    answers: list[dict[str, Any]] = until(page, lambda told: told.get("answers"))["answers"]
+    assert answers[-1]["granted"] is False
+    return str(answers[-1]["text"])
+
+
+def test_a_wish_is_refused_with_its_reason(played: Any) -> None:
+    with socket(played.control) as page:
+        known = until(page, lambda told: "session" in told)
+        assert (known["no_sliders"], known["velocity"]) == ("", None)
+        ask(page, "damp")
+        until(page, lambda told: told.get("mode") == "DAMPING")
+        taking = json.dumps({"do": "take", "joint": "left_elbow_pitch"})
+        assert answers_to(page, taking) == "sliders: require REMOTE; mode is DAMPING"
+        assert answers_to(page, '{"do": "snap"}') == "sliders: require REMOTE; mode is DAMPING"
+        assert answers_to(page, '{"do": "press", "key": "w"}').startswith("velocity: the policy takes no command")
+        assert answers_to(page, '{"do": "beat", "seen": NaN}').startswith("not understood: ")
+        assert answers_to(page, '{"do": "beat", "seen": 1, "goals": {"position": "1"}}').startswith("not understood: ")
+
+
+def test_a_page_for_watching_only_moves_nothing(played: Any) -> None:
+    with socket(played.read_only) as page:
+        for wish in ('{"do": "take", "joint": "left_elbow_pitch"}', '{"do": "press", "key": "0"}', '{"do": "let_go"}'):
+            assert answers_to(page, wish) == "this address is for watching only"
+
+
+def test_a_page_that_floods_wishes_is_bounded_and_its_damp_is_not(played: Any) -> None:
+    with socket(played.control) as page:
+        ask(page, "damp")
+        assert ask(page, "load_a")["granted"] is True
+        until(page, lambda told: told.get("mode") == "STANDBY")
+        for _ in range(500):
+            page.send(json.dumps({"do": "press", "key": "0"}))
+        page.send(json.dumps({"ask": "damp"}))
+        until(page, lambda told: told.get("mode") == "DAMPING")
+        for _ in range(500):
+            page.send(json.dumps({"do": "take", "joint": "left_elbow_pitch"}))
+        left_out = "left out: more requests than are taken in a second"
+        until(page, lambda told: any(answer["text"] == left_out for answer in told.get("answers", ())))

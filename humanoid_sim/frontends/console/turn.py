@@ -1,0 +1,159 @@
+"""The sliders' turn: which page has them, for how long, and what they make of its goals. No clock, no socket."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.frontends.console.sliders import Goals, Sliders, SliderState
+from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
+from humanoid_sim.robots.schema import RobotDescription
+
+__all__ = ["SliderTurn"]
+
+_HEARD_WITHIN = 0.5
+"""s without a beat of the page after which its turn is over."""
+_SEEN_WITHIN = 1.0
+"""s that what the page shows may be old."""
+
+
+class SliderTurn:
+    """At most one page moves a joint. A turn that is over does not go on by itself."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        """Nobody moves anything."""
+        self.why_none = ""
+        """Why this robot has no sliders; empty if it has."""
+        self._all: dict[str, Sliders] = {}
+        try:
+            self._all = {name: Sliders(robot, name) for name in "ab"}
+        except FieldError as error:
+            self.why_none = str(error)
+        self.standby = "a"
+        """The standby controller by which the robot came to stand: the other joints are held with its gains."""
+        self.page: int | None = None
+        self.since = 0
+        """ns: commands have gone out without a pause since."""
+        self._state: SliderState | None = None
+        self._sliders: Sliders | None = None
+        self._number = 0
+        self._heard = self._seen = self._stepped = self._newest = 0
+
+    @property
+    def joint(self) -> str:
+        """Name of the joint that is moved; empty for none."""
+        if self._state is None or self._sliders is None:
+            return ""
+        return self._sliders.joint_names[self._state.joint]
+
+    def take(self, page: int, name: str, position: FloatArray, now: int) -> None:
+        """Begin a turn, or choose another joint in one's own.
+
+        Args:
+            page: that asks.
+            name: of the joint.
+            position: shape (n,), rad, measured, finite.
+            now: ns.
+
+        Raises:
+            FieldError: no such joint, or another page has the turn.
+        """
+        if not self._all:
+            raise FieldError(self.why_none)
+        if self.page is not None and self.page != page:
+            raise FieldError(f"sliders: page {self.page} moves {self.joint}")
+        sliders = self._sliders or self._all[self.standby]
+        joint = sliders.joint(name)
+        if self._state is not None:
+            self._state = sliders.choose(self._state, joint, position)
+        else:
+            self._sliders, self._state = sliders, sliders.begin(joint, position)
+            self.page, self.since = page, now
+            self._heard = self._seen = self._stepped = self._newest = now
+        self._number += 1
+
+    def snap(self, page: int, position: FloatArray) -> None:
+        """The sliders to where the joint is, with gains 0. Raises `FieldError` for a page without the turn."""
+        if self._state is None or self._sliders is None or self.page != page:
+            raise FieldError("sliders: this page does not move a joint")
+        self._state = self._sliders.snap(self._state, position)
+        self._number += 1
+
+    def beat(self, page: int, number: int, goals: Goals | None, now: int, seen: int) -> None:
+        """The page was heard.
+
+        Args:
+            page: that was.
+            number: what `told` told it with the goals that its sliders began from; older goals do not count.
+            goals: where its sliders stand; None: unchanged.
+            now: ns.
+            seen: ns, when what it shows left the console.
+
+        Raises:
+            FieldError: a goal is no finite number.
+        """
+        if self._state is None or self._sliders is None or page != self.page:
+            return
+        self._heard, self._seen = now, max(self._seen, min(seen, now))
+        if goals is not None and number == self._number:
+            self._state = self._sliders.wish(self._state, goals)
+
+    def let_go(self) -> None:
+        """End the turn."""
+        self.page = self._state = self._sliders = None
+
+    def problem(self, now: int) -> str:
+        """Why the turn must end; empty while it may go on. `now` in ns."""
+        if 1e-9 * (now - self._heard) > _HEARD_WITHIN:
+            return f"page {self.page} was not heard for {_HEARD_WITHIN:g} s"
+        if 1e-9 * (now - self._seen) > _SEEN_WITHIN:
+            return f"page {self.page} shows what is older than {_SEEN_WITHIN:g} s"
+        if 1e-9 * (now - self._newest) > _HEARD_WITHIN:
+            return f"the console was held up for {_HEARD_WITHIN:g} s"
+        return ""
+
+    def gap(self, now: int) -> float:
+        """S since the newest command that has left; `now` in ns."""
+        return 1e-9 * (now - self._newest)
+
+    def step(self, position: FloatArray, velocity: FloatArray, now: int, *, was_passive: bool) -> MITCommand:
+        """The next command of a turn that goes on.
+
+        Args:
+            position: shape (n,), rad, measured, finite.
+            velocity: shape (n,), rad/s, measured.
+            now: ns.
+            was_passive: commands were missing, so that the joints were damped meanwhile.
+        """
+        assert self._state is not None
+        assert self._sliders is not None
+        elapsed, self._stepped = 1e-9 * (now - self._stepped), now
+        if was_passive:
+            self._state, self.since = self._sliders.again(self._state, position), now
+        self._state = self._sliders.step(self._state, position, velocity, elapsed)
+        return self._state.command
+
+    def sent(self, stamp: int) -> None:
+        """The command of this step has left; `stamp` (ns) says how old it is."""
+        self._newest = max(self._newest, stamp)
+
+    def passive(self, position: FloatArray) -> MITCommand:
+        """What REMOTE does without commands; `position` has shape (n,), rad."""
+        return self._all[self.standby].passive(position)
+
+    def told(self, position: FloatArray) -> dict[str, Any] | None:
+        """What pages show of the turn; None while there is none. `position` has shape (n,), rad, measured."""
+        state = self._state
+        if state is None:
+            return None
+        return {
+            "page": self.page,
+            "number": self._number,
+            "joint": self.joint,
+            "goals": msgspec.to_builtins(state.goals),
+            "bounds": {name: getattr(state.bounds, name) for name in COMMAND_FIELDS},
+            "command": {name: float(getattr(state.command, name)[state.joint]) for name in COMMAND_FIELDS},
+            "measured": float(position[state.joint]),
+        }

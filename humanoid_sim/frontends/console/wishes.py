@@ -1,0 +1,72 @@
+"""What pages send beside the intents: wishes for the sliders and the velocity, and the page's heartbeat."""
+
+from __future__ import annotations
+
+import msgspec
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.frontends.console.sliders import Goals
+
+__all__ = ["Beat", "LetGo", "Press", "Snap", "Steer", "Take", "Wish", "parse_wish"]
+
+
+class _Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do"):
+    """`do` says which one."""
+
+
+class Take(_Wish, frozen=True, tag="take"):
+    """Move this joint by sliders."""
+
+    joint: str
+
+
+class Snap(_Wish, frozen=True, tag="snap"):
+    """The sliders to where the joint is, with gains 0."""
+
+
+class LetGo(_Wish, frozen=True, tag="let_go"):
+    """Neither joint nor velocity is commanded any more: asked for, or the page is hidden."""
+
+
+class Beat(_Wish, frozen=True, tag="beat"):
+    """The page is there and in sight."""
+
+    seen: float
+    """s: the newest `sent` that it was told, on the console's clock."""
+    number: int = 0
+    """Of the turn that the goals belong to."""
+    goals: Goals | None = None
+    """Where its sliders stand."""
+
+
+class Steer(_Wish, frozen=True, tag="steer"):
+    """One component of the velocity command."""
+
+    axis: int
+    """0 to 2: vx, vy, yaw rate."""
+    value: float
+    """m/s or rad/s."""
+
+
+class Press(_Wish, frozen=True, tag="press"):
+    """A velocity key."""
+
+    key: str
+    """In `VELOCITY_KEYS`."""
+
+
+Wish = Take | Snap | LetGo | Beat | Steer | Press
+_DECODER = msgspec.json.Decoder(Wish)
+
+
+def parse_wish(message: str | bytes) -> Wish:
+    """A page's message, which says what to `do`.
+
+    Raises:
+        FieldError: it is no wish, or a field is wrong.
+    """
+    try:
+        wish: Wish = _DECODER.decode(message)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
+        raise FieldError(f"not understood: {str(error)[:200]}") from None
+    return wish
