@@ -30,6 +30,7 @@ __all__ = [
     "action_limit_of",
     "advance_phase",
     "resolve_action",
+    "shown_phase",
 ]
 
 Float32Array = npt.NDArray[np.float32]
@@ -253,18 +254,40 @@ def advance_phase(
         `walked` of the next step, shape (...), and the phase to show now, shape (..., k), rad in [-π, π), or the
         standing value; NaN where that is None.
     """
+    step, standing = _advance(rule, command, policy_dt)
+    moved = np.asarray(walked) + step
+    shown = moved if rule.advance_first else np.asarray(walked)
+    phase = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
+    phase = np.where(standing[..., None], np.nan if rule.standing_value is None else rule.standing_value, phase)
+    return np.where(standing & rule.standing_restarts, 0.0, moved), phase
+
+
+def _advance(
+    rule: PhaseRule, command: FloatArray, policy_dt: float
+) -> tuple[FloatArray | float, npt.NDArray[np.bool_]]:
+    """By how much the clock moves in one policy step, rad, and whether the robot stands, shape (...)."""
     magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
     step: FloatArray | float
     if rule.period is None:
         step = 2.0 * np.pi * policy_dt * _gait_frequency(rule, command, magnitude)
     else:
         step = 2.0 * np.pi * policy_dt / rule.period
-    standing = magnitude < rule.standing_threshold
-    moved = np.asarray(walked) + step
-    shown = moved if rule.advance_first else np.asarray(walked)
-    phase = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
-    phase = np.where(standing[..., None], np.nan if rule.standing_value is None else rule.standing_value, phase)
-    return np.where(standing & rule.standing_restarts, 0.0, moved), phase
+    return step, np.asarray(magnitude < rule.standing_threshold)
+
+
+def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray, policy_dt: float) -> FloatArray:
+    """The phase that the latest observation shows, shape (..., k), rad; NaN while the robot stands.
+
+    Args:
+        rule: of the policy.
+        walked: shape (...), rad, of the memory with that observation.
+        command: shape (..., 3), the velocity command in it.
+        policy_dt: s.
+    """
+    step, standing = _advance(rule, command, policy_dt)
+    shown = np.asarray(walked) - (0.0 if rule.advance_first else step)
+    phase: FloatArray = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
+    return np.where(standing[..., None], np.nan, phase)
 
 
 def _gait_frequency(rule: PhaseRule, command: FloatArray, magnitude: FloatArray) -> FloatArray:

@@ -89,7 +89,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             motion: a sample motion by name, a file by path, or the motion itself; None for the one that a checkpoint
                 carries in its graph, and for policies that follow none.
             task: `tracking`, `motion`, `velocity`, `balance`, or `auto` for the one that the contract was made for.
-            actuation: `affine`, stepped natively, or `qfrc_applied`, the reference; they agree to 1e-9.
+            actuation: `affine`, stepped natively, or `qfrc_applied`, the reference; they agree to 1e-9;
+                `implicit`, the faster approximation.
             physics_timestep: s; None for the robot's.
             command_delay: s from a step's beginning to its command's arrival.
             state_delay: s from a state to its being observed.
@@ -116,6 +117,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             motion,
             task=task,
             physics_timestep=physics_timestep,
+            actuation=actuation,
             action_limit=action_limit,
             live=live,
             guards=guards,
@@ -131,7 +133,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             state_sampling=state_sampling,
             support=False,
             anchor_body=scenario.contract.anchor_body,
-            velocity_at=scenario.contract.velocity_points,
+            velocity_at=scenario.velocity_points,
             bodies=scenario.bodies,
         )
         self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None

@@ -26,6 +26,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot, with_c
 from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.plant import Actuation, check_actuation, timestep_of
 
 __all__ = ["Named", "Scenario", "make_scenario", "read_policy"]
 
@@ -51,6 +52,8 @@ class Scenario:
     """The checkpoint's; one that answers zeros where there is only a contract."""
     physics_timestep: float
     """s"""
+    actuation: Actuation
+    """How the motors are simulated."""
     live: LiveInputs
     """What feeds the live inputs that the contract declares."""
     guards: Guards | None = None
@@ -63,8 +66,14 @@ class Scenario:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Bodies whose poses in the base frame the task compares; other motions are joints and an anchor body."""
-        return self.contract.body_names if "motion_body_pos_b" in self.wiring.reference.terms else ()
+        """Bodies whose poses in the base frame the task looks at: those of the motion, then those of the task."""
+        tracked = self.contract.body_names if "motion_body_pos_b" in self.wiring.reference.terms else ()
+        return (*tracked, *self.task.bodies)
+
+    @property
+    def velocity_points(self) -> tuple[str, ...]:
+        """Where the velocity of a floating base's robot is told: for the policy, and for the task."""
+        return tuple(dict.fromkeys((*self.contract.velocity_points, *self.task.bodies)))
 
 
 def make_scenario(
@@ -74,6 +83,7 @@ def make_scenario(
     *,
     task: str = "auto",
     physics_timestep: float | None = None,
+    actuation: Actuation = "affine",
     action_limit: float | None = None,
     motion_source: str = "motion",
     live: Mapping[str, LiveInput] | None = None,
@@ -87,7 +97,8 @@ def make_scenario(
         robot: a description, or what `load_robot` takes.
         motion: what the policy follows, as `read_policy` takes it.
         task: as `make_task` takes it.
-        physics_timestep: s; None for the robot's.
+        physics_timestep: s; None for what suits robot and plant.
+        actuation: how the motors are simulated, see `humanoid_sim.simulation.plant`.
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
         motion_source: what to call a motion that is given itself.
@@ -101,6 +112,7 @@ def make_scenario(
     """
     if action_limit is not None and not 0.0 < action_limit <= _MOST:
         raise InputError(f"action_limit: is {action_limit}, expected a number > 0 and at most {_MOST:g}")
+    check_actuation(actuation)
     for name in task_options:
         if name not in TASK_OPTIONS:
             raise InputError(known_names("task option", name, TASK_OPTIONS))
@@ -118,7 +130,7 @@ def make_scenario(
     except FieldError as error:
         raise InputError(f"policy on robot '{description.name}': {error}") from None
 
-    timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
+    timestep = timestep_of(description, actuation, physics_timestep)
     model = build_model(description, physics_timestep=timestep, scene="floor")
     start = StartPose(model, description, joint_addresses(model, description.joint_names))
     return Scenario(
@@ -129,6 +141,7 @@ def make_scenario(
         ),
         policy=loaded.policy,
         physics_timestep=timestep,
+        actuation=actuation,
         live=fed,
         guards=guards_of(description) if guards else None,
     )

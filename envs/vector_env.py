@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 import gymnasium
 import numpy as np
@@ -26,6 +26,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
+from humanoid_sim.simulation.plant import BatchActuation, check_actuation
 
 __all__ = ["PolicyVectorEnv"]
 
@@ -36,7 +37,7 @@ Step = tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
 class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
-    """N `PolicyEnv`s with the affine plant in one: `humanoid_sim.simulation.batch` steps them, arrays do the rest.
+    """N `PolicyEnv`s with a native plant in one: `humanoid_sim.simulation.batch` steps them, arrays do the rest.
 
     Seeded with the same numbers, and given the same actions, every environment does what a `PolicyEnv` does: the same
     starts, states equal to 1e-9 per step, the same faults. A fault ends the episode of its environment and touches no
@@ -61,6 +62,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         motion: Named | Motion | None = None,
         *,
         task: str = "auto",
+        actuation: BatchActuation = "affine",
         physics_timestep: float | None = None,
         action_limit: float | None = None,
         randomisation: Randomisation | Mapping[str, Any] | None = None,
@@ -84,7 +86,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             robot: a description, or what `load_robot` takes.
             motion: what a tracking policy follows, as `PolicyEnv` takes it.
             task: as `PolicyEnv` takes it.
-            physics_timestep: s; None for the robot's.
+            actuation: `affine`, which agrees with the reference, or `implicit`, the faster approximation for training.
+            physics_timestep: s; None for what suits robot and plant.
             action_limit: largest magnitude of a raw action; None: the contract's, or 100.
             randomisation: how the environments differ, or its fields by name; None: not at all.
             threads: that step physics; None for one per processor that this process may use.
@@ -106,12 +109,14 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
         num_envs = count_option("num_envs", num_envs)
+        check_actuation(actuation, get_args(BatchActuation))
         self.scenario = scenario = make_scenario(
             contract,
             robot,
             motion,
             task=task,
             physics_timestep=physics_timestep,
+            actuation=actuation,
             action_limit=action_limit,
             live=live,
             guards=guards,
@@ -122,9 +127,10 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             num_envs,
             control_period=scenario.contract.policy_dt,
             physics_timestep=scenario.physics_timestep,
+            actuation=actuation,
             threads=threads,
             anchor_body=scenario.contract.anchor_body,
-            velocity_at=scenario.contract.velocity_points,
+            velocity_at=scenario.velocity_points,
             bodies=scenario.bodies,
             randomisation=Randomisation.of(randomisation),
         )

@@ -80,6 +80,9 @@ class Task(ABC):
     )
     """1/s per unit of each term."""
 
+    bodies: tuple[str, ...] = ()
+    """Bodies, with a site of the same name each, whose poses and velocities the task looks at beside the motion's."""
+
     def __init__(
         self,
         description: RobotDescription,

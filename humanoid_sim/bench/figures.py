@@ -33,6 +33,7 @@ from humanoid_sim.bench.one_robot import (
     recorder_cost,
     supervisor_step,
 )
+from humanoid_sim.bench.plants import implicit_plant
 from humanoid_sim.bench.timing import Row, paired_ratio
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
@@ -103,6 +104,7 @@ _BENCHMARKS: dict[str, Callable[[int], list[Row]]] = {
     "real time": real_time_factor,
     "LiteTracking-v0.step": environment_step,
     "vector": vector_step,
+    "implicit plant": implicit_plant,
     "regress": regress_speed,
     "hardware loop": _hardware_loop,
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -47,6 +48,8 @@ class DoctorConfig:
     """Rows of the ranking."""
     base_height: float | None = None
     """Height in m at which the base starts. Default: the robot stands on the floor."""
+    actuation: Literal["affine", "implicit"] = "affine"
+    """How the motors are simulated: implicit takes longer steps, for policies that were trained and published so."""
     json: bool = False
     """Print the whole ranking as JSON."""
 

@@ -22,6 +22,7 @@ from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.plant import BatchActuation
 
 __all__ = ["ExaminedPolicy", "breadth_first", "load_examined", "robot_facts"]
 
@@ -40,6 +41,8 @@ class ExaminedPolicy:
     """The motion's joints are the policy's, place by place, whatever they are called: it comes from its graph."""
     base_height: float | None = None
     """m, of the base at the start; None: such that the robot stands on the floor."""
+    actuation: BatchActuation = "affine"
+    """How the motors are simulated."""
 
     @property
     def motion_seconds(self) -> float:
@@ -82,6 +85,7 @@ def load_examined(
     motion: str | None = None,
     *,
     base_height: float | None = None,
+    actuation: BatchActuation = "affine",
 ) -> ExaminedPolicy:
     """A checkpoint on a robot, however wrong its contract: only what cannot run at all is refused.
 
@@ -91,6 +95,7 @@ def load_examined(
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         motion: a motion file or the name of a sample motion; None: the one that the model carries.
         base_height: as `ExaminedPolicy.base_height`.
+        actuation: how the motors are simulated.
 
     Raises:
         InputError: the checkpoint cannot be read, its widths do not fit, or it needs a motion.
@@ -106,7 +111,7 @@ def load_examined(
         raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
     chosen = (given or checkpoint.motion) if follows else None
     load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
-    return ExaminedPolicy(contract, checkpoint.policy, description, chosen, given is None, base_height)
+    return ExaminedPolicy(contract, checkpoint.policy, description, chosen, given is None, base_height, actuation)
 
 
 def _resampled(motion: Motion, policy_dt: float) -> Motion:

@@ -39,6 +39,7 @@ def doctor(config: DoctorConfig) -> int:
         config.contract,
         config.motion,
         base_height=config.base_height,
+        actuation=config.actuation,
     )
     for name, width in examined.contract.live_inputs.items():
         raise InputError(f"{config.checkpoint}: needs the live input '{name}' of width {width}, and doctor has none")

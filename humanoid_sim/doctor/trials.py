@@ -33,7 +33,7 @@ _ROBOTS = 64
 _TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)
 """s, longest first. Where damping is stable the longest gives the figures of the shortest, and costs a tenth."""
 _STABLE = 1.5
-"""Largest eigenvalue of `dt · M⁻¹ · K_d` that is accepted here; see `humanoid_sim.simulation.stability`."""
+"""What the gains may reach at the physics step; see `humanoid_sim.simulation.stability`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class TrialRunner:
     _robots: OrderedDict[tuple[object, ...], MujocoRobot] = field(default_factory=OrderedDict)
     """The latest to be used last."""
     _stable: dict[tuple[object, ...], bool] = field(default_factory=dict)
-    """Of each robot, damping and physics step, whether they go together."""
+    """Of each robot, its gains and a physics step, whether they go together."""
 
     def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
         """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome."""
@@ -107,7 +107,8 @@ class TrialRunner:
         """A simulation of the robot in the contract's default pose, with a physics step that suits its damping."""
         order = np.argsort(contract.joint_names)
         built = contract.default_joint_pos[order].tobytes(), _physics_key(contract)
-        damped = *built, contract.joint_damping[order].tobytes()
+        gains = contract.joint_damping, contract.joint_stiffness
+        damped = *built, *(each[order].tobytes() for each in gains)
         for timestep in _TIMESTEPS:
             try:
                 steps_per_period(contract.policy_dt, timestep)
@@ -122,8 +123,8 @@ class TrialRunner:
             if len(self._robots) > _ROBOTS:
                 self._robots.popitem(last=False)
             if (*damped, timestep) not in self._stable:
-                gains = contract.joint_damping[[contract.joint_names.index(name) for name in robot.joints]]
-                self._stable[*damped, timestep] = not robot.stability.exceeds(gains, _STABLE)
+                own = [contract.joint_names.index(name) for name in robot.joints]
+                self._stable[*damped, timestep] = robot.stability.suits(gains[0][own], gains[1][own], _STABLE)
             if self._stable[*damped, timestep]:
                 return robot
         raise InputError("its damping is unstable in simulation")
@@ -136,7 +137,7 @@ class TrialRunner:
             with_contract(self.examined.description, still),
             control_period=contract.policy_dt,
             physics_timestep=timestep,
-            actuation="affine",
+            actuation=self.examined.actuation,
             support=False,
             base_yaw=trial.yaw,
             base_height=self.examined.base_height,

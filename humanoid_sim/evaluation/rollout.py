@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.live_inputs import LiveInputs
-from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring
+from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, shown_phase
 from humanoid_sim.controllers.reference import Alignment, Frame
 from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
@@ -228,6 +228,8 @@ class StepSample:
     """Of robots with a floating base, at `state`; None for those with a fixed one."""
     alignment: Alignment | None = None
     """How the reference was laid onto the robot at the start."""
+    phase: FloatArray | None = None
+    """Shape (..., k), rad: the gait phase that is observed at `state`; NaN while the robot stands. None without one."""
 
 
 def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDArray[np.integer]) -> StepSample:
@@ -239,6 +241,10 @@ def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDA
         step: shape (...), policy steps since the start, this one included.
     """
     position, quaternion = robots.body_poses(in_base=True)
+    contract = loop.wiring.contract
+    phase = None
+    if contract.phase is not None:
+        phase = shown_phase(contract.phase, loop.memory.walked, loop.velocity, contract.policy_dt)
     return StepSample(
         state=robots.truth(),
         action=loop.action,
@@ -251,6 +257,7 @@ def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDA
         command=loop.asked,
         base=robots.base,
         alignment=loop.memory.alignment,
+        phase=phase,
     )
 
 

@@ -121,8 +121,9 @@ class PlayConfig:
     """Picture of the robot at the end of the motion (.png)."""
     summary: str | None = None
     """The final table as JSON."""
-    actuation: Literal["qfrc_applied", "affine"] = "qfrc_applied"
-    """How the simulated motors run the MIT law: at every physics step in Python, or as MuJoCo's own actuators."""
+    actuation: Literal["qfrc_applied", "affine", "implicit"] = "qfrc_applied"
+    """How the simulated motors run the MIT law: at every physics step in Python, or as MuJoCo's own actuators, which
+    agree with that, or, with longer steps and implicit damping, come close to it."""
     control_frequency: float | None = None
     """Hz; default: the robot's, for simulation and for hardware."""
     physics_timestep: float | None = None

@@ -37,6 +37,7 @@ from humanoid_sim.session.keyboard import key_help
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity, velocity_key_help
+from humanoid_sim.simulation.plant import timestep_of
 from humanoid_sim.stack import build_supervisor, policy_controller
 
 __all__ = [
@@ -142,6 +143,7 @@ def make_plan(config: PlayConfig) -> Plan:
             notice,
             *setup.notices,
             *warnings,
+            _cost_of_plant(config, policy, description),
             *assumptions(contract),
             golden,
             *drivers,
@@ -228,6 +230,16 @@ def _robot(
     from humanoid_sim.play.hardware_robot import real_robot  # noqa: PLC0415
 
     return real_robot(config, description, control_period)
+
+
+def _cost_of_plant(config: PlayConfig, policy: PolicyChoice, description: RobotDescription) -> str:
+    """What an approximate plant costs in truth on this robot and motion; '' of one that is exact, and of hardware."""
+    if config.hardware is not None or config.actuation != "implicit":
+        return ""
+    # Only who chooses such a plant waits for the measurement and its imports.
+    from humanoid_sim.plants import measured_cost  # noqa: PLC0415
+
+    return measured_cost(policy.checkpoint, description, policy.motion, config.actuation, config.physics_timestep)
 
 
 def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks: bool) -> tuple[str, ...]:
@@ -319,7 +331,7 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
             )
     if config.hardware is not None:
         return period, notice
-    timestep = description.simulation.physics_timestep if config.physics_timestep is None else config.physics_timestep
+    timestep = timestep_of(description, config.actuation, config.physics_timestep)
     try:
         steps_per_period(period, timestep, step_name="--physics-timestep")
     except InputError as error:

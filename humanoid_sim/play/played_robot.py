@@ -23,6 +23,7 @@ from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.plant import timestep_of
 from humanoid_sim.simulation.push import parse_pushes
 
 __all__ = [
@@ -107,8 +108,7 @@ def simulated_robot(
     Raises:
         InputError: if an option is not accepted.
     """
-    settings = description.simulation
-    timestep = settings.physics_timestep if config.physics_timestep is None else config.physics_timestep
+    timestep = timestep_of(description, config.actuation, config.physics_timestep)
     for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):
         delay_steps(option, delay, timestep)
     pushes = parse_pushes(config.push)
@@ -134,7 +134,7 @@ def simulated_robot(
         gains = resolve_action(contract, description.joint_names)
         doubled = model_damping_findings(contract, own_joint_damping(bare, description))
         limits = effort_findings(contract, description)
-        return robot.stability.check(gains.damping, "policy"), *map(str, (*doubled, *limits))
+        return robot.stability.check(gains.damping, "policy", gains.stiffness), *map(str, (*doubled, *limits))
 
     return RobotSetup(
         robot,

@@ -16,9 +16,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.evaluation.feet import find_feet
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.mit import FloatArray, MITState
-from humanoid_sim.regress.feet import find_feet
 from humanoid_sim.regress.metrics import METRICS, Measures, TrackingMeasures, VelocityMeasures, summarise
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
@@ -100,6 +100,7 @@ class EpisodeBatch:
             len(seeds),
             control_period=contract.policy_dt,
             physics_timestep=scenario.physics_timestep,
+            actuation=case.suite.actuation,
             threads=threads,
             anchor_body=contract.anchor_body,
             velocity_at=contract.velocity_points,

@@ -16,9 +16,9 @@ from humanoid_sim.envs.tasks.motion import MotionTask
 from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.evaluation.errors import length, rms
+from humanoid_sim.evaluation.feet import Feet
 from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray, MITCommand
-from humanoid_sim.regress.feet import Feet
 from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch import BatchSimulation
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
@@ -30,6 +31,11 @@ class RegressConfig:
     """Instead of the suite's: a shipped robot, or the path of a robot's YAML file or of an MJCF."""
     contract: str | None = None
     """A contract.yaml for all the checkpoints. Default: the one beside each."""
+    actuation: Literal["affine", "implicit"] | None = None
+    """How the motors are simulated. Default: as the suite says, which is affine unless it says otherwise."""
+    baseline_actuation: Literal["affine", "implicit"] | None = None
+    """The same for a --baseline that is run. Give a policy as its own baseline to see what a plant changes. Default:
+    as for the others."""
     seeds: int | None = None
     """Seeds per case. Default: the suite's."""
     first_seed: int | None = None
@@ -86,6 +92,9 @@ def check_outputs(config: RegressConfig) -> None:
             if getattr(config, name):
                 option = name.replace("_", "-")
                 raise InputError(f"--{option}: has no effect with --episode, which judges nothing; leave one out")
+    if config.baseline_actuation is not None and not (config.baseline or "").endswith(".onnx"):
+        what = "no --baseline is given" if config.baseline is None else f"--baseline is '{config.baseline}'"
+        raise InputError(f"--baseline-actuation: {what}, expected a checkpoint (.onnx) that is run")
     suffixes = {"junit": ".xml", "report": ".html"}
     files = {f"--{name.replace('_', '-')}": (getattr(config, name), suffixes.get(name, ".json")) for name in _OUTPUTS}
     named: dict[Path, str] = {}

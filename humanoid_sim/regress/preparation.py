@@ -137,6 +137,8 @@ def _digest(suite: Suite, case: Case, motion: Motion | None, description: RobotD
     conditions: dict[str, Any] = msgspec.to_builtins(suite)
     for name in (*_JUDGING, *_NAMES):
         del conditions[name]
+    if suite.actuation == "affine":  # what baselines ran that know of no other
+        del conditions["actuation"]
     document = {
         "conditions": conditions,
         "case": {**msgspec.to_builtins(case), "motion": bool(case.motion)},
@@ -215,6 +217,7 @@ def prepare_case(
             motion,
             task="velocity" if suite.task == "velocity" else "auto",
             physics_timestep=suite.physics_timestep,
+            actuation=suite.actuation,
             action_limit=suite.action_limit,
             motion_source=f"case '{case.name}': {case.motion or 'the motion in the policy'}",
             joint_noise=suite.start.joint_position,

@@ -117,7 +117,7 @@ def _settings(case: PreparedCase, episode: Episode, robot: str) -> dict[str, obj
         "policy": policy,
         "robot": robot,
         "action_limit": suite.action_limit,
-        "actuation": "affine",
+        "actuation": suite.actuation,
         "physics_timestep": suite.physics_timestep,
         "base_height": suite.base_height,
     }

@@ -67,7 +67,7 @@ def regress(config: RegressConfig) -> int:
     if config.baseline is not None:
         file = Path(config.baseline)
         if checkpoint is not None:
-            baseline = prepare_policy(prepared, file, contract, names[-1])
+            baseline = prepare_policy(_for_baseline(prepared, config, folder), file, contract, names[-1])
         else:
             baseline = matching_baseline(prepared.digests, read_baseline(file), config)
             if any(policy.name == baseline.name and policy.checkpoint.sha256 != baseline.sha256 for policy in policies):
@@ -92,6 +92,14 @@ def regress(config: RegressConfig) -> int:
     if config.record_failures is not None or config.episode is not None:
         _record(config, prepared, policies, results)
     return ExitStatus.of(results.passed)
+
+
+def _for_baseline(prepared: PreparedSuite, config: RegressConfig, folder: Path) -> PreparedSuite:
+    """The suite as a baseline runs it."""
+    actuation = config.baseline_actuation or prepared.suite.actuation
+    if actuation == prepared.suite.actuation:
+        return prepared
+    return prepare_suite(replace(prepared.suite, actuation=actuation), folder, config.robot)
 
 
 def _run(

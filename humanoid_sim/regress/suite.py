@@ -15,6 +15,7 @@ import msgspec
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName
 from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch.randomisation import Randomisation
+from humanoid_sim.simulation.plant import BatchActuation
 
 __all__ = ["AXES", "Axis", "Case", "Disturbance", "Margins", "Pushes", "Start", "Suite", "Sweep", "Tolerance"]
 
@@ -143,6 +144,8 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Largest magnitude of a raw action, as of the controller; default: each policy's own, or else 100."""
     physics_timestep: float | None = None
     """s; default: the robot's."""
+    actuation: BatchActuation = "affine"
+    """How the motors are simulated; see `humanoid_sim.simulation.plant`."""
     base_height: float | None = None
     """m, where a free base starts; default: the robot's."""
     margins: Margins | None = None

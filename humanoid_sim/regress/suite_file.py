@@ -93,6 +93,7 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
         margins=margins,
         seeds=suite.seeds if config.seeds is None else config.seeds,
         first_seed=suite.first_seed if config.first_seed is None else config.first_seed,
+        actuation=suite.actuation if config.actuation is None else config.actuation,
     )
     for problem in suite_problems(chosen):
         place, _, text = problem.partition(": ")

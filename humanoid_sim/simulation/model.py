@@ -37,6 +37,7 @@ def build_model(
     *,
     physics_timestep: float | None = None,
     affine_actuators: bool = False,
+    implicit: bool = False,
     scene: bool | Literal["floor"] = True,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
@@ -44,15 +45,16 @@ def build_model(
 
     The MJCF loses its own actuators, the sensors tied to them, and its keyframes: they would fight the law, or no
     longer fit. Joint and effort limits are the description's, which also says whether joints keep damping of their own.
-    Euler integration, and no automatic reset of a bad state. Joints that the MJCF has and the description does not stay
-    passive. Whatever else the MJCF says about contacts and the solver stays as it is. A floating base gets a support,
-    see `humanoid_sim.simulation.floating_base`.
+    Euler integration unless it is to be implicit, and no automatic reset of a bad state. Joints that the MJCF has and
+    the description does not stay passive. Whatever else the MJCF says about contacts and the solver stays as it is. A
+    floating base gets a support, see `humanoid_sim.simulation.floating_base`.
 
     Args:
         description: the robot.
         physics_timestep: s; None for the description's.
         affine_actuators: add one actuator per joint, in order, of force `ctrl - K_p q - K_d qd` saturated at the effort
             limit. The gains start at 0; `humanoid_sim.simulation.plant` sets them.
+        implicit: let MuJoCo integrate damping implicitly (`implicitfast`), that of the affine actuators too.
         scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at: the room's
             textures are 2 MB.
         edit: changes the model before it is compiled, when all else is in it.
@@ -69,7 +71,8 @@ def build_model(
     except ValueError as error:  # names given twice, where MuJoCo looks them up
         raise InputError(f"{description.mjcf_path}: not a valid MJCF model: {reason_of(error)}") from None
     spec.option.timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST if implicit else mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.integrator = integrator
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     if description.is_floating:
         add_support(spec, description.base.body)

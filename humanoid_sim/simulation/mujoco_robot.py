@@ -17,7 +17,7 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import DelayLine, delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
-from humanoid_sim.simulation.plant import Actuation, make_plant
+from humanoid_sim.simulation.plant import Actuation, make_plant, timestep_of
 from humanoid_sim.simulation.push import Push, Pushes
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
@@ -73,8 +73,8 @@ class MujocoRobot:
         Args:
             description: the robot.
             control_period: s; None for the description's.
-            physics_timestep: s, must divide the control period; None for the description's.
-            actuation: `qfrc_applied`, the reference, or `affine`; see `humanoid_sim.simulation.plant`.
+            physics_timestep: s, must divide the control period; None for the description's, or `IMPLICIT_TIMESTEP`.
+            actuation: `qfrc_applied`, the reference, `affine` or `implicit`; see `humanoid_sim.simulation.plant`.
             command_delay: s, a multiple of the physics step.
             state_delay: s, a multiple of the physics step.
             state_sampling: `now` or `on_command`.
@@ -95,7 +95,7 @@ class MujocoRobot:
             accepted = " or ".join(get_args(StateSampling))
             raise InputError(f"state_sampling: is {state_sampling!r}, expected {accepted}")
         settings = description.simulation
-        timestep = settings.physics_timestep if physics_timestep is None else physics_timestep
+        timestep = timestep_of(description, actuation, physics_timestep)
         period = 1.0 / settings.control_frequency if control_period is None else control_period
         steps = steps_per_period(period, timestep)
         command_steps = delay_steps("command_delay", command_delay, timestep)

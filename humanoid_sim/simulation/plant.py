@@ -1,16 +1,20 @@
-"""The plant: MuJoCo stepped under the MIT law, in two forms that agree to rounding.
+"""The plant: MuJoCo stepped under the MIT law, in two forms that agree to rounding, and an approximation of them.
 
 `QfrcPlant` computes the law before every physics step and writes `qfrc_applied`: the reference. `AffinePlant` lets
 MuJoCo's own actuators compute it (`affine_law`), so that any number of steps is one native call. They are equal step
 for step under the Euler integrator, because neither form's damping enters an implicit term there;
 `tests/simulation/test_plant.py` holds them to 1e-9.
+
+`ImplicitPlant` is `AffinePlant` with longer steps: MuJoCo integrates the actuators' damping implicitly, so that it
+stays stable. It is made for training, and is an approximation; `humanoid_sim.evaluation.accuracy` measures its error.
 """
 
 from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 import mujoco
@@ -22,9 +26,25 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
-__all__ = ["Actuation", "AffinePlant", "Plant", "QfrcPlant", "make_plant"]
+__all__ = [
+    "IMPLICIT_TIMESTEP",
+    "Actuation",
+    "AffinePlant",
+    "BatchActuation",
+    "ImplicitPlant",
+    "Plant",
+    "QfrcPlant",
+    "check_actuation",
+    "make_plant",
+    "timestep_of",
+]
 
-Actuation = Literal["qfrc_applied", "affine"]
+Actuation = Literal["qfrc_applied", "affine", "implicit"]
+"""The forms of the plant."""
+BatchActuation = Literal["affine", "implicit"]
+"""Those that many robots at once can have: MuJoCo steps them natively."""
+IMPLICIT_TIMESTEP = 0.0025
+"""s: physics step of the implicit plant, unless another is given or the robot's own is longer."""
 
 _WATCHED = {
     mujoco.mjtWarning.mjWARN_BADQPOS: "position",
@@ -49,7 +69,9 @@ class Plant(ABC):
         self.addresses = joint_addresses(model, description.joint_names)
         self._initial_position = np.array(description.initial_position)
         damps = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
-        self._is_damped = bool(damps and model.dof_damping.any())
+        # The implicit integrator, too, changes the velocity by another acceleration than `qacc`.
+        is_implicit = model.opt.integrator != mujoco.mjtIntegrator.mjINT_EULER
+        self._is_damped = is_implicit or bool(damps and model.dof_damping.any())
         self.acceleration: FloatArray = np.zeros(model.nv) if self._is_damped else self.data.qacc
         """Shape (nv,), of the latest physics step: by how much it changed the velocity, over its length. MuJoCo's
         `qacc` is another one where joints have damping of their own, which its Euler integrator adds implicitly."""
@@ -187,7 +209,7 @@ class QfrcPlant(Plant):
 class AffinePlant(Plant):
     """The law as MuJoCo's affine-bias actuators, one per joint, in order; their gains live in the model."""
 
-    actuation = "affine"
+    actuation: Actuation = "affine"
 
     def reset(self) -> None:
         """See `Plant.reset`."""
@@ -211,6 +233,35 @@ class AffinePlant(Plant):
             self.physics_step()
 
 
+class ImplicitPlant(AffinePlant):
+    """`AffinePlant` whose damping MuJoCo integrates implicitly: stable at steps where explicit damping is not."""
+
+    actuation = "implicit"
+
+    def _step(self, count: int) -> None:
+        super()._step(count)
+        if count:  # as `mujoco.rollout` is told to begin: so one robot goes as it would in a batch
+            self.data.qacc_warmstart[:] = self.acceleration
+
+
+def check_actuation(value: object, accepted: Sequence[str] = get_args(Actuation)) -> None:
+    """Refuse what is not a form of the plant.
+
+    Raises:
+        InputError: naming the value and what is accepted.
+    """
+    if value not in accepted:
+        raise InputError(f"actuation: is {value!r}, expected {' or '.join([', '.join(accepted[:-1]), accepted[-1]])}")
+
+
+def timestep_of(description: RobotDescription, actuation: Actuation, given: float | None = None) -> float:
+    """The physics step in s: what was given, or else what suits robot and plant."""
+    own = description.simulation.physics_timestep
+    if given is not None:
+        return given
+    return max(own, IMPLICIT_TIMESTEP) if actuation == "implicit" else own
+
+
 def make_plant(
     description: RobotDescription, *, actuation: Actuation = "qfrc_applied", physics_timestep: float | None = None
 ) -> Plant:
@@ -219,11 +270,20 @@ def make_plant(
     Raises:
         InputError: `actuation` is unknown, or the model cannot be built (see `build_model`).
     """
-    if actuation not in get_args(Actuation):
-        raise InputError(f"actuation: is {actuation!r}, expected {' or '.join(get_args(Actuation))}")
-    affine = actuation == "affine"
-    model = build_model(description, physics_timestep=physics_timestep, affine_actuators=affine)
-    return AffinePlant(model, description) if affine else QfrcPlant(model, description)
+    check_actuation(actuation)
+    native = actuation != "qfrc_applied"
+    model = build_model(
+        description,
+        physics_timestep=timestep_of(description, actuation, physics_timestep),
+        affine_actuators=native,
+        implicit=actuation == "implicit",
+    )
+    return _PLANTS[actuation](model, description)
+
+
+_PLANTS: Mapping[Actuation, type[Plant]] = MappingProxyType(
+    {"qfrc_applied": QfrcPlant, "affine": AffinePlant, "implicit": ImplicitPlant}
+)
 
 
 def _as_slice(index: np.ndarray) -> slice | np.ndarray:

@@ -3,6 +3,11 @@
 The MIT law's damping is explicit: one Euler step multiplies the joint velocities by `I - dt · M⁻¹ · K_d`. Where an
 eigenvalue of `dt · M⁻¹ · K_d` exceeds 1 the velocity changes sign every step, above 2 it grows until the torque
 saturates: the joint chatters at its limit without ever going non-finite. `M` holds the motors' reflected inertia.
+
+Implicit damping (`humanoid_sim.simulation.plant.ImplicitPlant`) has no such limit, only stiffness has: a step of the
+undamped law turns a joint's oscillation by `dt · ω`, where `ω² = (M + ½ dt · K_d)⁻¹ · K_p`, and is unstable above 2.
+But a motor at its effort limit is not damped at all. So where `dt · M⁻¹ · K_d` exceeds 2, a joint that was thrown to
+that limit may stay there and chatter, as with explicit damping.
 """
 
 from __future__ import annotations
@@ -49,6 +54,8 @@ class DampingStability:
         n = description.joint_count
         self._description = description
         self._timestep = float(model.opt.timestep)
+        self.is_implicit = bool(model.opt.integrator != mujoco.mjtIntegrator.mjINT_EULER)
+        """Whether damping is integrated implicitly: it is then stable however large, until a motor is at its limit."""
         poses: list[npt.ArrayLike] = [
             description.initial_position,
             *description.standby_controller_a.pose_segments,
@@ -114,13 +121,35 @@ class DampingStability:
             symmetric: npt.NDArray[np.float64] = root[:, None] * self._inverse_mass * root
         return symmetric
 
-    def check(self, damping: npt.ArrayLike, what: str) -> str:
-        """A warning about a K_d, or '' if it is stable without oscillation; `what` says whose it is.
+    def measure_stiffness(self, stiffness: npt.ArrayLike, damping: npt.ArrayLike) -> DampingMeasure:
+        """Measure `dt · ω` of the undamped oscillation under implicit damping; arguments (n,) or scalar."""
+        n = self._description.joint_count
+        root = np.sqrt(np.broadcast_to(np.asarray(stiffness, dtype=np.float64), (n,)))
+        added = 0.5 * self._timestep * np.diag(np.broadcast_to(np.asarray(damping, dtype=np.float64), (n,)))
+        damped = np.linalg.inv(np.linalg.inv(self._inverse_mass) + added)
+        values, vectors = np.linalg.eigh(root[:, None] * damped * root)
+        worst = int(np.argmax(values[:, -1]))
+        joint = int(np.argmax(np.abs(vectors[worst, :, -1])))
+        turned = self._timestep * math.sqrt(max(float(values[worst, -1]), 0.0))
+        return DampingMeasure(turned, self._description.joint_names[joint])
+
+    def suits(self, damping: npt.ArrayLike, stiffness: npt.ArrayLike, limit: float) -> bool:
+        """Whether gains, as `check` takes them, stay below a limit of what is unstable above `REFUSED_ABOVE`."""
+        if self.is_implicit:
+            return self.measure_stiffness(stiffness, damping).eigenvalue <= limit
+        return not self.exceeds(damping, limit)
+
+    def check(self, damping: npt.ArrayLike, what: str, stiffness: npt.ArrayLike = 0.0) -> str:
+        """A warning about a K_d and its K_p, or '' if they are stable without oscillation; `what` says whose they are.
+
+        K_p matters only where damping is implicit.
 
         Raises:
             InputError: it is unstable at this physics step; the message names the joint, and a step that works, if
                 there is one.
         """
+        if self.is_implicit:
+            return self._check_implicit(damping, stiffness, what)
         if not self.exceeds(damping, WARNED_ABOVE):
             return ""
         measure = self.measure(damping)
@@ -138,6 +167,28 @@ class DampingStability:
             )
         return f"{message}: stable, but the velocity changes sign from step to step above {WARNED_ABOVE:g}"
 
+    def _check_implicit(self, damping: npt.ArrayLike, stiffness: npt.ArrayLike, what: str) -> str:
+        gains = np.concatenate([np.ravel(damping), np.ravel(stiffness)])
+        if not (np.abs(gains) < _MEASURABLE).all():
+            raise InputError(f"{what}: the gains are beyond all measure, and no physics step makes them stable")
+        measure, step = self.measure_stiffness(stiffness, damping), f"implicit steps of {self._timestep:g} s"
+        if measure.eigenvalue > WARNED_ABOVE:
+            message = f"{what}: dt·√((M + ½·dt·K_d)⁻¹·K_p) reaches {_shown(measure.eigenvalue)} at {measure.joint}"
+            if measure.eigenvalue > REFUSED_ABOVE:
+                longest = self._timestep * REFUSED_ABOVE / measure.eigenvalue
+                raise InputError(
+                    f"{message} with {step}: unstable above {REFUSED_ABOVE:g}, use less than {longest:.2g} s, such as "
+                    f"{_round_step_below(longest):g} s"
+                )
+            return f"{message} with {step}: stable, but its oscillations are far off above {WARNED_ABOVE:g}"
+        if not self.exceeds(damping, REFUSED_ABOVE):
+            return ""
+        chatter = self.measure(damping)
+        return (
+            f"{what}: dt·M⁻¹·K_d reaches {_shown(chatter.eigenvalue)} at {chatter.joint} with {step}: stable, but a "
+            f"joint that is thrown to its effort limit may chatter there above {REFUSED_ABOVE:g}"
+        )
+
     def check_description(self) -> tuple[str, ...]:
         """The warnings about all the description's own gains.
 
@@ -146,18 +197,25 @@ class DampingStability:
         """
         robot = self._description
         passive, remote = robot.damping_controller, robot.remote_policy_controller
-        owners: dict[tuple[float, ...], list[str]] = {}
-        for name, damping in (
-            ("joints", robot.damping),
-            ("damping_controller", passive.damping or passive.damping_scalar),
-            ("standby_controller_a", robot.standby_controller_a.target_damping),
-            ("standby_controller_b", robot.standby_controller_b.target_damping),
-            ("remote_policy_controller", remote.damping or remote.damping_scalar),
+        a, b = robot.standby_controller_a, robot.standby_controller_b
+        owners: dict[tuple[tuple[float, ...], tuple[float, ...]], list[str]] = {}
+        for name, damping, stiffness in (
+            ("joints", robot.damping, robot.stiffness),
+            ("damping_controller", passive.damping or passive.damping_scalar, 0.0),
+            ("standby_controller_a", a.target_damping, a.target_stiffness),
+            ("standby_controller_b", b.target_damping, b.target_stiffness),
+            ("remote_policy_controller", remote.damping or remote.damping_scalar, 0.0),
         ):
-            gains = tuple(np.broadcast_to(np.asarray(damping, dtype=np.float64), (robot.joint_count,)).tolist())
+            gains = self._per_joint(damping), self._per_joint(stiffness if self.is_implicit else 0.0)
             owners.setdefault(gains, []).append(name)
-        found = [self.check(gains, f"{robot.name}: {', '.join(names)}") for gains, names in owners.items()]
+        found = [
+            self.check(damping, f"{robot.name}: {', '.join(names)}", stiffness)
+            for (damping, stiffness), names in owners.items()
+        ]
         return tuple(warning for warning in found if warning)
+
+    def _per_joint(self, gains: npt.ArrayLike) -> tuple[float, ...]:
+        return tuple(np.broadcast_to(np.asarray(gains, dtype=np.float64), (self._description.joint_count,)).tolist())
 
 
 def _shown(value: float) -> str:

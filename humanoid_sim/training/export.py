@@ -8,28 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import onnx
-from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.files import whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.training import scales
 from humanoid_sim.training.arm import ARM_JOINTS, JOINT_SIGN, ORIENTATION_SIGN, POSITION_SIGN
+from humanoid_sim.training.graph import Graph, write_model
 from humanoid_sim.training.motions import BODIES, POLICY_DT, SAMPLE_DATASET, pose_a
 
 __all__ = ["OBSERVATIONS", "export_policy", "policy_graph", "sample_contract"]
 
 OBSERVATIONS = ("motion_body_pos_b", "motion_body_ori_b", "joint_pos", "joint_vel", "actions")
-
-_OPSET = 17
-_IR_VERSION = 8  # of the time of opset 17: runtimes from 2022 on read it
 
 
 def sample_contract(description: RobotDescription) -> PolicyContract:
@@ -65,16 +60,7 @@ def export_policy(
     Raises:
         InputError: if the file cannot be written.
     """
-    model = helper.make_model(
-        policy_graph(weights, origin),
-        opset_imports=[helper.make_opsetid("", _OPSET)],
-        ir_version=_IR_VERSION,
-        producer_name="humanoid_sim.training",
-    )
-    helper.set_model_props(model, write_metadata(contract))
-    onnx.checker.check_model(model, full_check=True)
-    with whole_file(path) as file:
-        file.write(model.SerializeToString())
+    write_model(path, policy_graph(weights, origin), write_metadata(contract))
 
 
 def policy_graph(weights: Mapping[str, npt.NDArray[np.float32]], origin: FloatArray) -> onnx.GraphProto:
@@ -82,7 +68,7 @@ def policy_graph(weights: Mapping[str, npt.NDArray[np.float32]], origin: FloatAr
 
     Inside, the rows of the first axis are arms, 2 B of them: of each observation the left, then the mirrored right one.
     """
-    g, bodies = _Graph(weights), np.stack([POSITION_SIGN, POSITION_SIGN])
+    g, bodies = Graph(weights), np.stack([POSITION_SIGN, POSITION_SIGN])
     obs = g("Mul", "obs", g.constant(_signs(bodies, ORIENTATION_SIGN, JOINT_SIGN, JOINT_SIGN, JOINT_SIGN)))
     position = g.reshape(g.columns(obs, 0, 12), -1, 2, 3)
     columns = g.reshape(g.columns(obs, 12, 36), -1, 2, 3, 2)
@@ -115,68 +101,9 @@ def policy_graph(weights: Mapping[str, npt.NDArray[np.float32]], origin: FloatAr
     lead = g("Mul", g("Tanh", g("Div", g("Sub", command, joints), largest)), largest)
     action = g("Div", g("Add", joints, lead), action_scale)
     g("Mul", g.reshape(action, -1, 2 * ARM_JOINTS), g.constant(_signs(JOINT_SIGN)), name="actions")
-    return g.build(obs=78, actions=14)
+    return g.build("lite_tracking", obs=78, actions=14)
 
 
 def _signs(*right: FloatArray) -> FloatArray:
     """Of terms that hold both arms: ones for the left arm's values, and `right` for those of the other."""
     return np.concatenate([np.concatenate([np.ones(sign.size), sign.ravel()]) for sign in right])
-
-
-class _Graph:
-    """Collects nodes and constants; every method returns the name of a value."""
-
-    def __init__(self, weights: Mapping[str, npt.NDArray[np.float32]]) -> None:
-        self._weights = weights
-        self._nodes: list[onnx.NodeProto] = []
-        self._constants: dict[str, npt.NDArray[np.generic]] = {}
-
-    def __call__(self, operator: str, *inputs: str, name: str = "", **attributes: Any) -> str:
-        output = name or f"{operator.lower()}_{len(self._nodes)}"
-        self._nodes.append(helper.make_node(operator, list(inputs), [output], name=output, **attributes))
-        return output
-
-    def constant(self, value: npt.ArrayLike, name: str = "", dtype: type = np.float32) -> str:
-        name = name or f"constant_{len(self._constants)}"
-        self._constants[name] = np.asarray(value, dtype=dtype)
-        return name
-
-    def columns(self, value: str, start: int, stop: int) -> str:
-        bounds = [self.constant([bound], dtype=np.int64) for bound in (start, stop, 1)]
-        return self("Slice", value, *bounds)
-
-    def reshape(self, value: str, *shape: int, name: str = "") -> str:
-        return self("Reshape", value, self.constant(shape, dtype=np.int64), name=name)
-
-    def pick(self, value: str, body: int) -> str:
-        """One body of (arms, bodies, ...)."""
-        return self("Gather", value, self.constant(body, dtype=np.int64), axis=1)
-
-    def cross(self, columns: str) -> str:
-        """Third columns (2 B, 2, 3, 1) of rotation matrices from the first two, (2 B, 2, 3, 2)."""
-        x, y = (self("Gather", columns, self.constant([i], dtype=np.int64), axis=3) for i in (0, 1))
-        forward, backward = (self.constant(order, dtype=np.int64) for order in ([1, 2, 0], [2, 0, 1]))
-        plus = self("Mul", self("Gather", x, forward, axis=2), self("Gather", y, backward, axis=2))
-        minus = self("Mul", self("Gather", x, backward, axis=2), self("Gather", y, forward, axis=2))
-        return self("Sub", plus, minus)
-
-    def perceptron(self, name: str, value: str) -> str:
-        """Linear layers with SiLU between them."""
-        layers = sorted({int(key.split(".")[1]) for key in self._weights if key.startswith(f"{name}.")})
-        for layer in layers:
-            kernel, bias = (
-                self.constant(self._weights[f"{name}.{layer}.{kind}"], f"{name}.{layer}.{kind}")
-                for kind in ("weight", "bias")
-            )
-            value = self("Gemm", value, kernel, bias, name=f"{name}.{layer}", transB=1)
-            if layer != layers[-1]:
-                value = self("Mul", value, self("Sigmoid", value))
-        return value
-
-    def build(self, **ends: int) -> onnx.GraphProto:
-        """The graph; `ends` are its input and its output, with their widths. How many rows there are is left open."""
-        (source, sink) = (
-            helper.make_tensor_value_info(name, TensorProto.FLOAT, ("batch", width)) for name, width in ends.items()
-        )
-        constants = [numpy_helper.from_array(value, name) for name, value in self._constants.items()]
-        return helper.make_graph(self._nodes, "lite_tracking", [source], [sink], constants)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from humanoid_sim.bench import batches, figures, main, one_robot
+from humanoid_sim.bench import batches, figures, main, one_robot, plants
 from humanoid_sim.bench.timing import Row
 from humanoid_sim.cli import run_program
 
@@ -24,6 +24,8 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(batches, "_MANY", 6)
     monkeypatch.setattr(batches, "_SOME", 2)
     monkeypatch.setattr(batches, "_EPISODES", 4)
+    monkeypatch.setattr(plants, "_MANY", 4)
+    monkeypatch.setattr(plants, "_SECONDS", 0.1)
     monkeypatch.setattr(figures, "_SECONDS", 1.0)
     monkeypatch.setenv("COLUMNS", "200")
 
@@ -78,6 +80,9 @@ def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) ->
         "LiteTracking-v0.step",
         "vector, 6 environments, over bare rollout",
         "vector, over SyncVectorEnv",
+        "implicit plant over affine, LiteTracking-v0",
+        "implicit plant over affine, BipedVelocity-v0",
+        "implicit plant, error",
         "regress, 4 episodes, over bare rollout",
     ]
     assert rows["control tick of play at 200 Hz"]["target"] == 2.5
@@ -86,10 +91,13 @@ def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) ->
     assert rows["LiteTracking-v0.step"]["target"] == 1.4
     assert rows["vector, 6 environments, over bare rollout"]["target"] == 0.85
     assert rows["vector, over SyncVectorEnv"]["target"] == 1.9
+    assert rows["implicit plant over affine, LiteTracking-v0"]["target"] == 4.0
+    assert rows["implicit plant over affine, BipedVelocity-v0"]["target"] == 3.0
+    assert 0.01 < rows["implicit plant, error"]["value"] < 0.5
     assert rows["regress, 4 episodes, over bare rollout"]["target"] == 0.7
     for row in rows.values():
         assert row["low"] <= row["value"] <= row["high"]
-        assert row["at_least"] == row["name"].startswith(("vector", "regress"))
+        assert row["at_least"] == row["name"].startswith(("vector", "regress", "implicit plant over"))
         assert row["met"] == (row["target"] is None or _is_within(row))
     for name in ("control tick of play at 200 Hz", "play --help", "play, times real time"):
         assert rows[name]["value"] > 0.0
@@ -139,7 +147,7 @@ def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.Monke
         (
             ("--only", "speed"),
             "error: --only: is 'speed', expected part of one of control tick, play --help, supervisor step, recording, "
-            "feed, real time, LiteTracking-v0.step, vector, regress, hardware loop\n",
+            "feed, real time, LiteTracking-v0.step, vector, implicit plant, regress, hardware loop\n",
         ),
         (("--repetitions", "0"), "error: --repetitions: is 0, expected a whole number >= 1\n"),
         (("--repetitions", "-3"), "error: --repetitions: is -3, expected a whole number >= 1\n"),

@@ -366,6 +366,8 @@ def test_specs_are_picklable() -> None:
         ({"count": 0}, "num_envs: is 0, expected a whole number >= 1"),
         ({"physics_timestep": 0.005}, "unstable above 2"),
         ({"motion": "polka"}, "polka"),
+        ({"actuation": "qfrc_applied"}, "actuation: is 'qfrc_applied', expected affine or implicit"),
+        ({"actuation": "implicit", "physics_timestep": 0.003}, "0.003"),
     ],
 )
 def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
@@ -392,3 +394,25 @@ def test_bad_resets_and_actions_are_named() -> None:
     with pytest.raises(InputError, match=r"actions: have shape \(14,\), expected \(3, 14\)"):
         native.step(np.zeros(14, dtype=np.float32))
     native.close()
+
+
+@pytest.mark.parametrize("name", [LITE, BIPED])
+def test_the_implicit_plant_does_in_a_batch_what_it_does_alone(name: str) -> None:
+    native = make(name, actuation="implicit")
+    single = gymnasium.make(name, actuation="implicit")
+    exact = make(name)
+    assert native.simulation.physics_steps == 8
+    assert exact.simulation.physics_steps == 40
+    seen = [native.reset(seed=5)[0][0], single.reset(seed=5)[0], exact.reset(seed=5)[0][0]]
+    np.testing.assert_array_equal(seen[0], seen[1])
+    rng = np.random.default_rng(6)
+    apart = 0.0
+    for _ in range(12):
+        action = rng.uniform(-0.3, 0.3, native.single_action_space.shape).astype(np.float32)
+        actions = np.tile(action, (3, 1))
+        together, alone, other = native.step(actions)[0][0], single.step(action)[0], exact.step(actions)[0][0]
+        np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-9)
+        apart = max(apart, float(np.abs(together - other).max()))
+    assert 1e-6 < apart < 0.5
+    for envs in (native, single, exact):
+        envs.close()

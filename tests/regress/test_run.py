@@ -13,6 +13,7 @@ from policies import SAMPLE, failing_copy, swapped_copy
 from regress_runs import SHORT, standing_policy, yaml_suite
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
 from humanoid_sim.regress import main, run
 from humanoid_sim.regress.preparation import distinct_names
 from humanoid_sim.regress.results import Results
@@ -264,3 +265,20 @@ def test_a_motion_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixtur
     other = yaml_suite(tmp_path, ONE.replace("motion: wave", "motion: no.mcap"))
     line = complaint(capsys, str(SAMPLE), "--suite", str(other))
     assert line.startswith("case 'wave': 'no.mcap' is neither a file nor a sample motion; samples: circle, drum")
+
+
+def test_a_policy_is_compared_with_itself_across_plants(suite: str, tmp_path: Path) -> None:
+    """What the implicit plant changes is small; a baseline stored on one plant is none for the other."""
+    out, base = tmp_path / "out.json", tmp_path / "base.json"
+    plants = ["--actuation", "implicit", "--baseline-actuation", "affine"]
+    assert main([str(SAMPLE), "--suite", suite, "--baseline", str(SAMPLE), *plants, "--json", str(out)]) == 0
+    (comparison,) = (c for c in results(out).candidates[0].comparisons if c.metric == "body_position_error")
+    assert comparison.candidate != comparison.baseline
+    assert abs(comparison.candidate - comparison.baseline) < 0.001
+    assert main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet"]) == 0
+    with pytest.raises(InputError, match="was run under other conditions"):
+        main([str(SAMPLE), "--suite", suite, "--baseline", str(base), "--actuation", "implicit", "--quiet"])
+    with pytest.raises(InputError, match=r"^--baseline-actuation: --baseline is '.*base.json', expected a checkpoint"):
+        main([str(SAMPLE), "--suite", suite, "--baseline", str(base), "--baseline-actuation", "implicit"])
+    with pytest.raises(InputError, match=r"^--baseline-actuation: no --baseline is given, expected a checkpoint"):
+        main([str(SAMPLE), "--suite", suite, "--baseline-actuation", "implicit"])

@@ -226,7 +226,7 @@ def test_a_closed_robot_refuses(small_robot: RobotFactory) -> None:
 
 OPTIONS = [
     ({"state_sampling": "later"}, "state_sampling: is 'later', expected now or on_command"),
-    ({"actuation": "servo"}, "actuation: is 'servo', expected qfrc_applied or affine"),
+    ({"actuation": "servo"}, "actuation: is 'servo', expected qfrc_applied, affine or implicit"),
     ({"command_delay": 0.0015}, "command_delay: 0.0015 s is not a multiple of the physics step of 0.001 s; "),
     ({"state_delay": -1.0}, "state_delay: is -1 s, expected 0 to 10 s"),
     (

@@ -1,6 +1,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import mujoco
 import numpy as np
 import pytest
@@ -28,7 +29,8 @@ PENDULUM = """
   </worldbody>
 </mujoco>
 """
-ACTUATIONS: tuple[Actuation, ...] = ("qfrc_applied", "affine")
+EXACT: tuple[Actuation, ...] = ("qfrc_applied", "affine")
+ACTUATIONS: tuple[Actuation, ...] = (*EXACT, "implicit")
 
 
 def random_command(robot: RobotDescription, generator: np.random.Generator, strength: float = 1.0) -> MITCommand:
@@ -104,7 +106,7 @@ def test_effort_saturates_at_the_hardwares_limit(actuation: Actuation) -> None:
     assert robot.effort_limit[4] == 4.0
 
 
-@pytest.mark.parametrize("actuation", ACTUATIONS)
+@pytest.mark.parametrize("actuation", EXACT)
 def test_many_steps_are_the_same_as_one_by_one(actuation: Actuation) -> None:
     robot = load_robot("lite")
     together, apart = make_plant(robot, actuation=actuation), make_plant(robot, actuation=actuation)
@@ -198,21 +200,62 @@ def test_a_command_that_is_not_finite_is_a_fault(actuation: Actuation) -> None:
 def test_the_acceleration_is_the_change_of_velocity(
     small_robot: RobotFactory, actuation: Actuation, damping: str
 ) -> None:
-    """MuJoCo's `qacc` leaves out what the joints' own damping takes within the step."""
+    """MuJoCo's `qacc` leaves out what damping takes within the step, where that is implicit."""
     mjcf = PENDULUM.replace('name="elbow"', f'name="elbow" {damping}')
-    plant = make_plant(small_robot(mjcf), actuation=actuation)
-    command = random_command(small_robot(mjcf), np.random.default_rng(3))
+    plant = make_plant(small_robot(mjcf), actuation=actuation, physics_timestep=0.001)
+    command = random_command(small_robot(mjcf), np.random.default_rng(3), 0.2)
     plant.apply(command)
     plant.step(4)
     before = plant.velocity.copy()
     plant.step(1)
     change = (plant.velocity - before) / 0.001
     np.testing.assert_allclose(plant.acceleration, change, rtol=0, atol=1e-9)
-    assert bool(np.abs(plant.data.qacc - change).max() > 0.1) is bool(damping)
+    assert bool(np.abs(plant.data.qacc - change).max() > 0.1) is (bool(damping) or actuation == "implicit")
     plant.reset()
     assert plant.acceleration.tolist() == [0.0, 0.0]
 
 
 def test_an_unknown_actuation() -> None:
-    with pytest.raises(InputError, match=r"^actuation: is 'servo', expected qfrc_applied or affine$"):
+    with pytest.raises(InputError, match=r"^actuation: is 'servo', expected qfrc_applied, affine or implicit$"):
         make_plant(load_robot("lite"), actuation="servo")  # type: ignore[arg-type]
+
+
+def test_the_implicit_plant_takes_longer_steps_unless_told_otherwise() -> None:
+    robot = load_robot("lite")
+    implicit = make_plant(robot, actuation="implicit")
+    assert implicit.model.opt.timestep == 0.0025
+    assert implicit.model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert make_plant(robot, actuation="implicit", physics_timestep=0.005).model.opt.timestep == 0.005
+    assert make_plant(robot, actuation="affine").model.opt.timestep == 0.0005
+    slower = msgspec.structs.replace(
+        robot, simulation=msgspec.structs.replace(robot.simulation, physics_timestep=0.005)
+    )
+    assert make_plant(slower, actuation="implicit").model.opt.timestep == 0.005
+
+
+def test_damping_that_chatters_when_explicit_comes_to_rest_when_implicit() -> None:
+    """The wrist of `test_stability`, at two and a half times the step at which it chatters for ever."""
+    robot = load_robot("lite")
+    plant = make_plant(robot, actuation="implicit")
+    zeros = np.zeros(14)
+    plant.apply(MITCommand(zeros, zeros, zeros, zeros, np.full(14, 5.0)))
+    plant.data.qvel[4] = 0.5
+    plant.step(400)
+    assert not plant.fault()
+    assert abs(float(plant.velocity[4])) < 0.01
+
+
+def test_the_implicit_plant_comes_closer_to_the_others_as_its_steps_get_shorter() -> None:
+    robot = load_robot("lite")
+    command = random_command(robot, np.random.default_rng(4), 0.3)
+    ends = {}
+    for actuation, timestep in (("affine", 0.0000625), ("implicit", 0.0025), ("implicit", 0.00125)):
+        plant = make_plant(robot, actuation=actuation, physics_timestep=timestep)  # type: ignore[arg-type]
+        plant.apply(command)
+        plant.step(round(0.1 / timestep))
+        ends[actuation, timestep] = plant.position.copy()
+    true = ends["affine", 0.0000625]
+    far = float(np.abs(ends["implicit", 0.0025] - true).max())
+    near = float(np.abs(ends["implicit", 0.00125] - true).max())
+    assert 1e-4 < far < 0.05
+    assert 0.3 * far < near < 0.7 * far

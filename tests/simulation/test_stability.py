@@ -1,6 +1,7 @@
 import re
 from collections.abc import Callable
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -129,3 +130,43 @@ def test_gains_beyond_all_measure_are_one_line(gain: float) -> None:
 def test_the_same_seed_gives_the_same_measure() -> None:
     robot = load_robot("lite")
     assert stability(robot, 0.0005).measure(5.0) == stability(robot, 0.0005).measure(5.0)
+
+
+def test_implicit_damping_is_limited_by_stiffness(small_robot: RobotFactory) -> None:
+    """One rotor: unstable where dt·√(K_p / (I + ½·dt·K_d)) exceeds 2, and it is."""
+    robot, timestep = small_robot(ROTOR, ("rotor",)), 0.0025
+    model = build_model(robot, physics_timestep=timestep, affine_actuators=True, implicit=True, scene=False)
+    measured = DampingStability(model, robot)
+    assert measured.is_implicit
+    limit = 4.0 * (0.01 + 0.5 * timestep * 4.0) / timestep**2
+    assert measured.measure_stiffness(limit, 4.0).eigenvalue == pytest.approx(2.0, rel=1e-4)
+    for factor, grows in ((0.98, False), (1.02, True)):
+        data = mujoco.MjData(model)
+        model.actuator_forcelimited[:] = False
+        model.actuator_biasprm[0, 1:3] = -factor * limit, -4.0
+        data.qpos[0] = 0.01
+        mujoco.mj_step(model, data, 100)
+        assert bool(abs(data.qpos[0]) > 0.01) is grows
+    assert measured.check(4.0, "policy", 0.2 * limit) == ""
+    with pytest.raises(
+        InputError, match=r"^policy: dt·√\(\(M \+ ½·dt·K_d\)⁻¹·K_p\) reaches 2.02 at rotor with implicit "
+    ):
+        measured.check(4.0, "policy", 1.02 * limit)
+    assert "oscillations are far off above 1" in measured.check(4.0, "policy", 0.5 * limit)
+    with pytest.raises(InputError, match="beyond all measure"):
+        measured.check(1e200, "policy", 1.0)
+
+
+def test_implicit_damping_says_where_a_joint_may_chatter() -> None:
+    """A motor at its limit is not damped: the ankle roll of the legs, thrown to it at 2.5 ms, stays there."""
+    robot = load_robot("lite_biped")
+    model = build_model(robot, physics_timestep=0.0025, affine_actuators=True, implicit=True, scene=False)
+    (joints, passive) = DampingStability(model, robot).check_description()
+    assert joints == (
+        "lite_biped: joints, standby_controller_a, standby_controller_b: dt·M⁻¹·K_d reaches 3.42 at right_ankle_roll "
+        "with implicit steps of 0.0025 s: stable, but a joint that is thrown to its effort limit may chatter there "
+        "above 2"
+    )
+    assert passive.startswith("lite_biped: damping_controller, remote_policy_controller: dt·M⁻¹·K_d reaches 3.42 ")
+    shorter = build_model(robot, physics_timestep=0.001, affine_actuators=True, implicit=True, scene=False)
+    assert DampingStability(shorter, robot).check_description() == ()

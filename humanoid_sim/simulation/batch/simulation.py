@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import mujoco
 import numpy as np
@@ -19,8 +19,9 @@ from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usabl
 from humanoid_sim.simulation.batch.randomisation import Randomisation, vary_models
 from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.delay import delay_steps
-from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
+from humanoid_sim.simulation.plant import BatchActuation, check_actuation, timestep_of
 from humanoid_sim.simulation.stability import DampingStability
 
 __all__ = ["BatchSimulation"]
@@ -34,9 +35,9 @@ IndexArray = npt.NDArray[np.intp]
 class BatchSimulation:
     """N robots under the MIT law; `step` advances all of them by one control period in native threads.
 
-    The plant is `humanoid_sim.simulation.plant.AffinePlant`; a floating base has no support. Every environment gives
-    what it would give alone, whatever the others do. A simulation that is no longer finite is a fault of that
-    environment: it stands still, as it was before the step, until it is reset. Not thread-safe.
+    The plant is `AffinePlant` or `ImplicitPlant` of `humanoid_sim.simulation.plant`; a floating base has no support.
+    Every environment gives what it would give alone, whatever the others do. A simulation that is no longer finite is
+    a fault of that environment: it stands still, as it was before the step, until it is reset. Not thread-safe.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class BatchSimulation:
         *,
         control_period: float | None = None,
         physics_timestep: float | None = None,
+        actuation: BatchActuation = "affine",
         threads: int | None = None,
         anchor_body: str = "",
         velocity_at: Sequence[str] = (),
@@ -60,7 +62,8 @@ class BatchSimulation:
             description: the robot.
             count: N.
             control_period: s, by which one `step` advances; None for the description's.
-            physics_timestep: s, must divide the control period; None for the description's.
+            physics_timestep: s, must divide the control period; None for what suits robot and plant.
+            actuation: `affine`, which agrees with the reference, or `implicit`, the faster approximation.
             threads: that step physics; None for one per processor that this process may use.
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state of robots with a floating base reports.
@@ -77,7 +80,8 @@ class BatchSimulation:
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise InputError(f"{name}: is {value!r}, expected a whole number >= 1")
         settings = description.simulation
-        timestep = settings.physics_timestep if physics_timestep is None else physics_timestep
+        check_actuation(actuation, get_args(BatchActuation))
+        timestep = timestep_of(description, actuation, physics_timestep)
         self.description = description
         self.count = count
         self.control_period = 1.0 / settings.control_frequency if control_period is None else control_period
@@ -86,7 +90,13 @@ class BatchSimulation:
         """Physics steps in one control period."""
         self.randomisation = Randomisation() if randomisation is None else randomisation
 
-        model = build_model(description, physics_timestep=timestep, affine_actuators=True, scene="floor")
+        model = build_model(
+            description,
+            physics_timestep=timestep,
+            affine_actuators=True,
+            implicit=actuation == "implicit",
+            scene="floor",
+        )
         DampingStability(model, description).check_description()
         self._timestep = timestep
         self._joints = joint_addresses(model, description.joint_names)
@@ -267,6 +277,13 @@ class BatchSimulation:
         )
         self._effort = np.where(moved[:, None], torque, self._effort)
         self._step = self._step + moved
+        self._truth = self._report = self._measured = None
+
+    def shove(self, indices: IndexArray, velocity: FloatArray) -> None:
+        """Speed the base of some robots up at once, shape (k, 2), m/s, world frame: a push that takes no time."""
+        assert self.description.is_floating
+        dof = base_addresses(self._pool.nominal, self.description)[2]
+        self._physics.qvel[indices, dof.start : dof.start + 2] += velocity
         self._truth = self._report = self._measured = None
 
     def snapshot(self) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from humanoid_sim.regress.feet import Feet, find_feet
+from humanoid_sim.evaluation.feet import Feet, find_feet
 from humanoid_sim.robots.description import load_robot
 
 
