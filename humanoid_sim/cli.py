@@ -38,6 +38,7 @@ VERBS = {
     "dds": "serve a running session to ROS 2 and DDS, and take commands for REMOTE",
     "foxglove": "serve a running session to Foxglove",
     "ros2_services": "serve the modes of a running session as ROS 2 services, with ROS 2's Python",
+    "rerun": "watch a running session in rerun's viewer",
     "bench": "measure this machine's figures",
 }
 _MODULES = {"policy": "policy_tools"}

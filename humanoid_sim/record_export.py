@@ -8,23 +8,19 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError
 
 if TYPE_CHECKING:
     from humanoid_sim.messages import TickRecord
-    from humanoid_sim.mit import FloatArray
     from humanoid_sim.recording.body import RecordedBody
     from humanoid_sim.recording.reader import Recording
     from humanoid_sim.robots.description import RobotDescription
 
 __all__ = ["Export", "export"]
-
-_FRAME_PERIOD = 0.02
-"""s between two poses for the rerun viewer."""
 
 
 @dataclass(frozen=True)
@@ -158,62 +154,23 @@ def _mp4(recording: Recording, path: Path, options: Export) -> str:
 
 
 def _rerun(recording: Recording, path: Path, options: Export) -> str:
-    try:
-        import rerun as rr  # noqa: PLC0415 - an extra
-        import rerun.urdf as rerun_urdf  # noqa: PLC0415
-    except ImportError:
-        raise MissingPackageError("rerun-sdk", "rerun", "record export --rerun") from None
     import tempfile  # noqa: PLC0415
 
+    from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module  # noqa: PLC0415
+
+    library = rerun_module("record export --rerun")
     body = _body(recording, options)
     with tempfile.TemporaryDirectory(dir=path.absolute().parent, prefix=".rerun-") as folder:
-        description, made = Path(folder, "robot.urdf"), Path(folder, "run.rrd")
-        description.write_text(body.urdf, encoding="utf-8")
-        stream = rr.RecordingStream("humanoid_sim")
+        made = Path(folder, "run.rrd")
+        stream = library.RecordingStream("humanoid_sim")
         stream.save(str(made))
-        rerun_urdf.UrdfTree.from_file_path(description).log_urdf_to_recording(stream)
-        count = _log_ticks(recording, body, stream, rr)
+        log = RerunLog(library, stream, recording.header, body, _action_names(recording))
+        for tick in recording.ticks():
+            log.tick(tick)
         stream.flush()
         stream.disconnect()
         made.replace(path)
-    return f"{count} poses"
-
-
-def _log_ticks(recording: Recording, body: RecordedBody, stream: Any, rr: Any) -> int:
-    """Poses and plots at 50 Hz; returns how many."""
-    joints, action = recording.header.joint_names, _action_names(recording)
-    plots = dict.fromkeys(("position", "velocity", "effort", "command"), joints) | {"action": action}
-    for name, series in plots.items():
-        if series:
-            stream.log(f"plots/{name}", rr.SeriesLines(names=list(series)), static=True)
-    count, due = 0, -math.inf
-    for tick in recording.ticks():
-        time, state, step = float(tick.input.state.time), tick.input.state, tick.output.policy_step
-        if not math.isfinite(time) or time < due - 1e-9:
-            continue
-        due = max(time, due + _FRAME_PERIOD) if math.isfinite(due) else time + _FRAME_PERIOD
-        stream.set_time("robot_time", duration=time)
-        for (parent, child), position, (w, x, y, z) in _poses(body, tick):
-            turned = rr.Quaternion(xyzw=[x, y, z, w])
-            transform = rr.Transform3D(translation=position, quaternion=turned, parent_frame=parent, child_frame=child)
-            stream.log(f"transforms/{child}", transform)
-        values = {"position": state.joint_position, "velocity": state.joint_velocity, "effort": state.joint_effort}
-        for name, row in (values | {"command": tick.output.command.position}).items():
-            stream.log(f"plots/{name}", rr.Scalars(row))
-        if step is not None and step.action.shape == (len(action),):
-            stream.log("plots/action", rr.Scalars(step.action))
-        stream.log("mode", rr.TextLog(tick.output.control_mode.mode.name))
-        count += 1
-    return count
-
-
-def _poses(body: RecordedBody, tick: TickRecord) -> Iterator[tuple[tuple[str, str], FloatArray, FloatArray]]:
-    """Frames of parent and child, and where the child is: (3,) m, (4,) w x y z."""
-    positions, quaternions = body.hinged_poses(body.joint_values(tick))
-    for joint, position, quaternion in zip(body.hinged, positions, quaternions, strict=True):
-        yield (joint.parent, joint.child), position, quaternion
-    for joint, pose in zip(body.floating, body.floating_poses(tick), strict=True):
-        yield (joint.parent, joint.child), pose[:3], pose[3:]
+    return f"{log.count} poses"
 
 
 def _action_names(recording: Recording) -> tuple[str, ...]:

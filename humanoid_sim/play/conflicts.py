@@ -211,7 +211,7 @@ def choose_outputs(config: PlayConfig, inputs: Sequence[Path] = ()) -> Outputs:
         InputError: naming the option and the file.
     """
     stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
-    is_drawn = config.hardware is None and config.viewer != "none" and not shows_window(config)
+    is_drawn = config.hardware is None and config.viewer == "auto" and not shows_window(config)
     outputs = Outputs(
         record=_output("--record", config.record, _free(_RUNS / f"{stem}.mcap")),
         video=_output("--video", config.video, _free(_RUNS / f"{stem}.mp4") if is_drawn else None),

@@ -67,6 +67,8 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
         wanted.append(Wanted("foxglove", ("--control",) if config.foxglove_control else ()))
     if shows_window(config):
         wanted.append(Wanted("viewer"))
+    if config.viewer == "rerun":
+        wanted.append(Wanted("rerun"))
     for front_end in wanted:
         require_packages(front_end.name)
     if needs_gamepad(config) and not config.gamepad:

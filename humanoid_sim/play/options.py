@@ -70,8 +70,9 @@ class PlayConfig:
     """IMU of a real robot: none, or microstrain:PORT, or microstrain:PORT@BAUD. Emulated motors bring their own."""
     imu_mounting: str = "0,1,0,0"
     """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
-    viewer: Literal["auto", "none", "native"] = "auto"
-    """MuJoCo's window, in a process of its own; auto opens one where there is a display, but none on hardware."""
+    viewer: Literal["auto", "none", "native", "rerun"] = "auto"
+    """MuJoCo's window, or rerun's viewer, in a process of its own; auto opens MuJoCo's window where there is a display,
+    but none on hardware."""
     console: bool = False
     """Start the console, a page for the operator, for browsers on this machine; prints its address."""
     record: str = "auto"

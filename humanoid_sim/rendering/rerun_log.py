@@ -1,0 +1,85 @@
+"""Ticks as rerun's viewer takes them: the robot, its links, and plots whose lines have names."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.recording.body import RecordedBody
+
+__all__ = ["RerunLog", "rerun_module"]
+
+_PERIOD = 0.02
+"""s of the robot's time between two poses."""
+
+
+def rerun_module(purpose: str) -> Any:
+    """The library, an extra. Raises `MissingPackageError` where it is not installed; `purpose` says what for."""
+    try:
+        import rerun  # noqa: PLC0415
+        import rerun.urdf  # noqa: PLC0415 - which the first does not load
+    except ImportError:
+        raise MissingPackageError("rerun-sdk", "rerun", purpose) from None
+    return rerun
+
+
+class RerunLog:
+    """Writes one run to one of the library's streams."""
+
+    def __init__(self, library: Any, stream: Any, header: SessionHeader, body: RecordedBody, action: tuple[str, ...]):
+        """Write what does not change.
+
+        Args:
+            library: of `rerun_module`.
+            stream: a `RecordingStream` of it.
+            header: of the run.
+            body: its robot's.
+            action: the joints that its policy drives.
+        """
+        self._library, self._stream, self._body, self._action = library, stream, body, action
+        self._due = -math.inf
+        self.count = 0
+        """Poses."""
+        with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as folder:
+            description = Path(folder, "robot.urdf")
+            description.write_text(body.urdf, encoding="utf-8")
+            library.urdf.UrdfTree.from_file_path(description).log_urdf_to_recording(stream)
+        names = dict.fromkeys(("position", "velocity", "effort", "command"), header.joint_names) | {"action": action}
+        for plot, series in names.items():
+            if series:
+                stream.log(f"plots/{plot}", library.SeriesLines(names=list(series)), static=True)
+
+    def tick(self, tick: TickRecord) -> None:
+        """Write a tick, if 0.02 s have passed since the last one that was written."""
+        time, state, step = float(tick.input.state.time), tick.input.state, tick.output.policy_step
+        if not math.isfinite(time) or time < self._due - 1e-9:
+            return
+        self._due = max(time, self._due + _PERIOD) if math.isfinite(self._due) else time + _PERIOD
+        library, stream = self._library, self._stream
+        stream.set_time("robot_time", duration=time)
+        for (parent, child), position, (w, x, y, z) in self._poses(tick):
+            turned = library.Quaternion(xyzw=[x, y, z, w])
+            place = library.Transform3D(translation=position, quaternion=turned, parent_frame=parent, child_frame=child)
+            stream.log(f"transforms/{child}", place)
+        values = {"position": state.joint_position, "velocity": state.joint_velocity, "effort": state.joint_effort}
+        for name, row in (values | {"command": tick.output.command.position}).items():
+            stream.log(f"plots/{name}", library.Scalars(row))
+        if step is not None and step.action.shape == (len(self._action),):
+            stream.log("plots/action", library.Scalars(step.action))
+        stream.log("mode", library.TextLog(tick.output.control_mode.mode.name))
+        self.count += 1
+
+    def _poses(self, tick: TickRecord) -> Iterator[tuple[tuple[str, str], FloatArray, FloatArray]]:
+        """Frames of parent and child, and where the child is: (3,) m, (4,) w x y z."""
+        body = self._body
+        positions, quaternions = body.hinged_poses(body.joint_values(tick))
+        for joint, position, quaternion in zip(body.hinged, positions, quaternions, strict=True):
+            yield (joint.parent, joint.child), position, quaternion
+        for joint, pose in zip(body.floating, body.floating_poses(tick), strict=True):
+            yield (joint.parent, joint.child), pose[:3], pose[3:]
