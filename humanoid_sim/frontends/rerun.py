@@ -76,8 +76,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the viewer is closed; returns the exit status."""
     config = tyro.cli(RerunConfig, prog="humanoid_sim.rerun", args=arguments)
     require_packages("rerun")
-    os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
-    library = rerun_module("the rerun viewer")
     with attached(config.session, "rerun", niceness=10) as attachment:
         try:
             body = RecordedBody.of(attachment.header)
@@ -86,6 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if body is None:
             raise InputError(f"{attachment.session}: does not describe its robot's body")
         with _viewer(is_page=config.web or not has_display()) as viewer:
+            os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
+            library = rerun_module("the rerun viewer")
             stream = library.RecordingStream("humanoid_sim")
             stream.connect_grpc(viewer.source)
             stream.send_blueprint(_blueprint())
@@ -197,7 +197,6 @@ def _viewer(*, is_page: bool) -> Iterator[_Viewer]:
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=output,
-            env={name: value for name, value in os.environ.items() if name != "RUST_LOG"},
             preexec_fn=_ending_with_parent(),  # noqa: PLW1509 - it takes no lock: one system call
         )
         viewer = _Viewer(process, source, told, output)

@@ -45,6 +45,8 @@ class Row:
     """The declared operator's device: on hardware its loss is a DAMP."""
     window: bool = False
     """It needs a display."""
+    instead: bool = False
+    """Of the window: it is tried by itself, where there is no display."""
 
 
 ROWS = {
@@ -53,6 +55,7 @@ ROWS = {
     "foxglove": Row(("--foxglove",)),
     "gamepad": Row(("--gamepad",), operates=True),
     "gravity": Row(("--remote", "gravity"), remote=True),
+    "rerun": Row(("--viewer", "rerun"), instead=True),
     "viewer": Row(("--viewer", "native"), window=True),
 }
 """Each row of `FRONT_ENDS`: what is not here has no proof."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 
@@ -49,9 +50,17 @@ def unwatched(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Mode], list
     return run
 
 
-def struck(folder: Path, mode: Mode, names: list[str], blow: Callable[[Played], None], **given: str) -> Log:
+def struck(
+    folder: Path,
+    mode: Mode,
+    names: list[str],
+    blow: Callable[[Played], None],
+    *,
+    on_display: bool = True,
+    **given: str,
+) -> Log:
     """A run with these front ends, which was in that mode when the blow fell."""
-    with display() as (_, screen):
+    with display() if on_display else nullcontext((None, "")) as (_, screen):
         asked = [option for name in names for option in ROWS[name].options]
         for _ in range(ATTEMPTS):
             with playing(folder, *simulated(folder, mode, *asked, **given), screen=screen) as play:
@@ -79,11 +88,36 @@ def test_those_who_look_on_leave_the_control_log_as_it_is(
     if (mode, blow) not in SAMPLE and not request.config.getoption("--complete"):
         pytest.skip("a sample without --complete")
     names = [name for name in available(ROWS) if not (ROWS[name].remote and mode is Mode.REMOTE)]
+    names = [name for name in names if not ROWS[name].instead]
     log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]))
     assert log.ended == (dict.fromkeys(names, "-9") if blow == "killed" else {})
     assert log.control() == unwatched(mode)
     assert log.is_exact()
     rows += [(name, blow, mode.name, "simulated", f"{len(log.ticks)} ticks, bit for bit") for name in names]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blow", BLOWS)
+@pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
+@pytest.mark.parametrize("name", [name for name in ROWS if ROWS[name].instead])
+def test_so_does_one_that_is_there_instead_of_the_window(
+    name: str,
+    mode: Mode,
+    blow: str,
+    unwatched: Callable[[Mode], list[tuple[object, ...]]],
+    folder: Path,
+    rows: list[tuple[str, ...]],
+    request: pytest.FixtureRequest,
+) -> None:
+    if (mode, blow) not in SAMPLE and not request.config.getoption("--complete"):
+        pytest.skip("a sample without --complete")
+    if not available([name]):
+        pytest.skip(f"the packages of {name} are not installed")
+    log = struck(folder, mode, [name], lambda play: play.strike([name], BLOWS[blow]), on_display=False)
+    assert log.ended == ({name: "-9"} if blow == "killed" else {})
+    assert log.control() == unwatched(mode)
+    assert log.is_exact()
+    rows.append((name, blow, mode.name, "simulated", f"{len(log.ticks)} ticks, bit for bit"))
 
 
 @pytest.mark.slow

@@ -1,10 +1,16 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from fates import display, until
+from PIL import ImageGrab
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
@@ -77,3 +83,29 @@ def test_the_window_is_a_process_of_its_own(
 ) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     assert wanted_front_ends(config) == wanted
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed (xvfb)")
+def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_display(tmp_path: Path) -> None:
+    """In a process of its own: a window leaves GLFW, and its display, behind."""
+    with display() as (server, screen):
+        command = [sys.executable, "-m", "humanoid_sim.viewer", "--robot", "lite"]
+        environment = {**os.environ, "DISPLAY": screen, "XDG_RUNTIME_DIR": str(tmp_path)}
+        with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as viewer:
+            try:
+                assert viewer.stdout is not None
+                said = viewer.stdout.readline()
+                assert said == "window of lite: its joints are in the panel on the right, under Joint\n"
+                until(lambda: len(colours(screen)) > 100)  # a robot, a floor and a panel; an empty screen has one
+                assert viewer.poll() is None
+                server.kill()
+                assert viewer.wait(60.0) != 0
+            finally:
+                viewer.kill()
+
+
+def colours(screen: str) -> set[tuple[int, int, int]]:
+    """Those that a display shows."""
+    picture = ImageGrab.grab(xdisplay=screen).convert("RGB")
+    return {colour for _, colour in picture.getcolors(picture.width * picture.height) or ()}
