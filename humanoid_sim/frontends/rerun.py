@@ -35,6 +35,8 @@ from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module
 __all__ = ["RerunConfig", "main", "status_text"]
 
 _HOST = "127.0.0.1"
+_PERIOD = 0.04
+"""s of the robot's time between two poses: each costs the library some 20 calls."""
 _PAUSE = 0.01
 """s between two looks at the feed."""
 _TOLD_EVERY = 0.5
@@ -91,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.send_blueprint(_blueprint())
             contract = attachment.contract
             action = () if contract is None else contract.action_joint_names
-            log = RerunLog(library, stream, attachment.header, body, action)
+            log = RerunLog(library, stream, attachment.header, body, action, period=_PERIOD)
             ready(f"{viewer.told}, for {attachment.session}")
             _watch(attachment, viewer, log, _Teller(library, stream))
             if viewer.process.poll():

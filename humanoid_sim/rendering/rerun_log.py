@@ -15,9 +15,6 @@ from humanoid_sim.recording.body import RecordedBody
 
 __all__ = ["RerunLog", "rerun_module"]
 
-_PERIOD = 0.02
-"""s of the robot's time between two poses."""
-
 
 def rerun_module(purpose: str) -> Any:
     """The library, an extra. Raises `MissingPackageError` where it is not installed; `purpose` says what for."""
@@ -32,7 +29,16 @@ def rerun_module(purpose: str) -> Any:
 class RerunLog:
     """Writes one run to one of the library's streams."""
 
-    def __init__(self, library: Any, stream: Any, header: SessionHeader, body: RecordedBody, action: tuple[str, ...]):
+    def __init__(
+        self,
+        library: Any,
+        stream: Any,
+        header: SessionHeader,
+        body: RecordedBody,
+        action: tuple[str, ...],
+        *,
+        period: float = 0.02,
+    ) -> None:
         """Write what does not change.
 
         Args:
@@ -41,9 +47,10 @@ class RerunLog:
             header: of the run.
             body: its robot's.
             action: the joints that its policy drives.
+            period: s of the robot's time between two poses.
         """
         self._library, self._stream, self._body, self._action = library, stream, body, action
-        self._due = -math.inf
+        self._period, self._due = period, -math.inf
         self.count = 0
         """Poses."""
         with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as folder:
@@ -56,11 +63,11 @@ class RerunLog:
                 stream.log(f"plots/{plot}", library.SeriesLines(names=list(series)), static=True)
 
     def tick(self, tick: TickRecord) -> None:
-        """Write a tick, if 0.02 s have passed since the last one that was written."""
+        """Write a tick, if it is time for a pose."""
         time, state, step = float(tick.input.state.time), tick.input.state, tick.output.policy_step
         if not math.isfinite(time) or time < self._due - 1e-9:
             return
-        self._due = max(time, self._due + _PERIOD) if math.isfinite(self._due) else time + _PERIOD
+        self._due = max(time, self._due + self._period) if math.isfinite(self._due) else time + self._period
         library, stream = self._library, self._stream
         stream.set_time("robot_time", duration=time)
         for (parent, child), position, (w, x, y, z) in self._poses(tick):
