@@ -49,6 +49,8 @@ class Wanted:
     """In `FRONT_ENDS`."""
     options: tuple[str, ...] = ()
     """Of its command line; `--session` is added."""
+    label: str = ""
+    """What it is called where it runs twice; else by its name."""
 
 
 def require_packages(name: str) -> None:

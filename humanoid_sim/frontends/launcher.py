@@ -190,7 +190,7 @@ def _launched(wanted: Wanted) -> _Child:
             start_new_session=True,
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )
-    return _Child(wanted.name, process)
+    return _Child(wanted.label or wanted.name, process)
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted, require_packages
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
+from humanoid_sim.ros2.dds.domain import check_network_interface
 
 __all__ = [
     "has_keys",
@@ -51,7 +52,7 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     """The front ends that a run starts.
 
     Raises:
-        InputError: the packages of one are not installed.
+        InputError: the packages of one are not installed, or the network interface of one is not there.
     """
     wanted = []
     if config.remote == "gravity":
@@ -59,10 +60,13 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     for name, is_wanted in (
         ("console", config.console),
         ("gamepad", config.gamepad),
-        ("dds", config.dds),
+        ("dds", config.dds or config.dds_interface is not None),
     ):
         if is_wanted:
             wanted.append(Wanted(name))
+    if config.dds_interface is not None:
+        check_network_interface("--dds-interface", config.dds_interface)
+        wanted.append(Wanted("dds", ("--interface", config.dds_interface), f"dds {config.dds_interface}"))
     if config.foxglove or config.foxglove_control:
         wanted.append(Wanted("foxglove", ("--control",) if config.foxglove_control else ()))
     if shows_window(config):

@@ -86,6 +86,9 @@ class PlayConfig:
     """On a real bus: do without a gamepad."""
     dds: bool = False
     """Start the DDS bridge: ROS 2's topics on this machine's loopback interface, and commands for REMOTE from there."""
+    dds_interface: str | None = None
+    """Start a second bridge for another computer, at this network interface, such as eth1: joint states, IMU, mode,
+    description and transforms go out, commands for REMOTE come in. Whoever is on that network can send some."""
     foxglove: bool = False
     """Start a live server for Foxglove on this machine, which shows, and damps."""
     foxglove_control: bool = False

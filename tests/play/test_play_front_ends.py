@@ -10,6 +10,7 @@ from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.play import front_ends
 from humanoid_sim.play.front_ends import needs_gamepad, require_gamepad, wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.ros2.dds import domain
 
 
 @pytest.mark.parametrize(
@@ -44,3 +45,16 @@ def test_a_front_end_whose_package_is_missing_is_refused(monkeypatch: pytest.Mon
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(MissingPackageError, match="pygame"):
         wanted_front_ends(PlayConfig(gamepad=True))
+
+
+def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
+    monkeypatch.setattr(domain.socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth1")])
+    assert [(one.name, one.options, one.label) for one in wanted_front_ends(PlayConfig(dds_interface="eth1"))] == [
+        ("dds", (), ""),
+        ("dds", ("--interface", "eth1"), "dds eth1"),
+    ]
+    with pytest.raises(InputError, match=r"^--dds-interface: unknown network interface 'eth7'; known: lo, eth1$"):
+        wanted_front_ends(PlayConfig(dds_interface="eth7"))
+    with pytest.raises(InputError, match=r"^--dds-interface: is lo, which leads to no other machine"):
+        wanted_front_ends(PlayConfig(dds_interface="lo"))

@@ -1,7 +1,7 @@
 """Tests with real ROS 2 (`rclpy`), in an environment and in network namespaces of their own, by `make test-ros`."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -9,7 +9,7 @@ import pytest
 # The machines have a name for all test modules; importlib mode leaves sys.path alone.
 sys.path.append(str(Path(__file__).parent))
 
-from interface_package import build, missing_tools
+from interface_package import build, build_tf2_msgs, missing_tools, variables_of
 from machines import Machine, plug_in, why_not
 
 
@@ -29,6 +29,12 @@ def interfaces(able: None) -> Path:
     return build()
 
 
+@pytest.fixture(scope="session")
+def messages(interfaces: Path, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, str]:
+    """The environment with all message types."""
+    return variables_of(interfaces, build_tf2_msgs(tmp_path_factory.mktemp("tf2")))
+
+
 @pytest.fixture(scope="module")
 def robot(able: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
     """The robot's computer."""
@@ -38,7 +44,8 @@ def robot(able: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mach
 
 @pytest.fixture(scope="module")
 def host(robot: Machine, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
-    """Another computer, at the other end of the robot's cable."""
+    """Another computer, at the other end of the robot's cable, and of a second one that nobody mentions."""
     with Machine(tmp_path_factory.mktemp("host"), beside=robot) as machine:
         plug_in(robot, machine)
+        plug_in(robot, machine, "eth2", 8)
         yield machine

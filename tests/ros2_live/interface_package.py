@@ -1,4 +1,7 @@
-"""Builds `examples/ros2/humanoid_control_msgs` with the wheels of ROS 2, as colcon would with an installation."""
+"""Builds interface packages with the wheels of ROS 2, as colcon would with an installation.
+
+`examples/ros2/humanoid_control_msgs` is the one under test; there is no wheel of `tf2_msgs`.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +23,9 @@ def missing_tools() -> list[str]:
     return [tool for tool in TOOLS if shutil.which(tool) is None]
 
 
-def build() -> Path:
-    """Compile and install the package beside the wheels, once for each state of its files; the folder it is in."""
-    files = sorted(path for path in PACKAGE.rglob("*") if path.is_file())
+def build(package: Path = PACKAGE) -> Path:
+    """Compile and install a package beside the wheels, once for each state of its files; the folder it is in."""
+    files = sorted(path for path in package.rglob("*") if path.is_file())
     state = hashlib.sha256(b"".join(path.name.encode() + path.read_bytes() for path in [*files, _WHEELS])).hexdigest()
     environment = ROS_PYTHON.parent.parent
     installed = environment / "interfaces" / state[:16]
@@ -44,7 +47,7 @@ def build() -> Path:
         "AMENT_PREFIX_PATH": str(environment),
     }
     for command in (
-        ["cmake", "-S", str(PACKAGE), "-B", str(folder / "build"), "-G", "Ninja", *options],
+        ["cmake", "-S", str(package), "-B", str(folder / "build"), "-G", "Ninja", *options],
         ["cmake", "--build", str(folder / "build"), "--target", "install"],
     ):
         run = subprocess.run(command, env=variables, capture_output=True, text=True, check=False)
@@ -54,12 +57,26 @@ def build() -> Path:
     return installed
 
 
-def variables_of(installed: Path) -> Mapping[str, str]:
-    """The environment in which ROS 2's Python finds the package, as its `setup.bash` would set it."""
+def build_tf2_msgs(folder: Path) -> Path:
+    """The one message of `tf2_msgs` that is on `/tf`."""
+    package = folder / "tf2_msgs"
+    (package / "msg").mkdir(parents=True)
+    for name in ("CMakeLists.txt", "package.xml"):
+        text = (PACKAGE / name).read_text(encoding="utf-8")
+        text = text.replace("humanoid_control_msgs", "tf2_msgs").replace("std_msgs", "geometry_msgs")
+        lines = [line for line in text.splitlines() if "msg/" not in line or "ControlMode" in line]
+        text = "\n".join(lines).replace("msg/ControlMode.msg", "msg/TFMessage.msg")
+        (package / name).write_text(text, encoding="utf-8")
+    (package / "msg" / "TFMessage.msg").write_text("geometry_msgs/TransformStamped[] transforms\n", encoding="utf-8")
+    return build(package)
+
+
+def variables_of(*installed: Path) -> Mapping[str, str]:
+    """The environment in which ROS 2's Python finds packages, as their `setup.bash` would set it."""
     python = ".".join(map(str, _version()))
     return {
-        "PYTHONPATH": str(installed / "lib" / f"python{python}" / "site-packages"),
-        "LD_LIBRARY_PATH": str(installed / "lib"),
+        "PYTHONPATH": ":".join(str(folder / "lib" / f"python{python}" / "site-packages") for folder in installed),
+        "LD_LIBRARY_PATH": ":".join(str(folder / "lib") for folder in installed),
     }
 
 

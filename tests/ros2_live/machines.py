@@ -124,13 +124,12 @@ class Machine:
         return self.run(str(ROS_PYTHON), str(PROGRAMS / program), *arguments, environment=environment)
 
 
-def plug_in(one: Machine, other: Machine) -> None:
-    """Lay a cable: 10.7.0.1 at one machine, 10.7.0.2 at the other."""
-    one.run("ip", "link", "add", CABLE, "type", "veth", "peer", "name", CABLE, "netns", str(other.process))
+def plug_in(one: Machine, other: Machine, device: str = CABLE, network: int = 7) -> None:
+    """Lay a cable between two devices of that name: 10.7.0.1 at one machine, 10.7.0.2 at the other."""
+    one.run("ip", "link", "add", device, "type", "veth", "peer", "name", device, "netns", str(other.process))
     for number, machine in enumerate((one, other), 1):
-        machine.run("ip", "address", "add", f"10.7.0.{number}/24", "dev", CABLE)
-        machine.run("ip", "link", "set", CABLE, "up")
-        machine.run("ip", "route", "add", "default", "dev", CABLE)  # multicast has somewhere to go
+        machine.run("ip", "address", "add", f"10.{network}.0.{number}/24", "dev", device)
+        machine.run("ip", "link", "set", device, "up")
 
 
 def read_until(program: subprocess.Popen[str], wanted: str) -> list[str]:

@@ -4,17 +4,33 @@ from __future__ import annotations
 
 import json
 import subprocess
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from machines import CABLE, PROGRAMS, Machine, read_until, serve
+from machines import CABLE, PROGRAMS, ROOT, Machine, play, read_until, serve
+from strangers import (
+    ACROSS,
+    JOINTS,
+    REMOTE,
+    TICKS,
+    command,
+    heard,
+    is_passive,
+    listen,
+    passive_in_time,
+    ticks,
+    ticks_of,
+)
 
 pytestmark = pytest.mark.ros
 
 ROBOT, HOST = "10.7.0.1", "10.7.0.2"
-OUTSIDE = {"ROS_STATIC_PEERS": ROBOT}
+ROBOT_2 = "10.8.0.1"
+"""At the cable that nobody mentions."""
+OUTSIDE = {"ROS_STATIC_PEERS": f"{ROBOT};{ROBOT_2}"}
 """A stranger who knows where the robot is."""
 ELSEWHERE = {
     "ROS_STATIC_PEERS": HOST,
@@ -32,8 +48,8 @@ OPEN_PROFILE = """
 class Packets:
     """Counts what arrives at the host from the robot's address."""
 
-    def __init__(self, host: Machine) -> None:
-        self._program = host.python(str(PROGRAMS / "packets.py"), CABLE, ROBOT)
+    def __init__(self, host: Machine, device: str = CABLE, address: str = ROBOT) -> None:
+        self._program = host.python(str(PROGRAMS / "packets.py"), device, address)
         read_until(self._program, "ready")
 
     def count(self) -> int:
@@ -44,14 +60,14 @@ class Packets:
         return int(self._program.stdout.readline())
 
 
-def open_ports(robot: Machine, host: Machine) -> list[int]:
+def open_ports(robot: Machine, host: Machine, address: str = ROBOT) -> list[int]:
     """Of all UDP ports that somebody listens on at the robot, those that the host can send to."""
     robot.run("sh", "-c", "echo 0 > /proc/sys/net/ipv4/icmp_ratelimit")  # every refusal is told
     listed = robot.run("ss", "-Huan").split("\n")
     ports = sorted({int(line.split()[3].rsplit(":", 1)[1]) for line in listed if line})
     assert ports
     assert min(ports) >= 7000
-    found: list[int] = json.loads(host.run("python3", str(PROGRAMS / "ports.py"), ROBOT, *map(str, ports)))
+    found: list[int] = json.loads(host.run("python3", str(PROGRAMS / "ports.py"), address, *map(str, ports)))
     return found
 
 
@@ -84,3 +100,82 @@ def test_a_node_with_default_settings_does_not(robot: Machine, host: Machine) ->
         assert json.loads(host.ask_ros("trigger.py", "list", "1", "10", environment=OUTSIDE)) != []
         assert packets.count() > 0
         assert 7410 in open_ports(robot, host)
+
+
+# The bridge. A session in REMOTE, on the robot's computer.
+
+
+def in_remote(robot: Machine, *options: str) -> subprocess.Popen[str]:
+    program = play(robot, *options, script="damp; load_a; wait; start_remote; hold 300")
+    read_until(program, "STANDBY → REMOTE")
+    return program
+
+
+def test_by_default_nothing_crosses(robot: Machine, host: Machine, messages: Mapping[str, str]) -> None:
+    packets = [Packets(host), Packets(host, "eth2", ROBOT_2)]
+    with ended(in_remote(robot, "--dds")), ended(command(host, messages, 0.3, **OUTSIDE)):
+        outside = heard(listen(host, messages, 4.0, **OUTSIDE))
+        assert sum(outside["counts"].values()) == 0
+        assert set(outside["writers"].values()) == {0}
+        assert [tick for tick in ticks(robot, 0.5) if tick["arrival"] is not None] == []
+        assert open_ports(robot, host) == open_ports(robot, host, ROBOT_2) == []
+        assert [counter.count() for counter in packets] == [0, 0]
+        inside = heard(listen(robot, messages, 3.0))
+        assert [topic for topic in ACROSS if not inside["counts"][topic]] == []
+
+
+@pytest.fixture(scope="class")
+def opened(robot: Machine, host: Machine) -> Iterator[subprocess.Popen[str]]:
+    """With a bridge on the cable's interface, too."""
+    session = in_remote(robot, "--dds-interface", CABLE)
+    with ended(session):
+        yield session
+
+
+@pytest.mark.usefixtures("opened")
+class TestOpened:
+    def test_six_topics_go_out_and_no_more(self, robot: Machine, host: Machine, messages: Mapping[str, str]) -> None:
+        packets = Packets(host, "eth2", ROBOT_2)
+        told = heard(listen(host, messages, 5.0))
+        assert sorted(topic for topic, count in told["counts"].items() if count) == sorted(ACROSS)
+        there = sorted(topic for topic, count in told["writers"].items() if count)
+        assert there == sorted(ACROSS)
+        assert told["last"]["/control_mode"][""]["mode"] == 4
+        assert packets.count() == 0
+        assert open_ports(robot, host, ROBOT_2) == []
+        assert open_ports(robot, host) != []
+
+    def test_services_and_what_safety_depends_on_stay(
+        self, robot: Machine, host: Machine, messages: Mapping[str, str]
+    ) -> None:
+        with ended(serve(robot)):
+            assert json.loads(host.ask_ros("trigger.py", "list", "1", "3", environment=OUTSIDE)) == []
+            assert len(json.loads(robot.ask_ros("trigger.py", "list", "6", "10"))) == 6
+        told = heard(listen(robot, messages, 3.0))
+        assert sorted(topic for topic, count in told["writers"].items() if not count) == []
+
+    def test_commands_come_in_until_the_cable_is_pulled(
+        self, robot: Machine, host: Machine, messages: Mapping[str, str], opened: subprocess.Popen[str]
+    ) -> None:
+        with ended(command(host, messages, 0.3)):
+            read_until(opened, "remote commands arrive and are in force")
+            watch = robot.python("-c", TICKS, "4.0", cwd=ROOT)
+            time.sleep(2.0)
+            host.run("ip", "link", "set", CABLE, "down")
+            pulled = time.monotonic()
+            fed = ticks_of(watch)
+            obeyed = [tick for tick in fed if not is_passive(tick)]
+            assert obeyed
+            assert {tuple(tick["position"]) for tick in obeyed} == {(0.3,) * len(JOINTS)}
+            assert passive_in_time(fed)
+            after = [tick for tick in fed if tick["stamp"] > pulled + 0.5]
+            assert after
+            assert all(is_passive(tick) and tick["mode"] == REMOTE for tick in after)
+            print(f"passive {1e3 * (max(tick['stamp'] for tick in obeyed) - pulled):.0f} ms after the cable was pulled")
+            # Everything else goes on.
+            told = heard(listen(robot, messages, 3.0))
+            assert [topic for topic in ACROSS if not told["counts"][topic]] == []
+            # Plugged in again, it goes on by itself: REMOTE never ended.
+            host.run("ip", "link", "set", CABLE, "up")
+            read_until(opened, "remote commands arrive and are in force")
+        assert heard(listen(host, messages, 4.0))["counts"]["/lite/joint_states"] > 0

@@ -1,4 +1,4 @@
-"""The bridge as a program: publishes a running session's topics on the loopback interface, and takes commands there."""
+"""The bridge as a program: publishes a running session's topics on a network interface, and takes commands there."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from humanoid_sim.client import Sample
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader
-from humanoid_sim.frontends.dds.telemetry import Telemetry, local_topics
-from humanoid_sim.ros2.dds.domain import Participant
+from humanoid_sim.frontends.dds.telemetry import Telemetry, local_topics, network_topics
+from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
 from humanoid_sim.ros2.dds.endpoints import Reader
 from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC, TOPICS
 
@@ -30,11 +30,14 @@ _NEWS_PERIOD = 1.0
 class DdsConfig:
     """Serve a running session's topics to ROS 2 and other DDS programs on this machine, and take commands for REMOTE.
 
-    The domain is that of ROS_DOMAIN_ID. Nothing leaves the machine.
+    The domain is that of ROS_DOMAIN_ID. Nothing leaves the machine unless an interface is named.
     """
 
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
+    interface: str = LOOPBACK
+    """Serve another computer at this network interface instead, such as eth1, with joint states, IMU, mode, description
+    and transforms alone. Whoever is on that network can then command the robot in REMOTE."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,16 +46,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     require_packages("dds")
     with ExitStack() as stack:
         attachment = stack.enter_context(attached(config.session, "dds"))
-        participant = stack.enter_context(Participant())
-        topics = local_topics(attachment)
+        participant = stack.enter_context(Participant(interface=config.interface))
+        is_local = config.interface == LOOPBACK
+        topics = local_topics(attachment) if is_local else network_topics(attachment)
         refusals = _Refusals(attachment)
         telemetry = Telemetry(attachment, participant, topics, news=refusals.news)
-        keys = None if KEY_STATE_TOPIC in topics else Reader(participant, KEY_STATE_TOPIC, TOPICS[KEY_STATE_TOPIC])
+        keys: Reader | None = None
+        if is_local and KEY_STATE_TOPIC not in topics:
+            keys = Reader(participant, KEY_STATE_TOPIC, TOPICS[KEY_STATE_TOPIC])
         commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=DEPTH)
         reader = CommandReader(attachment.session, attachment.header.joint_names, commands, keys)
         stack.callback(reader.close)
         reader.start()
         ready(f"DDS: domain {participant.domain} on {participant.interface}, for {attachment.session}")
+        if not is_local:
+            ready(f"warning: whoever is on the network at {config.interface} can command the robot in REMOTE")
+        if is_wireless(config.interface):
+            ready(f"warning: {config.interface} is wireless, expected a cable: REMOTE may stop at any moment")
         _serve(attachment, telemetry, reader)
     return 0
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from humanoid_sim.client import Sample
@@ -29,7 +29,10 @@ from humanoid_sim.ros2.topics import (
     joint_states_topic,
 )
 
-__all__ = ["Telemetry", "local_topics"]
+__all__ = ["Telemetry", "local_topics", "network_topics"]
+
+_ACROSS = (IMU_TOPIC, CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, TF_TOPIC, TF_STATIC_TOPIC)
+"""The topics that may leave the machine, beside the joint states."""
 
 
 def local_topics(attachment: Attachment) -> dict[str, Topic]:
@@ -52,6 +55,15 @@ def local_topics(attachment: Attachment) -> dict[str, Topic]:
         names.append(CLOCK_TOPIC)
     if KEY_PRESSED not in attachment.feed.live_inputs:
         names.append(KEY_STATE_TOPIC)
+    return _with_joint_states(attachment, names)
+
+
+def network_topics(attachment: Attachment) -> dict[str, Topic]:
+    """The topics that another machine may see, by name: what shows the robot, and nothing that safety depends on."""
+    return _with_joint_states(attachment, _ACROSS)
+
+
+def _with_joint_states(attachment: Attachment, names: Iterable[str]) -> dict[str, Topic]:
     joint_states = joint_states_topic(topic_prefix(attachment.header))
     return {joint_states: Topic(JOINT_STATE), **{name: TOPICS[name] for name in names}}
 

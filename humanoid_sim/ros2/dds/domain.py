@@ -1,18 +1,22 @@
 """The DDS domain: which one, on which network interface, and who can be heard there.
 
 The configuration is given to Cyclone DDS here, not by the environment, so that nothing leaves the machine unless an
-interface is named.
+interface is named. But Cyclone DDS receives on all addresses of the machine, whatever the configuration says: its
+sockets are bound to the interface's device as well, and the kernel keeps to that.
 """
 
 from __future__ import annotations
 
 import os
+import socket
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.client import network_on
+from humanoid_sim.errors import InputError, MissingPackageError, known_names
 
-__all__ = ["LOOPBACK", "Participant", "configuration", "domain_id"]
+__all__ = ["LOOPBACK", "Participant", "check_network_interface", "configuration", "domain_id", "is_wireless"]
 
 LOOPBACK = "lo"
 _LARGEST_DOMAIN = 232
@@ -43,6 +47,36 @@ def domain_id() -> int:
     return int(text)
 
 
+def _check_interface(name: str) -> None:
+    """Refuse a network interface that this machine does not have.
+
+    Raises:
+        InputError: naming those that it has.
+    """
+    known = [label for _, label in socket.if_nameindex()]
+    if name not in known:
+        raise InputError(known_names("network interface", name, known))
+
+
+def check_network_interface(option: str, name: str) -> None:
+    """Refuse one that leads to no other machine.
+
+    Raises:
+        InputError: naming the option.
+    """
+    try:
+        _check_interface(name)
+    except InputError as error:
+        raise InputError(f"{option}: {error}") from None
+    if name == LOOPBACK:
+        raise InputError(f"{option}: is {LOOPBACK}, which leads to no other machine, expected one such as eth1")
+
+
+def is_wireless(interface: str) -> bool:
+    """Whether a network interface has no cable."""
+    return Path("/sys/class/net", interface, "wireless").exists()
+
+
 def configuration(interface: str = LOOPBACK) -> str:
     """Cyclone DDS's configuration for one network interface; by default nothing leaves the machine."""
     return _CONFIGURATION.format(interface=interface, peers=_LOCAL_PEERS if interface == LOOPBACK else "")
@@ -68,16 +102,19 @@ class Participant:
         except ImportError:
             raise MissingPackageError("cyclonedds", "dds", "DDS") from None
         self.domain = domain_id() if domain is None else domain
+        _check_interface(interface)
         self.interface = interface
         self._domain: Any = None
         try:
-            self._domain = Domain(self.domain, configuration(interface))
-            self.entity: Any = DomainParticipant(self.domain)
-            """Cyclone DDS's."""
-        except DDSException as error:
+            with network_on(interface):
+                self._domain = Domain(self.domain, configuration(interface))
+                self.entity: Any = DomainParticipant(self.domain)
+                """Cyclone DDS's."""
+        except (DDSException, OSError) as error:
             self.close()
+            why = error.msg if isinstance(error, DDSException) else error.strerror
             raise InputError(
-                f"DDS domain {self.domain} on network interface {interface}: cannot be joined: {error.msg}"
+                f"DDS domain {self.domain} on network interface {interface}: cannot be joined: {why}"
             ) from None
 
     def __enter__(self) -> Self:

@@ -1,0 +1,121 @@
+"""Every topic of the bridge, and commands, with ROS 2 nodes of default settings on the robot's own computer."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from collections.abc import Mapping
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from machines import ROOT, Machine, play, read_until
+from strangers import COMMAND, JOINTS, TYPES, command, heard, is_passive, listen, passive_in_time, ticks
+
+pytestmark = pytest.mark.ros
+
+TO_REMOTE = "damp; load_a; wait; start_remote; hold 300"
+
+
+@pytest.fixture(scope="module")
+def session(robot: Machine) -> subprocess.Popen[str]:
+    """In REMOTE, with the bridge."""
+    program = play(robot, "--dds", script=TO_REMOTE)
+    read_until(program, "STANDBY → REMOTE")
+    return program
+
+
+@pytest.fixture(scope="module")
+def listened(
+    robot: Machine, messages: Mapping[str, str], session: subprocess.Popen[str]
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """What a late subscriber heard, and the feed meanwhile."""
+    listener = listen(robot, messages, 4.0)
+    fed = ticks(robot, 8.0)
+    return heard(listener), fed
+
+
+def test_every_topic_is_there_by_its_name_and_type(listened: tuple[dict[str, Any], Any]) -> None:
+    told, _ = listened
+    there = {topic: kinds for topic, kinds in told["there"].items() if topic not in ("/rosout", "/parameter_events")}
+    others = {COMMAND: "humanoid_control_msgs/msg/MITCommand", "/piano/key_state": "std_msgs/msg/Float32MultiArray"}
+    assert there == {topic: [kind] for topic, kind in {**TYPES, **others}.items()}
+
+
+def test_each_is_heard_and_latched_ones_by_a_late_subscriber(listened: tuple[dict[str, Any], Any]) -> None:
+    told, _ = listened
+    counts = told["counts"]
+    once = ("/safety_status", "/standby_controller_a/state", "/standby_controller/state", "/robot_description")
+    assert {topic: counts[topic] for topic in (*once, "/tf_static")} == dict.fromkeys((*once, "/tf_static"), 1)
+    assert counts["/standby_controller_b/state"] == 0  # nobody was in that pose
+    for topic in ("/lite/joint_states", "/imu/data", "/clock", "/control_mode", "/tf"):
+        assert counts[topic] >= 20, topic
+    # Every tick of a simulation, and 50 a second, as far as the machine keeps up.
+    assert counts["/lite/joint_states"] > 2 * counts["/control_mode"]
+
+
+def test_their_content_is_the_session_s(listened: tuple[dict[str, Any], list[dict[str, Any]]]) -> None:
+    told, fed = listened
+    last = {topic: next(iter(of.values()), None) for topic, of in told["last"].items()}
+    states = last["/lite/joint_states"]
+    assert tuple(states["name"]) == JOINTS
+    assert states["position"] in [tick["joint_position"] for tick in fed]
+    assert last["/control_mode"]["mode"] == 4
+    assert last["/control_mode"]["controller_name"] == "remote_policy_controller"
+    assert list(told["last"]["/safety_status"]) == ["mujoco"]
+    assert last["/safety_status"]["level"] == 0
+    assert last["/standby_controller_a/state"] == last["/standby_controller/state"]
+    assert last["/standby_controller_a/state"]["is_finished"] is True
+    assert last["/standby_controller_a/state"]["progress"] == 1.0
+    robot = ElementTree.fromstring(last["/robot_description"]["data"])
+    assert {joint.get("name") for joint in robot.iter("joint") if joint.get("type") == "revolute"} >= set(JOINTS)
+    links = {link.get("name") for link in robot.iter("link")}
+    frames = {frame["child_frame_id"] for topic in ("/tf", "/tf_static") for frame in last[topic]["transforms"]}
+    assert frames == links - {"world"}
+    assert last["/imu/data"]["orientation"] == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    assert last["/imu/data"]["header"]["frame_id"] == "imu"
+    stamps = [last[topic]["header"]["stamp"] for topic in ("/lite/joint_states", "/imu/data")]
+    seconds = [stamp["sec"] + 1e-9 * stamp["nanosec"] for stamp in [*stamps, last["/clock"]["clock"]]]
+    assert max(seconds) - min(seconds) < 1.0
+
+
+def test_commands_are_obeyed_and_missed(
+    robot: Machine, messages: Mapping[str, str], session: subprocess.Popen[str]
+) -> None:
+    program = command(robot, messages, 0.25, effort=0.5)
+    read_until(session, "remote commands arrive and are in force")
+    obeyed = [tick for tick in ticks(robot, 1.0) if not is_passive(tick)]
+    assert obeyed
+    for tick in obeyed:
+        assert tick["position"] == [0.25] * len(JOINTS)
+        assert tick["effort"] == [0.5] * len(JOINTS)
+        assert tick["stiffness"] == [30.0] * len(JOINTS)
+        assert tick["damping"] == [2.0] * len(JOINTS)
+    program.kill()
+    read_until(session, "no remote command for 100 ms: the joints are damped")
+    late = ticks(robot, 0.5)
+    assert passive_in_time(obeyed + late)
+    assert late
+    assert all(is_passive(tick) for tick in late[-5:])
+
+
+def test_what_is_no_command_is_refused_and_told_to_those_who_listen(
+    robot: Machine, messages: Mapping[str, str], session: subprocess.Popen[str]
+) -> None:
+    program = command(robot, messages, math.nan)
+    told = heard(listen(robot, messages, 4.0))
+    program.terminate()
+    assert "samples refused, the last of" in told["last"]["/control_mode"][""]["status_message"]
+    fed = ticks(robot, 0.3)
+    assert fed
+    assert all(is_passive(tick) for tick in fed)
+
+
+def test_a_bridge_is_in_the_domain_that_it_was_told(
+    robot: Machine, messages: Mapping[str, str], session: subprocess.Popen[str]
+) -> None:
+    domain = {"ROS_DOMAIN_ID": "77"}
+    assert sum(heard(listen(robot, messages, 2.0, **domain))["counts"].values()) == 0
+    bridge = robot.python("-m", "humanoid_sim.dds", environment=domain, cwd=ROOT)
+    read_until(bridge, "DDS: domain 77 on lo")
+    assert heard(listen(robot, messages, 4.0, **domain))["counts"]["/lite/joint_states"] > 0
