@@ -11,15 +11,20 @@ __all__ = [
     "JSON_BYTES",
     "MCAP_CHUNK_BYTES",
     "MCAP_RECORD_BYTES",
+    "MESH_BYTES",
     "MJCF_BYTES",
     "MJCF_ELEMENTS",
+    "MJCF_FILES_BYTES",
     "MJCF_MEMORY",
     "MJCF_SIZE",
+    "MOTION_SECONDS",
     "MOTION_VALUES",
     "NPZ_ARRAYS",
     "NPZ_BYTES",
     "OBSERVATION_WIDTH",
     "ONNX_BYTES",
+    "ONNX_SECONDS",
+    "PICTURE_BYTES",
     "YAML_BYTES",
     "YAML_TEXT",
     "YAML_VALUES",
@@ -39,6 +44,10 @@ CSV_BYTES = 64 * _MIB
 """Of a motion in a `.csv`: 3 MB are three minutes of a robot with 29 joints."""
 ONNX_BYTES = _GIB
 """Of a checkpoint, and of the file beside it that holds its tensors."""
+ONNX_SECONDS = 10.0
+"""s of one inference of a model whose graph can loop; on hardware much less, see `play`."""
+MOTION_SECONDS = 300.0
+"""s in which a motion is read out of a model's graph: half an hour of it takes some seconds."""
 NPZ_BYTES = _GIB
 """Of all arrays of an `.npz` together, unpacked."""
 NPZ_ARRAYS = 1000
@@ -57,5 +66,11 @@ MJCF_ELEMENTS = 100_000
 """Elements of an MJCF with its includes, those that `replicate`, `composite` and `flexcomp` make counted each time."""
 MJCF_SIZE = 16_000_000
 """Values of a height field, pixels of a texture, and any other size that an MJCF gives as a number."""
+MESH_BYTES = 32 * _MIB
+"""Of a mesh that an MJCF names. The largest `.stl` that MuJoCo takes, 200 000 faces, has 10 MB."""
+PICTURE_BYTES = 64 * _MIB
+"""Of a picture that an MJCF names; its pixels are bounded by `MJCF_SIZE`."""
+MJCF_FILES_BYTES = 512 * _MIB
+"""Of all meshes and pictures of an MJCF together."""
 MJCF_MEMORY = _GIB
 """Bytes of `<size memory>`."""

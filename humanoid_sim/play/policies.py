@@ -79,6 +79,8 @@ def choose_policy(
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
     elif has_onnxruntime():
         checkpoint = load_checkpoint(path, contract_file, description.joint_names)
+        if config.hardware is not None:  # a fault, and so DAMPING, while the motors still listen
+            checkpoint.limit_inference(0.5 * config.can_timeout)
     else:
         contract = read_contract(path, contract_file, description.joint_names)
         checkpoint = Checkpoint(contract, zero_policy(contract.action_count), str(path))

@@ -63,6 +63,11 @@ class Checkpoint:
         """Of the model; empty for a policy without one."""
         return self.policy.model.metadata if isinstance(self.policy, OnnxPolicy) else {}
 
+    def limit_inference(self, seconds: float) -> None:
+        """End an inference after so many s, where the graph can loop: it is then a fault of the policy controller."""
+        if isinstance(self.policy, OnnxPolicy):
+            self.policy.model.time_limit = seconds
+
     def following(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
         """The policy with a motion; None: the one in its graph, or none at all. Raises `InputError` if they do not fit.
 

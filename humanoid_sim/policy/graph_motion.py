@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Collection
 
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.bounds import MOTION_SECONDS
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion
@@ -70,11 +72,15 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion:
         )
     observation = np.zeros(policy.observation_width, dtype=np.float32)
 
+    latest = time.monotonic() + MOTION_SECONDS
+
     def frame(index: int) -> npt.NDArray[np.float32] | None:
+        if time.monotonic() > latest:
+            raise InputError(f"{path}: the motion in its graph is not read after {MOTION_SECONDS:g} s")
         try:
             answer = policy.run(outputs, observation, index)
         except Exception as error:  # onnxruntime's own types
-            if index == 0:
+            if index == 0 or isinstance(error, TimeoutError):
                 raise InputError(f"{path}: the motion in its graph cannot be read: {first_line(error)}") from None
             return None  # a graph that does not hold its last frame has none beyond it
         return _row(dict(zip(outputs, answer, strict=True)), contract, len(bodies), str(path))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.bounds import ONNX_BYTES
+from humanoid_sim.bounds import ONNX_BYTES, ONNX_SECONDS
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
@@ -82,13 +84,48 @@ class OnnxModel:
         except UnicodeDecodeError:
             raise InputError(f"{path}: its metadata, or a tensor's name, is no text (UTF-8)") from None
         self._session = session
+        self.time_limit = ONNX_SECONDS
+        """s after which an inference is ended, where the graph can loop; any other takes as long as the one before."""
+        self.can_loop = _can_loop(path) if graph is None else any(name in graph for name in _LOOPS)
+        """Whether the graph has an operator that repeats others, as often as its inputs say."""
         if graph is None:
             check_tensors(path, self.metadata)
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[npt.NDArray[np.float32]]:
-        """The values of some outputs; raises whatever ONNX Runtime raises."""
+        """The values of some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the time limit."""
+        if self.can_loop:
+            return self._run_in_time(outputs, inputs)
         values: list[npt.NDArray[np.float32]] = self._session.run(list(outputs), inputs)
         return values
+
+    def _run_in_time(
+        self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]
+    ) -> list[npt.NDArray[np.float32]]:
+        """ONNX Runtime looks at the flag between two operators, also those within a loop."""
+        options = _onnxruntime().RunOptions()
+        options.log_severity_level = _SILENT
+        watch = Timer(self.time_limit, setattr, (options, "terminate", True))
+        watch.daemon = True
+        watch.start()
+        try:
+            values: list[npt.NDArray[np.float32]] = self._session.run(list(outputs), inputs, options)
+        except Exception:
+            if options.terminate:
+                raise TimeoutError(f"its graph loops: not done after {self.time_limit:g} s") from None
+            raise
+        finally:
+            watch.cancel()
+            watch.join()
+        return values
+
+
+_LOOPS = (b"Loop", b"Scan", b"SequenceMap")
+"""Operators that repeat others, as their names stand in a file."""
+
+
+def _can_loop(path: Path) -> bool:
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        return any(content.find(name) >= 0 for name in _LOOPS)
 
 
 _SILENT = 4

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 from humanoid_sim.bounds import MJCF_BYTES, MJCF_ELEMENTS, MJCF_MEMORY, MJCF_SIZE
 from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import is_file, regular_file
+from humanoid_sim.robots.mjcf_files import NamedFiles
 
 __all__ = ["check_mjcf_bounds"]
 
@@ -24,6 +25,8 @@ _SIZES = {
 """By element the attributes whose product is a number of values that MuJoCo makes room for."""
 _APART = ("size",)
 """Elements whose attributes are sizes of different things."""
+_MODELS = ("include", "model")
+"""Elements whose file is another MJCF."""
 _COPIES = {"replicate": 1, "composite": 3, "flexcomp": 3}
 """Elements that make others, as often as the product of so many numbers in `count`."""
 _SUBDIVISIONS = 7
@@ -41,6 +44,7 @@ def check_mjcf_bounds(path: Path) -> None:
     """
     elements = _Elements(path)
     elements.add(path)
+    elements.named.check(path)
 
 
 class _Elements:
@@ -50,6 +54,7 @@ class _Elements:
         self._folder = path.parent
         self._count = 0
         self._seen: set[Path] = set()
+        self.named = NamedFiles()
 
     def add(self, path: Path) -> None:
         regular_file(path, "an MJCF", MJCF_BYTES)
@@ -70,16 +75,17 @@ class _Elements:
                     raise InputError(f"{path}: has more than {MJCF_ELEMENTS} elements at <{element.tag}>")
                 for problem in _problems(element):
                     raise InputError(f"{path}: {problem}")
-                for included in self._included(path, element):
-                    self.add(included)
+                if element.tag in _MODELS:
+                    for included in self._included(path, element):
+                        self.add(included)
+                else:
+                    self.named.add(path, element)
         except ElementTree.ParseError:
             return  # MuJoCo says so, and where
         except (ValueError, RecursionError) as error:
             raise InputError(f"{path}: not a valid MJCF model: {reason_of(error)}") from None
 
     def _included(self, path: Path, element: ElementTree.Element) -> Iterator[Path]:
-        if element.tag != "include":
-            return
         for folder in (path.parent, self._folder):
             included = folder / element.get("file", "")
             if is_file(included) and included.resolve() not in self._seen:

@@ -20,6 +20,7 @@ from humanoid_sim.play import policies
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.policies import choose_policy, with_recorded_options
 from humanoid_sim.policy.motion import Motion, parse_motion, read_motion, write_motion
+from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
@@ -44,6 +45,13 @@ def test_a_sample_motion_goes_by_its_name(motion: str) -> None:
     choice = choose_policy(PlayConfig(motion=motion), LITE)
     assert choice.motion_file is not None
     assert choice.motion_file.stem == motion
+
+
+def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves() -> None:
+    for hardware, limit in ((None, 10.0), ("virtual:lite", 0.1)):
+        policy = choose_policy(PlayConfig(hardware=hardware, can_timeout=0.2), LITE).checkpoint.policy
+        assert isinstance(policy, OnnxPolicy)
+        assert policy.model.time_limit == limit
 
 
 def test_the_wrapper_goes_around_the_policy_that_runs() -> None:

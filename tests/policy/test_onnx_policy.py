@@ -14,7 +14,13 @@ import onnxruntime
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from humanoid_sim.controllers.base import Fault
+from humanoid_sim.controllers.policy_step import PolicyWiring
+from humanoid_sim.controllers.reference import no_reference
+from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import PolicyStep
+from humanoid_sim.policy import onnx_policy
 from humanoid_sim.policy.checkpoint import file_digest, load_checkpoint
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, has_onnxruntime, read_header
@@ -50,6 +56,38 @@ def test_further_outputs_are_not_asked_for(tmp_path: Path) -> None:
     model.graph.output.append(helper.make_tensor_value_info("copy", TensorProto.FLOAT, [1, 8]))
     policy = OnnxPolicy(models.saved(tmp_path / "policy.onnx", model))
     assert policy.action_width == 2
+
+
+def test_a_graph_that_loops_is_run_as_any_other(tmp_path: Path) -> None:
+    checkpoint = load_checkpoint(models.saved(tmp_path / "policy.onnx", models.looping_model(1000.0)))
+    observation = np.linspace(-1.0, 1.0, 8, dtype=np.float32)
+    assert isinstance(checkpoint.policy, OnnxPolicy)
+    assert checkpoint.policy.model.can_loop
+    assert checkpoint.policy.model.time_limit == 10.0
+    straight = load_checkpoint(models.saved(tmp_path / "straight.onnx")).policy
+    assert isinstance(straight, OnnxPolicy)
+    assert not straight.model.can_loop
+    np.testing.assert_array_equal(checkpoint.policy(observation, 0), straight(observation, 0))
+
+
+def test_a_graph_that_loops_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(onnx_policy, "ONNX_SECONDS", 0.2)
+    path = models.saved(tmp_path / "policy.onnx", models.looping_model(9e18))
+    with pytest.raises(InputError) as caught:
+        load_checkpoint(path)
+    assert str(caught.value) == (
+        f"{path}: the model fails on an observation of zeros: its graph loops: not done after 0.2 s"
+    )
+
+
+def test_one_that_loops_for_some_observation_is_a_fault_in_that_tick(tmp_path: Path) -> None:
+    checkpoint = load_checkpoint(models.saved(tmp_path / "policy.onnx", models.looping_model(1.0, 9e18)))
+    checkpoint.limit_inference(0.1)
+    wiring = PolicyWiring(models.JOINTS, checkpoint.contract, no_reference(), {}, 100.0)
+    step = infer(wiring, checkpoint.policy, np.ones(8, dtype=np.float32), 0)
+    assert isinstance(step, Fault)
+    assert step.message == "policy failed: its graph loops: not done after 0.1 s"
+    assert isinstance(infer(wiring, checkpoint.policy, np.zeros(8, dtype=np.float32), 0), PolicyStep)
 
 
 def test_one_thread_runs_a_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

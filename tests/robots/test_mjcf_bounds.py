@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.mjcf import describe_mjcf, read_spec
+from humanoid_sim.robots.mjcf import compile_spec, describe_mjcf, read_spec
 from humanoid_sim.robots.mjcf_bounds import check_mjcf_bounds
 
 GEOM = '<geom type="sphere" size="0.1"/>'
@@ -72,6 +74,89 @@ def test_included_files_count_too(tmp_path: Path) -> None:
     (tmp_path / "more.xml").write_text('<mujoco><include file="m.xml"/></mujoco>', encoding="utf-8")
     check_mjcf_bounds(path)  # files that include each other: MuJoCo says so
     assert "already included" in refusal(path)
+
+
+def _png(path: Path, width: int, height: int) -> Path:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    rows = zlib.compress(b"\0" * (1 + width) * min(height, 100))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
+    return path
+
+
+def _large(path: Path, size: int) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    with path.open("wb") as file:
+        file.truncate(size)  # a hole, which takes no room
+    return path
+
+
+@pytest.mark.parametrize(
+    ("before", "asset", "named"),
+    [
+        ("", '<mesh name="m" file="big.obj"/>', "big.obj"),
+        ('<compiler meshdir="parts"/>', '<mesh name="m" file="big.stl"/>', "parts/big.stl"),
+        ('<compiler assetdir="parts" strippath="true"/>', '<mesh name="m" file="c:/x/big.msh"/>', "parts/big.msh"),
+        ("", '<model name="kid" file="parts/kid.xml"/>', "parts/own/big.obj"),
+    ],
+)
+def test_a_mesh_beyond_any_robots_is_refused_wherever_it_is(
+    tmp_path: Path, before: str, asset: str, named: str
+) -> None:
+    (tmp_path / "parts").mkdir()
+    kid = '<mujoco><compiler meshdir="own"/><asset><mesh name="m" file="big.obj"/></asset></mujoco>'
+    (tmp_path / "parts" / "kid.xml").write_text(kid, encoding="utf-8")
+    large = _large(tmp_path / named, 33_554_433)
+    with pytest.raises(InputError) as caught:
+        read_spec(model(tmp_path, asset, before=before))
+    assert str(caught.value) == f"{large}: has 33554433 bytes, expected a mesh of at most 33554432"
+
+
+def test_all_meshes_together_are_bounded(tmp_path: Path) -> None:
+    for i in range(17):
+        _large(tmp_path / f"{i}.stl", 33_554_432)
+    meshes = "".join(f'<mesh name="m{i}" file="{i}.stl"/>' for i in range(17))
+    assert refusal(model(tmp_path, meshes)) == (
+        "its meshes and pictures have 570425344 bytes, expected 536870912 at most"
+    )
+
+
+@pytest.mark.parametrize(
+    "asset",
+    [
+        '<texture name="t" type="2d" file="p.png"/>',
+        '<texture name="t" type="skybox" fileup="p.png"/>',
+        '<hfield name="h" file="p.png" size="1 1 1 1"/>',
+    ],
+)
+def test_a_picture_that_unpacks_to_more_than_any_is_refused(tmp_path: Path, asset: str) -> None:
+    picture = _png(tmp_path / "p.png", 20_000, 20_000)
+    with pytest.raises(InputError) as caught:
+        read_spec(model(tmp_path, asset))
+    assert str(caught.value) == f"{picture}: has 20000 by 20000 pixels, expected a picture of at most 16000000"
+
+
+def test_a_mesh_that_is_a_device_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="/dev/zero: is a pipe or a device, expected a mesh"):
+        read_spec(model(tmp_path, '<mesh name="m" file="/dev/zero"/>'))
+
+
+def test_more_names_than_can_be_looked_for_are_refused(tmp_path: Path) -> None:
+    folders = "".join(f'<compiler meshdir="d{i}"/>' for i in range(400))
+    meshes = "".join(f'<mesh name="m{i}" file="{i}.stl"/>' for i in range(400))
+    assert refusal(model(tmp_path, meshes, before=folders)) == "names 400 files in 400 folders, too many"
+
+
+def test_usual_meshes_and_pictures_compile(tmp_path: Path) -> None:
+    _png(tmp_path / "p.png", 64, 64)
+    (tmp_path / "tetrahedron.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n", encoding="utf-8"
+    )
+    asset = '<mesh name="m" file="tetrahedron.obj"/><texture name="t" type="2d" file="p.png"/>'
+    path = model(tmp_path, asset, '<geom type="mesh" mesh="m"/>')
+    assert compile_spec(read_spec(path), path).mesh_vertnum.tolist() == [4]
 
 
 def test_a_usual_size_is_accepted(tmp_path: Path) -> None:
