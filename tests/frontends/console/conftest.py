@@ -6,7 +6,8 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,11 +35,22 @@ class Played:
 
 
 @pytest.fixture(scope="module")
-def played(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def start_play(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Played]]:
+    """Starts `play` with a console and further options; all end with the module."""
     for package in ("viser", "mjviser", "websockets"):
         pytest.importorskip(package)
-    folder: Path = tmp_path_factory.mktemp("run")
-    command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime"]
+    with ExitStack() as stack:
+        yield lambda *options: stack.enter_context(_playing(tmp_path_factory.mktemp("run"), options))
+
+
+@pytest.fixture(scope="module")
+def played(start_play: Callable[..., Played]) -> Any:
+    return start_play()
+
+
+@contextmanager
+def _playing(folder: Path, options: Sequence[str]) -> Iterator[Played]:
+    command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime", *options]
     nothing = ["--viewer", "none", "--video", "none", "--record", "run.mcap"]
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "NO_COLOR": "1"}
     with subprocess.Popen(

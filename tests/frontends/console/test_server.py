@@ -10,7 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from humanoid_sim import replay
+from humanoid_sim.cli import run_program
+from humanoid_sim.messages import Event
+from humanoid_sim.recording.reader import open_recording
 
 
 def get(played: Any, path: str, **headers: str) -> tuple[int, str]:
@@ -38,7 +44,10 @@ def socket(address: str, end: str = "console", *, origin: str | None = "", **opt
 def until(page: Any, is_it: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:
-        told: dict[str, Any] = json.loads(page.recv(timeout=5.0))
+        message = page.recv(timeout=5.0)
+        if isinstance(message, bytes):  # rows of a plot
+            continue
+        told: dict[str, Any] = json.loads(message)
         if is_it(told):
             return told
     raise AssertionError("not told in time")
@@ -209,3 +218,80 @@ def test_a_page_that_floods_wishes_is_bounded_and_its_damp_is_not(played: Any) -
             page.send(json.dumps({"do": "take", "joint": "left_elbow_pitch"}))
         left_out = "left out: more requests than are taken in a second"
         until(page, lambda told: any(answer["text"] == left_out for answer in told.get("answers", ())))
+
+
+def rows(page: Any) -> Any:
+    """The next rows of a plot: number of the chart, and the table of times and series."""
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:
+        message = page.recv(timeout=5.0)
+        if isinstance(message, bytes):
+            values = np.frombuffer(message, "<f8")
+            return int(values[0]), values[3:].reshape(-1, int(values[1]))
+    raise AssertionError("nothing to plot in time")
+
+
+def test_a_page_plots_what_it_chooses_whoever_opened_it(played: Any) -> None:
+    with socket(played.read_only) as page:
+        charts = until(page, lambda told: "charts" in told)["charts"]
+        assert charts[0] == ["position and command", "left_shoulder_pitch", "rad", ["position", "command"]]
+        assert {chart[0] for chart in charts} >= {"velocity", "effort", "observation", "tracking error", "loop"}
+        page.send(json.dumps({"plot": [0, 30]}))
+        assert [rows(page)[0], rows(page)[0]] == [0, 30]
+        _, table = rows(page)
+        assert np.all(np.diff(table[0]) > 0.015)  # 50 a second, of a loop of 200
+        page.send(json.dumps({"plot": [10_000]}))
+        (answer,) = until(page, lambda told: told.get("answers"))["answers"]
+        assert answer["text"].startswith("plots not understood, expected at most 8 numbers from 0 to ")
+
+
+def test_a_page_that_does_not_read_slows_no_other(played: Any) -> None:
+    """The console sends it what fits into its socket, and drops the rest in favour of what is newer."""
+    with socket(played.control, max_queue=1, close_timeout=0.1) as stuck, socket(played.read_only) as page:
+        stuck.send(json.dumps({"plot": [0, 14, 28, 42, 43, 46, 47, 48]}))
+        began, ages, times = time.monotonic(), [], []
+        while time.monotonic() - began < 1.5:
+            told = until(page, lambda told: "age" in told)
+            ages.append(told["age"])
+            times.append(told["time"])
+        assert np.median(ages) < 0.5
+        assert times[-1] - times[0] > 0.2
+        page.send(json.dumps({"plot": [0]}))
+        assert rows(page)[1].shape[0] == 3
+
+
+def test_the_figures_in_the_view_are_switched_for_all_pages_by_an_operator_alone(played: Any) -> None:
+    with socket(played.control) as page, socket(played.read_only) as other:
+        figures = until(other, lambda told: "figures" in told)["figures"]
+        assert (figures["reference"]["on"], figures["command"]["on"]) == (True, False)
+        other.send(json.dumps({"show": "command", "on": True}))
+        (answer,) = until(other, lambda told: told.get("answers"))["answers"]
+        assert answer == {"granted": False, "text": "this address is for watching only"}
+        page.send(json.dumps({"show": "command", "on": True}))
+        until(other, lambda told: told.get("figures", {}).get("command", {}).get("on"))
+        for wrong in ({"show": "command", "on": 1}, {"show": ["command"], "on": True}, {"show": "halo", "on": True}):
+            page.send(json.dumps(wrong))
+            (answer,) = until(page, lambda told: told.get("answers"))["answers"]
+            assert answer["text"].startswith("show")
+        page.send(json.dumps({"show": "command", "on": False}))
+        until(other, lambda told: told.get("figures", {"command": {"on": True}})["command"]["on"] is False)
+
+
+def test_a_marked_moment_is_an_event_of_the_recording_which_replays(played: Any) -> None:
+    """The last test of this run: it ends here."""
+    with socket(played.control) as page:
+        ask(page, "damp")
+        until(page, lambda told: told.get("mode") == "DAMPING")
+        assert ask(page, "mark")["granted"] is True
+        with socket(played.read_only) as late:
+            told = until(late, lambda told: told.get("events"))
+        marked, text = next(event[1:] for event in reversed(told["events"]) if "mark of console" in event[2])
+        assert ask(page, "quit")["granted"] is True
+    assert played.process.wait(timeout=20.0) == 0
+    recording = open_recording(played.folder / "run.mcap")
+    marks = [entry for entry in recording.entries() if isinstance(entry, Event) and "mark of console" in entry.text]
+    assert (marks[-1].time, marks[-1].text) == (marked, text)
+    assert text.endswith(f"moment {len(marks)}")
+    times = [record.input.state.time for record in recording.ticks()]
+    assert times[0] < marked < times[-1]
+    assert run_program(replay.main, [str(played.folder / "run.mcap")]) == 0
