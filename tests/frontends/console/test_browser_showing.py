@@ -1,0 +1,129 @@
+"""What the page shows beside the state, in a real Chromium. The 3D view is left out where it is not looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.slow
+ELBOW = "position and command: left_elbow_pitch"
+PHONE = {"width": 390, "height": 844}
+DRAWN = """(name) => {
+    const canvas = document.querySelector(`[data-plot="${name}"] canvas`);
+    const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    let lit = 0;
+    for (let i = 0; i < data.length; i += 4)
+        lit += Math.abs(data[i] - 74) + Math.abs(data[i + 1] - 163) + Math.abs(data[i + 2] - 224) < 30;
+    return lit > 20;
+}"""
+"""Whether a plot has pixels in the colour of its first line."""
+
+
+@contextmanager
+def opened(browser: Any, address: str, size: dict[str, int] | None = None) -> Iterator[Any]:
+    """A page without its 3D view, which software draws slowly."""
+    page = browser.new_page(viewport=size or {"width": 1280, "height": 800})
+    page.errors = []
+    page.on("pageerror", lambda error: page.errors.append(str(error)))
+    page.route("**/viser/", lambda route: route.fulfill(body=""))
+    page.goto(address)
+    page.wait_for_selector("#cover", state="hidden")
+    yield page
+    assert page.errors == []
+    page.close()
+
+
+def in_mode(page: Any, mode: str) -> None:
+    page.wait_for_selector(f'#mode[data-mode="{mode}"]', timeout=20_000)
+
+
+def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_tab(browser: Any, played: Any) -> None:
+    with opened(browser, played.read_only) as page:
+        page.select_option("#add-plot", ELBOW)
+        page.select_option("#add-plot", "loop: tick time")
+        assert page.locator("#charts figure").count() == 2
+        figure = page.locator(f'[data-plot="{ELBOW}"]')
+        assert "left_elbow_pitch: position and command, rad" in figure.inner_text()
+        page.wait_for_function(DRAWN, arg=ELBOW)
+        page.evaluate("socket.close()")
+        page.wait_for_selector("#cover", state="visible")
+        page.wait_for_selector("#cover", state="hidden")
+        assert page.locator("#charts figure").count() == 2
+        page.wait_for_function(DRAWN, arg=ELBOW)
+        page.reload()
+        page.wait_for_selector(f'[data-plot="{ELBOW}"] canvas')
+        page.click(f'[data-plot="{ELBOW}"] button')
+        assert page.locator("#charts figure").count() == 1
+
+
+def test_a_page_that_reconnects_shows_the_present_and_each_event_once(browser: Any, played: Any) -> None:
+    with opened(browser, played.control) as page, opened(browser, played.control) as other:
+        page.click("#damp")
+        in_mode(page, "DAMPING")
+        page.context.set_offline(True)
+        page.evaluate("socket.close()")
+        page.wait_for_selector("#cover", state="visible")
+        other.click('[data-ask="load_b"]')
+        in_mode(other, "STANDBY")
+        other.click("#mark")
+        other.wait_for_selector("#events >> text=moment")
+        page.context.set_offline(False)
+        page.wait_for_selector("#cover", state="hidden")
+        in_mode(page, "STANDBY")
+        page.wait_for_selector("#events >> text=moment")
+        assert page.locator("#events li").all_inner_texts() == other.locator("#events li").all_inner_texts()
+        other.click("#damp")
+        in_mode(page, "DAMPING")
+
+
+def test_figures_are_switched_for_all_pages(browser: Any, played: Any) -> None:
+    with opened(browser, played.control) as page, opened(browser, played.read_only) as watching:
+        box = '#figures [data-figure="command"] input'
+        watching.wait_for_selector(box)
+        watching.click(box)
+        watching.wait_for_selector("#answer.refused")
+        assert not watching.is_checked(box)
+        page.click(box)
+        for one in (page, watching):
+            one.wait_for_selector('[data-figure="command"][data-on="true"]')
+            assert one.is_checked(box)
+        page.click(box)
+        watching.wait_for_selector('[data-figure="command"][data-on="false"]')
+
+
+def test_a_phone_shows_everything_in_its_width_and_damp_always(browser: Any, played: Any) -> None:
+    with opened(browser, played.control, PHONE) as page:
+        page.select_option("#add-plot", ELBOW)
+        page.wait_for_selector("#joints tbody tr:nth-child(14)")
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        for name in ("#joints", "#charts figure", "#intents", "#mark"):
+            box = page.locator(name).first.bounding_box()
+            assert box["x"] >= 0.0, name
+            assert box["x"] + box["width"] <= 390.0, name
+        order = [
+            page.locator(name).bounding_box()["y"] for name in ("#mode", "#intents", "#safety", "#stage", "#events")
+        ]
+        assert order == sorted(order)
+        for place in ("0", "document.documentElement.scrollHeight"):
+            page.evaluate(f"window.scrollTo(0, {place})")
+            box = page.locator("#damp").bounding_box()
+            assert 0.0 <= box["y"] <= 100.0
+        page.click("#damp")
+        in_mode(page, "DAMPING")
+
+
+def test_on_hardware_motors_and_buses_are_listed(browser: Any, start_play: Callable[..., Any]) -> None:
+    """Emulated motors: they warm up from 25 °C, and answer."""
+    played = start_play("--hardware", "virtual:console")
+    with opened(browser, played.control) as page:
+        page.wait_for_selector("#motors tbody tr:nth-child(14)")
+        page.wait_for_function("/virtual:console [1-9][0-9]* %/.test(document.getElementById('buses').textContent)")
+        cells = page.locator("#motors tbody tr").first.locator("td").all_inner_texts()
+        assert cells[0] == "left_shoulder_pitch"
+        assert 10.0 < float(cells[1]) < 60.0
+        assert float(cells[2]) < 10_000.0
+        page.select_option("#add-plot", "bus load: virtual:console")
+        page.wait_for_function(DRAWN, arg="bus load: virtual:console")
