@@ -45,9 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = tyro.cli(DdsConfig, prog="humanoid_sim.dds", args=arguments)
     require_packages("dds")
     with ExitStack() as stack:
-        attachment = stack.enter_context(attached(config.session, "dds"))
-        participant = stack.enter_context(Participant(interface=config.interface))
         is_local = config.interface == LOOPBACK
+        # On the machine itself nothing goes before commands for REMOTE; a network may be flooded by anybody.
+        attachment = stack.enter_context(attached(config.session, "dds", niceness=0 if is_local else 5))
+        participant = stack.enter_context(Participant(interface=config.interface))
         topics = local_topics(attachment) if is_local else network_topics(attachment)
         refusals = _Refusals(attachment)
         telemetry = Telemetry(attachment, participant, topics, news=refusals.news)

@@ -1,0 +1,18 @@
+"""The examples' tests are in DDS domains of their own, as the bridge's."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parents[1] / "frontends" / "dds"))
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Also of the programs that the test starts."""
+    from dds_bridge import free_domain  # noqa: PLC0415 - on the path as of here
+
+    found = free_domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(found))
+    return found

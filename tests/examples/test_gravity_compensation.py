@@ -1,0 +1,133 @@
+"""The example, as anybody would run it: a whole `play` with its DDS bridge, and the client as a program beside it."""
+
+from __future__ import annotations
+
+import importlib.util
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
+
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.kinematics import ForwardKinematics, GravityTorque
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "gravity_compensation.py"
+LITE = load_robot("lite")
+_SETTLED = 0.5
+"""s after which the arms are at rest."""
+_HELD = 20.0
+"""s for which the arms are held in each form."""
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("gravity_compensation", EXAMPLE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_both_forms_command_gravitys_torque_at_the_pose_and_no_more(example: ModuleType) -> None:
+    q = LITE.initial_position + np.full(14, 0.1)
+    torque = GravityTorque(LITE)(q)
+    assert np.abs(torque).max() > 0.5
+    for form in ("torque", "pd"):
+        command = example.command(LITE, q, torque, form, 1.0)
+        applied = command.stiffness * (command.position - q) + command.effort
+        assert applied == pytest.approx(torque, abs=1e-9)
+    assert example.command(LITE, q, torque, "torque", 1.5).damping.tolist() == [1.5] * 14
+
+
+@contextmanager
+def running(*command: str) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(
+        [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as one:
+        try:
+            yield one
+        finally:
+            one.kill()
+
+
+def line_with(process: subprocess.Popen[str], text: str) -> str:
+    """The next line of a program that holds a text."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if text in line:
+            return line
+    raise AssertionError(f"ended without: {text}")
+
+
+@pytest.mark.slow
+def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, domain: int
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    record = tmp_path / "run.mcap"
+    script = "damp; load_b; wait; start_remote; hold 600"
+    options = ("--dds", "--pace", "realtime", "--viewer", "none", "--video", "none", "--record", str(record))
+    with running("-m", "humanoid_sim.play", *options, "--script", script) as play:
+        line_with(play, "DDS: domain ")
+        for form, end in (("torque", signal.SIGKILL), ("pd", signal.SIGTERM)):
+            with running(str(EXAMPLE), "--form", form) as client:
+                line_with(client, "REMOTE: holding")
+                time.sleep(_HELD)
+                client.send_signal(end)
+                assert client.wait(20.0) == (0 if end is signal.SIGTERM else -signal.SIGKILL)
+            time.sleep(1.5)
+        play.send_signal(signal.SIGINT)
+        play.communicate(timeout=60.0)
+    _check(record)
+
+
+def _check(record: Path) -> None:
+    remote = [tick for tick in open_recording(record).ticks() if tick.output.control_mode.mode is Mode.REMOTE]
+    torque = [tick for tick in remote if tick.output.command.effort.any()]
+    pd = [tick for tick in remote if tick.output.command.stiffness.any()]
+    _holds("torque", torque, 0.001)
+    _holds("pd", pd, 0.001)
+    # Killed: passive at the latest 100 ms after its last command, and from then on.
+    last = torque[-1]
+    assert last.input.remote is not None
+    after = [tick for tick in remote if last.index < tick.index < pd[0].index]
+    took = float(after[0].input.state.time) - last.input.remote.arrival_time
+    assert took <= 0.1 + 0.011, "two ticks later than the timeout at most"
+    assert len(after) > 100
+    for tick in after:
+        command = tick.output.command
+        assert (command.stiffness.any(), command.effort.any(), set(command.damping)) == (False, False, {5.0})
+    fastest = max(np.abs(tick.input.state.joint_velocity).max() for tick in after)
+    print(f"passive {1e3 * took:.0f} ms after the last command; then at most {fastest:.2f} rad/s")
+    assert fastest < 1.5, "damped, not limp"
+
+
+def _holds(form: str, ticks: list[TickRecord], accepted: float) -> None:
+    """Check the drift of the hands, m, wherever commands came without a break: on a busy machine one may come late."""
+    breaks = [i for i in range(1, len(ticks)) if ticks[i].index != ticks[i - 1].index + 1]
+    stretches = [ticks[a:b] for a, b in zip([0, *breaks], [*breaks, len(ticks)], strict=True)]
+    longest = 0.0
+    for stretch in stretches:
+        held = [tick for tick in stretch if tick.input.state.time >= stretch[0].input.state.time + _SETTLED]
+        if len(held) < 2:
+            continue
+        seconds = float(held[-1].input.state.time - held[0].input.state.time)
+        positions, _ = ForwardKinematics(LITE)(np.array([tick.input.state.joint_position for tick in held[::10]]))
+        drift = float(np.linalg.norm(positions - positions[0], axis=-1).max())
+        print(f"{form}: the hands drift {1e6 * drift:.0f} um in {seconds:.1f} s")
+        assert drift < accepted
+        longest = max(longest, seconds)
+    assert longest > 1.0
