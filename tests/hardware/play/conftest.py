@@ -6,7 +6,10 @@ import sys
 from pathlib import Path
 
 # importlib mode leaves sys.path alone.
-sys.path += [str(Path(__file__).parents[2] / name) for name in ("play", "policy", "hardware/imu", "hardware/play")]
+sys.path += [
+    str(Path(__file__).parents[2] / name)
+    for name in ("play", "policy", "hardware/imu", "hardware/play", "frontends/dds")
+]
 
 from play_fixtures import folder, make_robot, quick, run
 

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dds_bridge import free_domain
 from result import Result
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.pace import Pace
 
 pytestmark = pytest.mark.slow
@@ -115,3 +117,31 @@ def test_a_minute_at_200_hz_on_two_buses(run: Callable[..., Result], stalls: Sta
     assert loop["tick_time_p99"] < 0.005
     assert len(hardware["channels"]) == 2
     assert hardware["acknowledged"] >= 0.999 * hardware["commanded"]
+
+
+@pytest.mark.timeout(400)
+def test_a_dds_bridge_at_full_rate_and_a_client_that_floods_do_not_disturb_the_loop(
+    run: Callable[..., Result], stalls: Stalls, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    """10 000 samples a second, most of them wrong: all are refused outside the loop's process, and counted."""
+    pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
+    domain, seconds = free_domain(), 60 if request.config.getoption("--complete") else 30
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    joints = ",".join(load_robot("lite").joint_names)
+    flood = Path(__file__).parents[2] / "frontends" / "dds" / "flood.py"
+    with subprocess.Popen([sys.executable, str(flood), str(domain), joints, "10000"]) as client:
+        try:
+            result = run("--hardware", "virtual:flood", "--dds", *SCRIPT, "--duration", str(seconds))
+        finally:
+            client.kill()
+    report(result.summary, "with a DDS bridge and a flood")
+    assert result.status == 0
+    loop = result.summary["loop"]
+    unexplained = stalls.unexplained()
+    print(f"{len(stalls.missed)} missed deadlines, {len(unexplained)} of them while every CPU ran")
+    is_first = any(line.startswith("SCHED_FIFO, ") for line in loop["measures"])
+    assert len(unexplained) <= (0 if is_first else 0.005 * loop["ticks"])
+    assert loop["ticks"] >= 0.99 * 50 * seconds
+    told = [event.text for event in result.events if event.text.startswith("refused of dds (")]
+    assert any("/remote_policy_controller/command: " in text for text in told)
+    assert 1 <= len(told) <= seconds + 1, "not more than once a second"
