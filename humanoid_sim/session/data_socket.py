@@ -296,7 +296,7 @@ class DataSocket(ExternSource, Sink):
         return {
             "owners": dict(self._shown),
             "refused": list(self.refusals.lines),
-            "refused_samples": self.refusals.count,
+            "refused_samples": dict(self.refusals.counts),
             "refused_last": self.refusals.latest,
         }
 

@@ -27,10 +27,15 @@ class Refusals:
         """Whether a producer's reason is still to be told."""
         self._told_at: dict[str, float] = {}
         """s, robot's clock, by producer."""
-        self.count = 0
-        """Samples, since the session began."""
+        self.counts: dict[str, int] = {}
+        """Samples of each producer's, since the session began; of those beyond the first so many under `others`."""
         self.latest = ""
         """The latest, as one line."""
+
+    @property
+    def count(self) -> int:
+        """Samples, since the session began."""
+        return sum(self.counts.values())
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -39,7 +44,8 @@ class Refusals:
 
     def add(self, producer: Producer, reason: str, count: int = 1) -> None:
         """Count a refusal; `count` samples for this reason."""
-        self.count += count
+        name = str(producer) if str(producer) in self.counts or len(self.counts) < _MOST else "others"
+        self.counts[name] = self.counts.get(name, 0) + count
         # Others chose these words: no line ends and nothing that steers a terminal, and not too many of them.
         reason = "".join(c if c.isprintable() else "?" for c in reason[:_LONGEST])
         self.latest = f"{producer}: {reason}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from local_session import LocalSession
 
 from humanoid_sim.session.ownership import Producer
@@ -62,9 +64,10 @@ def test_a_reason_is_one_line_that_steers_no_terminal() -> None:
 def test_no_flood_of_reasons_is_remembered() -> None:
     refusals = Refusals(lambda _: None)
     for number in range(10_000):
-        refusals.add(ONE, f"{number}")
+        refusals.add(Producer("one", number), f"{number}")
         refusals.flush(0.0)
     assert refusals.count == 10_000
+    assert (len(refusals.counts), refusals.counts["others"]) == (257, 9744)
     assert len(refusals.lines) == 256
 
 
@@ -81,7 +84,7 @@ def test_a_producer_reports_what_it_has_refused_itself(local: LocalSession) -> N
     assert local.data.refusals.latest.endswith("): /command: another")
     assert [line for line in local.told if "position has 3 values , expected 14" in line]
     status = local.data.status()
-    assert status["refused_samples"] == 9
+    assert status["refused_samples"] == {f"dds ({os.getpid()})": 9}
     for total in (float("nan"), float("inf"), -1.0, 0.0):
         intake._send(4, "nonsense", (total,), None)
         local.tick()

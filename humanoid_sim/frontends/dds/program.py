@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import tyro
 
-from humanoid_sim.client import Sample
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader
@@ -59,12 +58,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         reader = CommandReader(attachment.session, attachment.header.joint_names, commands, keys)
         stack.callback(reader.close)
         reader.start()
+        newest = attachment.feed.latest()
+        number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
         ready(f"DDS: domain {participant.domain} on {participant.interface}, for {attachment.session}")
         if not is_local:
             ready(f"warning: whoever is on the network at {config.interface} can command the robot in REMOTE")
         if is_wireless(config.interface):
             ready(f"warning: {config.interface} is wireless, expected a cable: REMOTE may stop at any moment")
-        _serve(attachment, telemetry, reader)
+        _serve(attachment, telemetry, reader, number)
     return 0
 
 
@@ -73,7 +74,7 @@ class _Refusals:
 
     def __init__(self, attachment: Attachment) -> None:
         self._feed = attachment.feed
-        self._count = int(self._feed.status().get("refused_samples", 0))
+        self._count = sum(self._feed.status().get("refused_samples", {}).values())
         self._looked = time.monotonic()
         self._text = ""
 
@@ -83,17 +84,15 @@ class _Refusals:
         if now - self._looked >= _NEWS_PERIOD:
             self._looked = now
             status = self._feed.status()
-            count = int(status.get("refused_samples", self._count))
+            count = sum(status.get("refused_samples", {}).values())
             more, self._count = count - self._count, count
             self._text = f"{more} samples refused, the last of {status['refused_last']}" if more > 0 else ""
         return self._text
 
 
-def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader) -> None:
-    """Publish until the session ends."""
+def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader, number: int) -> None:
+    """Publish the ticks after that number until the session ends."""
     feed = attachment.feed
-    newest: Sample | None = feed.latest()
-    number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
     looked = time.monotonic()
     pause = min(max(0.1 * feed.control_period, 0.001), 0.005)
     while True:

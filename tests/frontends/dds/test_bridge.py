@@ -172,10 +172,9 @@ def test_hostile_samples_are_refused_counted_and_told_and_no_honest_command_suff
     with streaming(honest, 0.2):
         until(lambda: robot.position() == 0.2, "the honest command")
         start = len(robot.records)
-        before = robot.local.data.refusals.count
         for make in HOSTILE:
             hostile.write(make())
-        until(lambda: robot.local.data.refusals.count == before + len(HOSTILE), "every refusal")
+        until(lambda: robot.local.data.refusals.counts.get(f"dds ({robot.bridge})") == len(HOSTILE), "every refusal")
 
         def is_told() -> bool:
             told.update(sample.status_message for sample in control_mode.take(1000))
