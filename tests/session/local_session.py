@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +15,7 @@ import rig
 
 from humanoid_sim.client import Intake, SessionInfo, find_session
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, SessionHeader, TickInput, TickRecord
+from humanoid_sim.mit import Extern
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
@@ -34,6 +35,10 @@ class LocalSession:
     told: list[str] = field(default_factory=list)
     index: int = 0
     safety: tuple[SafetyStatus, ...] = ()
+    takes: Mapping[str, int] = field(default_factory=lambda: {"keys": 2})
+    """Live inputs from outside."""
+    makes: dict[str, Extern] = field(default_factory=dict)
+    """Live inputs of its own."""
 
     def __post_init__(self) -> None:
         self.run = rig.Run(rig.supervisor())
@@ -50,11 +55,11 @@ class LocalSession:
             0.1,
             clock=lambda: self.time,
             velocity=self.velocity,
-            live={"keys": 2},
+            live=self.takes,
             tell=self.told.append,
         )
         self.stack.callback(self.data.close)
-        self.feed = FeedWriter(HEADER, {"model.mjb": b"model"}, shadow_width=8)
+        self.feed = FeedWriter(HEADER, {"model.mjb": b"model"}, live_inputs=self.takes, shadow_width=8)
         self.stack.callback(self.feed.close)
         self.registration.register(robot="three", policy="p.onnx", hardware="", feed=self.feed.path)
 
@@ -69,7 +74,7 @@ class LocalSession:
         """One turn of the loop: intents, data, the stack, the sinks."""
         self.time += rig.PERIOD
         intents = (*more, *self.intents.poll(self.time, None))
-        live = {**self.data.latest(), **self.velocity.latest()}
+        live = {**self.makes, **self.data.latest(), **self.velocity.latest()}
         state = rig.state(self.time, extern=live)
         tick_input = TickInput(state, self.safety, tuple(intents), self.inbox.latest())
         self.run.memory, output = self.run.supervisor.step(self.run.memory, tick_input)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
@@ -22,6 +27,7 @@ from local_session import LocalSession, ticking
 from stranger import Client, client, command, newest, until
 
 from humanoid_sim.messages import Mode, SafetyFlag, SafetyLevel, SafetyStatus, TickRecord
+from humanoid_sim.mit import Extern
 
 COMMAND = "rt/remote_policy_controller/command"
 
@@ -108,14 +114,10 @@ def test_commands_are_obeyed_and_end(robot: Robot) -> None:
 
 
 def test_remote_belongs_to_one_client(robot: Robot) -> None:
-    first, second = robot.writer(), robot.writer()
-    with streaming(first, 0.1):
-        until(lambda: robot.position() == 0.1, "the first one's command")
-        start = len(robot.records)
-        with streaming(second, 0.9):
-            until(lambda: "REMOTE: belongs to dds" in robot.local.data.refusals.latest, "the refusal")
-            time.sleep(0.3)
-        assert {float(record.output.command.position[0]) for record in robot.records[start:]} == {0.1}
+    with streaming(robot.writer(), 0.1), streaming(robot.writer(), 0.9):
+        refusal = re.compile(r"(dds \S+) \(\d+\): REMOTE: belongs to (dds \S+) \(\d+\)")
+        found = until(lambda: refusal.fullmatch(robot.local.data.refusals.latest), "the refusal of one of them")
+    assert found[1] != found[2]
     robot.wait_until_passive()
 
 
@@ -202,6 +204,38 @@ def test_every_source_of_a_safety_status_is_latched(robot: Robot) -> None:
     assert heard == {"can0": (0, 0, ""), "can1": (1, 32, "frames of 3 bytes")}
     robot.local.safety = (SafetyStatus(source="can0"),)
     until(lambda: both() and heard["can1"] == (0, 0, ""), "that can1 is heard of no more")
+
+
+KEYS = "rt/piano/key_state"
+
+
+def test_keys_that_the_session_makes_itself_are_published_and_not_taken(robot: Robot) -> None:
+    robot.writer()
+    assert robot.client.writer(KEYS).get_matched_subscriptions() == []
+    reader = robot.client.reader(KEYS, depth=1)
+    until(reader.get_matched_publications, "the bridge's publication")
+    robot.local.makes["key_pressed"] = Extern(np.array([0.0, 1.0]), robot.local.time)
+    assert newest(reader).data == [0.0, 1.0]
+
+
+def test_a_subscriber_that_stands_still_holds_nobody_up(robot: Robot) -> None:
+    domain = os.environ["ROS_DOMAIN_ID"]
+    script = f"import stranger, time; c = stranger.Client({domain}); r = c.reader('rt/clock'); "
+    script += "stranger.newest(r); print(flush=True); time.sleep(600)"
+    folder = str(Path(stranger.__file__).parent)
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=folder) as other:
+        try:
+            assert other.stdout is not None
+            other.stdout.readline()
+            other.send_signal(signal.SIGSTOP)
+            reader = robot.client.reader("rt/clock")
+            newest(reader)
+            before = len(robot.records)
+            until(lambda: len(robot.records) > before + 50, "a second of ticks")
+            seconds = newest(reader).clock
+            assert seconds.sec + 1e-9 * seconds.nanosec > robot.records[before].input.state.time
+        finally:
+            other.kill()
 
 
 def test_another_domain_is_another_world(robot: Robot) -> None:

@@ -1,0 +1,85 @@
+"""What a bridge that comes later says of the Lite on a CAN bus, and keys that it takes from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
+
+import rig
+from dds_bridge import bridge
+from local_session import LocalSession, ticking
+from stranger import Client, Float32MultiArray, MultiArrayLayout, client, newest, until
+
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+from humanoid_sim.simulation.model import build_model, model_bytes
+from humanoid_sim.stack import run_header
+from humanoid_sim.testing import healthy_state
+
+
+@pytest.fixture
+def cyclone(domain: int) -> Iterator[Client]:
+    with client(domain) as joined:
+        yield joined
+
+
+def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local: LocalSession, cyclone: Client) -> None:
+    neck = load_robot("lite_neck")
+    local.feed.close()
+    local.registration.close()
+    local.feed = FeedWriter(run_header(neck, 0.02, None, settings={}), {MODEL_BLOB: model_bytes(build_model(neck))})
+    local.stack.callback(local.feed.close)
+    local.registration.register(robot="lite_neck", policy="none", hardware="can0", feed=local.feed.path)
+    state = healthy_state([0.0] * 17, 3.5)
+    output = TickOutput(MITCommand.zeros(17), ControlMode(Mode.DAMPING, "damping_controller", "Grüße"))
+    local.feed.tick(TickRecord(0, TickInput(state), output, 0.0, False))
+    with bridge():
+        urdf = newest(cyclone.reader("rt/robot_description")).data
+        assert urdf.startswith('<robot name="lite_neck"')
+        fixed = newest(cyclone.reader("rt/tf_static")).transforms
+        assert ("world", "chest") in [(one.header.frame_id, one.child_frame_id) for one in fixed]
+        joint_states = cyclone.reader("rt/lite/joint_states")
+        until(joint_states.get_matched_publications, "the joint states of all Lites")
+        moving, clock = cyclone.reader("rt/tf"), cyclone.reader("rt/clock")
+        mode, heard = cyclone.reader("rt/control_mode"), cyclone.reader("rt/imu/data")
+        for reader in (moving, mode, heard):
+            until(reader.get_matched_publications, f"the publication of {reader.topic.name}")
+        local.feed.tick(TickRecord(1, TickInput(state), output, 0.0, False))
+        assert newest(joint_states).name == list(neck.joint_names)
+        assert newest(mode).status_message == "Grüße"
+        assert newest(heard).orientation.w == 1.0
+        assert len(newest(moving).transforms) == 17
+        assert clock.get_matched_publications() == [], "the clock of a real robot is the world's"
+
+
+def test_keys_from_outside_reach_the_session_where_it_takes_them(
+    tmp_path: object, monkeypatch: pytest.MonkeyPatch, domain: int
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    local = LocalSession(takes={"key_pressed": 3})
+    with local.stack, client(domain) as cyclone, bridge(), ticking(local, rig.PERIOD) as records:
+        reader = cyclone.reader("rt/piano/key_state")
+        newest(cyclone.reader("rt/clock"))
+        assert reader.get_matched_publications() == [], "never both"
+        writer = cyclone.writer("rt/piano/key_state", depth=1)
+        until(lambda: len(writer.get_matched_subscriptions()) == 2, "the bridge's subscription beside our own")
+        keys = Float32MultiArray(MultiArrayLayout([], 0), [1.0, 0.0, 1.0])
+
+        def pressed() -> list[float]:
+            state = records[-1].input.state
+            return state.extern["key_pressed"].at(state.time).tolist() if "key_pressed" in state.extern else []
+
+        def play() -> list[float]:
+            writer.write(keys)
+            return pressed()
+
+        until(lambda: play() == [1.0, 0.0, 1.0], "the keys")
+        keys.data = [1.0] * 88
+        told = "live input 'key_pressed': expected its timeout and 3 finite values"
+        until(lambda: play() and told in local.data.refusals.latest, "a refusal")
+        until(lambda: pressed() == [0.0] * 3, "the timeout of what was not repeated")

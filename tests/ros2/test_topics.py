@@ -1,0 +1,50 @@
+"""Topics are those of the original stack."""
+
+from __future__ import annotations
+
+import pytest
+
+from humanoid_sim.ros2.definitions import message_fields
+from humanoid_sim.ros2.topics import TOPICS, Topic, joint_states_topic, kind_of
+
+
+def test_quality_of_service_is_the_stacks() -> None:
+    assert {name for name, topic in TOPICS.items() if topic.latched} == {
+        "/safety_status",
+        "/robot_description",
+        "/tf_static",
+        "/standby_controller/state",
+        "/standby_controller_a/state",
+        "/standby_controller_b/state",
+    }
+    depths = {name: TOPICS[name].depth for name in ("/remote_policy_controller/command", "/piano/key_state")}
+    assert depths == {"/remote_policy_controller/command": 4, "/piano/key_state": 1}
+    assert kind_of("/control_mode", "") == Topic("humanoid_control_msgs/msg/ControlMode", 10, False)
+    assert kind_of("/lite/joint_states", "sensor_msgs/msg/JointState") == Topic("sensor_msgs/msg/JointState", 10, False)
+
+
+@pytest.mark.parametrize(
+    ("prefix", "topic"),
+    [
+        ("lite", "/lite/joint_states"),
+        ("g1 29-dof", "/g1_29_dof/joint_states"),
+        ("3r", "/_3r/joint_states"),
+        ("Ätna", "/_tna/joint_states"),
+    ],
+)
+def test_a_prefix_becomes_a_name_that_ros_allows(prefix: str, topic: str) -> None:
+    assert joint_states_topic(prefix) == topic
+
+
+def test_fields_of_a_definition() -> None:
+    assert message_fields("humanoid_control_msgs/msg/SafetyStatus") == (
+        ("header", "std_msgs/msg/Header", None),
+        ("level", "uint8", None),
+        ("source", "string", None),
+        ("flags", "uint32", None),
+        ("message", "string", None),
+    )
+    imu = {field.name: field for field in message_fields("sensor_msgs/msg/Imu")}
+    assert imu["orientation_covariance"][1:] == ("float64", 9)
+    joint_state = {field.name: field for field in message_fields("sensor_msgs/msg/JointState")}
+    assert joint_state["name"][1:] == ("string", 0)
