@@ -197,7 +197,7 @@ def _shadow(
     ends: LocalEnds,
 ) -> ShadowSink:
     """The sink in which a shadow policy runs, and where its steps go."""
-    topics = ShadowTopics(header, plan.policy.loaded)
+    topics = ShadowTopics(header)
 
     def publish(step: ShadowStep) -> None:
         encoded = encode_shadow_step(step)

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from humanoid_sim.recording.topics import PolicyTopics, TopicMessage
 from humanoid_sim.ros2.cdr import CdrError, CdrReader, CdrWriter
 from humanoid_sim.ros2.definitions import MIT_COMMAND, SHADOW_STEP
 from humanoid_sim.ros2.messages import encode_mit_command
+from humanoid_sim.strict_json import parse_json
 
 __all__ = [
     "SHADOW_CONTRACT_DOCUMENT",
@@ -37,6 +37,7 @@ __all__ = [
     "encode_shadow_step",
     "read_shadow_steps",
     "shadow_documents",
+    "shadow_values",
     "shadow_width",
 ]
 
@@ -101,13 +102,32 @@ def decode_shadow_step(message: bytes) -> ShadowStep:
 
 def shadow_documents(source: str, sha256: str, motion: str | None, loaded: LoadedPolicy) -> dict[str, str]:
     """What a header says of a shadow policy."""
+    contract, layout = loaded.contract, loaded.layout
     told = {
         "policy": source,
         "policy_sha256": sha256,
         "motion": motion,
-        "observation_terms": [[term.name, term.width] for term in loaded.layout.terms],
+        "observation_terms": [[term.name, term.width] for term in layout.terms],
+        "observation": observation_labels(contract, layout),
+        "action": contract.action_joint_names,
     }
     return {SHADOW_DOCUMENT: json.dumps(told, indent=1), SHADOW_CONTRACT_DOCUMENT: encode(loaded.contract)}
+
+
+def shadow_values(header: SessionHeader) -> tuple[tuple[tuple[str, int], ...], Labels] | None:
+    """Name and width of each term that the shadow policy of a run observes, and the names of their values.
+
+    None without a shadow policy, and of a header that is damaged there: plots go without.
+    """
+    if SHADOW_DOCUMENT not in header.documents:
+        return None
+    try:
+        told = parse_json(header.documents[SHADOW_DOCUMENT])
+        terms = tuple((str(name), range(width).stop) for name, width in told["observation_terms"])
+        observation = {str(term): tuple(map(str, names)) for term, names in told["observation"].items()}
+        return terms, Labels(observation, tuple(map(str, told["action"])))
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return None
 
 
 def shadow_width(loaded: LoadedPolicy) -> int:
@@ -118,15 +138,11 @@ def shadow_width(loaded: LoadedPolicy) -> int:
 class ShadowTopics:
     """Turns the steps of one shadow policy into messages: one that holds everything, and those that viewers plot."""
 
-    def __init__(self, header: SessionHeader, loaded: LoadedPolicy) -> None:
-        """Prepare for a run."""
+    def __init__(self, header: SessionHeader) -> None:
+        """Prepare for a run whose header has a shadow policy."""
         self._joints = header.joint_names
         self._start_time_ns = header.start_time_ns
-        layout = loaded.layout
-        labels = Labels(
-            MappingProxyType(dict(observation_labels(loaded.contract, layout))), loaded.contract.action_joint_names
-        )
-        self._policy = PolicyTopics(_PREFIX, tuple((term.name, term.width) for term in layout.terms), labels)
+        self._policy = PolicyTopics(_PREFIX, *(shadow_values(header) or ((), Labels())))
 
     def messages(self, shadow: ShadowStep, encoded: bytes) -> Iterator[TopicMessage]:
         """The messages of a step; `encoded` is the step's own."""

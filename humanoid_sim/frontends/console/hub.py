@@ -26,6 +26,7 @@ from humanoid_sim.frontends.console.showing import Showing
 from humanoid_sim.frontends.console.state import available_controllers, state
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Snap, Take, parse_wish
 from humanoid_sim.messages import Intent, TickRecord
+from humanoid_sim.recording.shadow import decode_shadow_step
 from humanoid_sim.session.intent_socket import MARK
 
 __all__ = ["Hub"]
@@ -65,7 +66,7 @@ class Hub:
         self._damps = 0
         self._record: TickRecord | None = None
         self._stamp = monotonic_ns()
-        self._number = self._event_number = 0
+        self._number = self._event_number = self._shadow_number = 0
         self._mode: tuple[str, str] | None = None
         self._events: deque[tuple[int, float, str]] = deque(maxlen=_EVENTS)
         self._told = 0
@@ -91,6 +92,9 @@ class Hub:
         for number, event in self._attachment.events(self._event_number):
             self._event_number = number
             self._tell(event.time, event.text)
+        for sample in feed.since(self._shadow_number, "shadow"):
+            self._shadow_number = sample.number
+            self._showing.shadow(decode_shadow_step(sample.data))
         for sample in feed.since(self._number):
             self._number, self._stamp = sample.number, sample.stamp
             newest = self._attachment.record(sample)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,8 @@ from humanoid_sim.evaluation.tracking import errors_of_run
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.messages import Mode, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.recording.labels import read_labels
+from humanoid_sim.recording.labels import Labels, read_labels
+from humanoid_sim.recording.shadow import ShadowStep, shadow_values
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.stack import no_policy, recorded_motion, recorded_policy
 
@@ -26,6 +28,8 @@ _ROWS = 3000
 """That are kept, for pages that are opened late."""
 _PERIOD = 0.02
 """s, the shortest between two rows: 50 a second, and so the last minute of the robot's time at least."""
+_SHADOW_AGE = 0.5
+"""s after which a step of a shadow policy is the past."""
 _MOST_SERIES = 20
 """Of one chart; more are spread over several."""
 _HEAD = struct.Struct("<3d")
@@ -103,6 +107,10 @@ class Plots:
             width += columns
         self.history = History(width)
         self._observation: FloatArray = np.full(sum(self._widths), np.nan)
+        terms, labels = shadow_values(header) or ((), Labels())
+        self._shadow_widths = (self._joints, len(labels.action), sum(width for _, width in terms)) if terms else None
+        self._shadow: ShadowStep | None = None
+        self._shadow_steps: deque[ShadowStep] = deque(maxlen=_ROWS)
         self._slowest = self._missed = 0.0
 
     def add(self, record: TickRecord, loads: Mapping[str, float]) -> None:
@@ -132,9 +140,32 @@ class Plots:
             [1e3 * self._slowest, self._missed],
             [100.0 * loads.get(channel, np.nan) for channel in self._channels],
             self._observation if is_driven else np.full_like(self._observation, np.nan),
+            self._shadowed(time, state.joint_position),
         ]
         self.history.add(time, np.concatenate([np.asarray(part, np.float64) for part in values]))
         self._slowest = 0.0
+
+    def shadow(self, step: ShadowStep) -> None:
+        """Take a step of a policy that only looks on."""
+        self._shadow_steps.append(step)
+
+    def _shadowed(self, time: float, position: FloatArray) -> FloatArray:
+        """The joints beside what a shadow policy would command, its answer and what it saw; not those of the past."""
+        if self._shadow_widths is None:
+            return np.empty(0)
+        joints, actions, observed = self._shadow_widths
+        steps = self._shadow_steps
+        while steps and not time < steps[0].time <= time + _SHADOW_AGE:
+            self._shadow = steps.popleft()
+        shown, latest = np.full(2 * joints + actions + observed, np.nan), self._shadow
+        if latest is None or abs(time - latest.time) > _SHADOW_AGE:
+            return shown
+        if latest.command is not None and len(latest.command.position) == joints:
+            shown[: 2 * joints] = np.column_stack([position, latest.command.position]).ravel()
+        seen = latest.step
+        if seen is not None and (seen.action.size, seen.observation.size) == (actions, observed):
+            shown[2 * joints :] = np.concatenate([seen.action.reshape(-1), seen.observation])
+        return shown
 
     def _errors(self, *, is_driven: bool) -> FloatArray:
         found = []
@@ -217,11 +248,21 @@ def _charts(
     yield Chart("loop", "missed deadlines", "since the console began", ("missed",)), 1
     for channel in channels:
         yield Chart("bus load", channel, "%", ("load",)), 1
-    labels = read_labels(header).observation
-    for term, width in header.observation_terms:
-        names = labels.get(term, ())
+    yield from _observed("observation", header.observation_terms, read_labels(header))
+    terms, labels = shadow_values(header) or ((), Labels())
+    if terms:
+        for name in header.joint_names:
+            yield Chart("shadow policy", name, "rad", ("position", "would command")), 2
+        if labels.action:
+            yield from _spread("shadow policy", "action", "as answered", labels.action)
+        yield from _observed("shadow policy observes", terms, labels)
+
+
+def _observed(group: str, terms: Sequence[tuple[str, int]], labels: Labels) -> Iterator[tuple[Chart, int]]:
+    for term, width in terms:
+        names = labels.observation.get(term, ())
         series = names if len(names) == width else tuple(str(i) for i in range(width))
-        yield from _spread("observation", term, "as observed", series)
+        yield from _spread(group, term, "as observed", series)
 
 
 def _spread(group: str, name: str, unit: str, series: tuple[str, ...]) -> Iterator[tuple[Chart, int]]:

@@ -10,6 +10,7 @@ from humanoid_sim.frontends.console.ghosts import Ghosts
 from humanoid_sim.frontends.console.motors import motor_table
 from humanoid_sim.frontends.console.plots import Plots, Watch, bus_loads
 from humanoid_sim.messages import TickRecord
+from humanoid_sim.recording.shadow import ShadowStep
 
 __all__ = ["Showing"]
 
@@ -38,6 +39,10 @@ class Showing:
         """Take a tick, of which every one must be seen."""
         self._ghosts.look(record)
         self._plots.add(record, self._loads)
+
+    def shadow(self, step: ShadowStep) -> None:
+        """Take a step of a shadow policy."""
+        self._plots.shadow(step)
 
     def hello(self) -> dict[str, Any]:
         """For a page that is opened."""

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 
 from humanoid_sim.frontends.console.plots import MOST_CHARTS, History, Plots, Watch, bus_loads
-from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.messages import Mode, PolicyStep, TickRecord
 from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.shadow import ShadowStep
 from humanoid_sim.robots.description import RobotDescription
 
 RECORDING = Path(__file__).parents[2] / "data" / "recordings" / "simulated_locomotion.mcap"
@@ -85,6 +87,45 @@ def test_what_the_policy_observes_and_misses_is_plotted_while_it_drives(plots: P
     assert observed[1:, driven][:, -1].tolist() == steps[-1].observation[:12].tolist()
     errors = read(plots.message(chart(plots, "tracking error: positions of bodies"), 0))[2][1:, driven]
     assert 0.0 < errors.max() < 50.0  # mm
+
+
+def test_what_a_shadow_policy_would_command_is_plotted_beside_the_joint(ticks: list[TickRecord]) -> None:
+    header = open_recording(RECORDING).header
+    told = {"observation_terms": [["joint_pos", 14], ["rest", 2]], "observation": {"joint_pos": header.joint_names}}
+    told["action"] = list(header.joint_names[:3])
+    shadowed = replace(header, documents={**header.documents, "shadow": json.dumps(told)})
+    plots = Plots(shadowed, RobotDescription.from_json(header.documents["robot"]))
+    names = [f"{chart.group}: {chart.name}" for chart in plots.charts]
+    assert [name for name in names if "shadow" in name] == [
+        *(f"shadow policy: {joint}" for joint in header.joint_names),
+        "shadow policy: action",
+        "shadow policy observes: joint_pos",
+        "shadow policy observes: rest",
+    ]
+    command = replace(ticks[0].output.command, position=np.arange(14) / 10)
+    for tick in (20, 40):  # said a little later than the ticks that it saw
+        seen = PolicyStep(tick, np.arange(16, dtype=np.float32), np.array([1.0, 2.0, 3.0], dtype=np.float32))
+        fault = "is NaN" if tick == 40 else ""
+        plots.shadow(ShadowStep(tick, float(ticks[tick].input.state.time), seen, None if fault else command, fault))
+    for record in ticks[:200]:
+        plots.add(record, {})
+    joint = read(plots.message(chart(plots, "shadow policy: left_elbow_pitch"), 0))[2]
+    is_known = np.isfinite(joint[1])
+    assert (is_known == np.isfinite(joint[2])).all()
+    known = joint[:, is_known]
+    times = [float(ticks[tick].input.state.time) for tick in (20, 40)]
+    assert known[0].min() == times[0]
+    assert known[0].max() < times[1]  # then it failed
+    assert set(known[2]) == {0.3}
+    assert known[1].tolist() == [
+        tick.input.state.joint_position[3] for tick in ticks if tick.input.state.time in known[0]
+    ]
+    action = read(plots.message(chart(plots, "shadow policy: action"), 0))[2]
+    shown = action[:, np.isfinite(action[1])]
+    assert shown[1:, 0].tolist() == [1.0, 2.0, 3.0]
+    assert shown[0].max() <= times[1] + 0.5 < action[0].max()  # what is old is not shown
+    broken = replace(header, documents={**header.documents, "shadow": '{"observation_terms": [["a", -1]'})
+    assert len(Plots(broken, RobotDescription.from_json(header.documents["robot"])).charts) == len(names) - 17
 
 
 def test_fast_ticks_are_thinned_and_the_slowest_of_them_shown(plots: Plots, ticks: list[TickRecord]) -> None:
