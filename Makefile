@@ -73,7 +73,7 @@ $(VENV)/train.done: $(VENV)/play.done
 	touch $@
 
 $(VENV)/slow.done: $(VENV)/test.done $(VENV)/train.done
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[cluster,notebooks,rl,test-frontends,menagerie,minari]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[cluster,notebooks,rl,test-frontends,menagerie,midi,minari]'
 	touch $@
 
 $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt

@@ -12,6 +12,7 @@ __all__ = [
     "MCAP_CHUNK_BYTES",
     "MCAP_RECORD_BYTES",
     "MESH_BYTES",
+    "MIDI_BYTES",
     "MJCF_BYTES",
     "MJCF_ELEMENTS",
     "MJCF_FILES_BYTES",
@@ -58,6 +59,8 @@ MCAP_CHUNK_BYTES = 64 * _MIB
 """Of one chunk of an MCAP file, unpacked. A recording's hold half a second, about 100 kB."""
 MCAP_RECORD_BYTES = 256 * _MIB
 """Of any record of an MCAP file outside of chunks, attachments among them."""
+MIDI_BYTES = 4 * _MIB
+"""Of a song: an hour of two hands has 200 kB."""
 OBSERVATION_WIDTH = 1_000_000
 """Values of one observation that a recording may declare."""
 MJCF_BYTES = 16 * _MIB

@@ -13,7 +13,7 @@ __all__ = ["PrepareOptions", "main"]
 
 @dataclass(frozen=True)
 class PrepareOptions:
-    """Make a motion file from a motion that was made elsewhere, checked on the robot, and fetch the checkpoint.
+    """Make a motion file from a motion or a song that was made elsewhere, checked, and fetch the checkpoint.
 
     The motion is a LeRobot dataset (v3.0), an mjlab or whole_body_tracking .npz, or a .csv. Forward kinematics on the
     robot must put every body where the motion has it; if not, nothing is written, and the message says what would fit.
@@ -33,12 +33,24 @@ class PrepareOptions:
     """Motion: an .npz or .csv file, or the folder of a LeRobot dataset."""
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--registry-name"])] = None
     """LeRobot dataset by its id on the hub, user/name. Without --motion and this: the one that the checkpoint names."""
+    song: str | None = None
+    """MIDI file (.mid) whose notes become the goals of a piano policy; without a --policy, --fps is their rate."""
+    tracks: tuple[int, ...] = ()
+    """Tracks of the song to play, counted from 0. Default: all."""
+    transpose: int = 0
+    """Semitones by which the song is played higher."""
+    voices: int | None = None
+    """Most notes at a time; the highest is kept, then the lowest, then the hardest struck."""
+    keys: str | None = None
+    """Lowest and highest key that can be played, such as C3-C6. Notes beyond are left out, and named."""
+    sustain: bool = False
+    """Notes sound on while the song's sustain pedal is down."""
     episode: Annotated[int | None, tyro.conf.arg(aliases=["--episode-index"])] = None
     """Episode of the dataset, counted from 0; required if it has more than one."""
     features: tuple[str, ...] = ()
     """For features with other names than the usual: ROLE=FEATURE, such as joint_pos=observation.qpos."""
     fps: float | None = None
-    """Frames per second of a .csv without a column of times."""
+    """Frames per second of a .csv without a column of times, or of a song without a policy (default 50)."""
     joint_order: str | None = None
     """Joint order where the motion names no joints: contract, robot, mjcf, breadth_first, or names with commas.
     Default: contract for .npz and datasets, robot for .csv."""

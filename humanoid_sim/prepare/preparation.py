@@ -30,6 +30,7 @@ from humanoid_sim.prepare.outputs import (
     report_bytes,
 )
 from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.song import SONG_RATE, prepare_song
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
 
@@ -45,14 +46,25 @@ def prepare(options: PrepareOptions) -> int:
     _refuse_conflicts(options)
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     outputs = OutputFolder(Path(options.output), options.overwrite)
+    if options.song is not None and options.policy is None and options.wandb_run_path is None:
+        song = prepare_song(options, 1.0 / (options.fps or SONG_RATE), console)
+        outputs.refuse_existing(song)
+        outputs.write(song, console)
+        return 0
     path = _checkpoint_path(options, console)
     description = load_robot(options.robot)
     contract_file = None if options.contract is None else Path(options.contract)
     checkpoint = load_checkpoint(path, contract_file, description.joint_names)
     has_source = options.motion is not None or options.dataset is not None
     task = checkpoint.contract.task_type
-    if task == "piano":
-        raise InputError(f"{path}: is a piano policy, and this version cannot prepare songs yet")
+    if (task == "piano") is (options.song is None):
+        needed = "plays songs: give one with --song" if task == "piano" else "plays no songs, and --song is given"
+        raise InputError(f"{path}: is a policy of task_type {task}, which {needed}")
+    if options.song is not None:
+        song = prepare_song(options, checkpoint.contract.policy_dt, console)
+        outputs.refuse_existing(song)
+        _write(outputs, song, checkpoint, path, console)
+        return 0
     if task == "locomotion" and has_source:
         option = "--motion" if options.motion is not None else "--dataset"
         raise InputError(f"{option}: is given, but {path} follows no motion")
@@ -86,13 +98,16 @@ def _write(
 
 
 def _refuse_conflicts(options: PrepareOptions) -> None:
-    if (options.policy is None) == (options.wandb_run_path is None):
+    if (options.policy is None) == (options.wandb_run_path is None) and (options.song is None or options.policy):
         state = "both are given" if options.policy is not None else "neither is given"
         raise InputError(f"--policy and --wandb-run-path: {state}, expected one of them")
     if options.wandb_file is not None and options.wandb_run_path is None:
         raise InputError("--wandb-file: needs --wandb-run-path")
-    if options.motion is not None and options.dataset is not None:
-        raise InputError("--motion and --dataset: both are given, expected one of them")
+    given = [name for name in ("motion", "dataset", "song") if getattr(options, name) is not None]
+    if len(given) > 1:
+        raise InputError(f"--{given[0]} and --{given[1]}: both are given, expected one of them")
+    if options.voices is not None and options.voices < 1:
+        raise InputError(f"--voices: is {options.voices}, expected at least 1")
     values = {
         "--tolerance": options.tolerance,
         "--angle-tolerance": options.angle_tolerance,

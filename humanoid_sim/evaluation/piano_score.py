@@ -1,0 +1,113 @@
+"""How well a song was played: per time step, as RoboPianist scores it, and per note.
+
+Per time step (Zakka et al. 2023, "RoboPianist: Dexterous Piano Playing with Deep Reinforcement Learning", section 4):
+precision, recall and F1 of the keys that are down against those that should be, of each step by itself, then the mean
+over the steps. A ratio whose denominator is 0 counts as 1: resting in a rest is right.
+
+Per note (as `mir_eval` matches onsets): a stroke is right if it begins within a tolerance of a note of its
+key that no other stroke has taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.mit import FloatArray
+
+__all__ = ["ONSET_TOLERANCE", "PianoScore", "Ratio", "score", "strokes"]
+
+ONSET_TOLERANCE = 0.1
+"""s, between a note's start and the stroke that plays it. Twice that of transcription: a key takes time to go down."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """Precision, recall and F1, 0 to 1 each."""
+
+    precision: float
+    recall: float
+    f1: float
+
+
+@dataclass(frozen=True, slots=True)
+class PianoScore:
+    """Of one performance."""
+
+    steps: Ratio
+    """Mean over the time steps."""
+    notes: Ratio
+    """Over all strokes and notes."""
+    note_count: int
+    """Notes that the song asks for."""
+    hit_count: int
+    """Those that were struck in time."""
+    false_count: int
+    """Strokes that no note asked for."""
+
+
+def score(
+    pressed: npt.NDArray[np.floating],
+    wanted: npt.NDArray[np.floating],
+    step: float,
+    *,
+    onset_tolerance: float = ONSET_TOLERANCE,
+) -> PianoScore:
+    """Score a performance.
+
+    Args:
+        pressed: shape (T, K), 1 where a key was down.
+        wanted: shape (T, K), 1 where it should have been.
+        step: s between two rows.
+        onset_tolerance: s.
+
+    Raises:
+        FieldError: the shapes differ, or there are no rows.
+    """
+    down, goal = np.asarray(pressed) > 0.5, np.asarray(wanted) > 0.5
+    if down.shape != goal.shape or down.ndim != 2 or not len(down):
+        raise FieldError(f"score: keys have shape {down.shape} and goals {goal.shape}, expected the same (T, K), T ≥ 1")
+    right = (down & goal).sum(axis=1).astype(np.float64)
+    precision, recall = _share(right, down.sum(axis=1)), _share(right, goal.sum(axis=1))
+    f1 = _share(2.0 * right, down.sum(axis=1) + goal.sum(axis=1))
+    hits = _matched(strokes(down), strokes(goal), round(onset_tolerance / step))
+    struck, notes = len(strokes(down)), len(strokes(goal))
+    counts = np.array([struck, notes, struck + notes])
+    shares = _share(np.array([hits, hits, 2 * hits], dtype=np.float64), counts).tolist()
+    return PianoScore(
+        steps=Ratio(float(precision.mean()), float(recall.mean()), float(f1.mean())),
+        notes=Ratio(shares[0], shares[1], shares[2]),
+        note_count=notes,
+        hit_count=hits,
+        false_count=struck - hits,
+    )
+
+
+def strokes(down: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Where keys go down, as (step, key) in order of time; `down` is shape (T, K)."""
+    before = np.vstack([np.zeros((1, down.shape[1]), dtype=np.bool_), down[:-1]])
+    return [(int(step), int(key)) for step, key in np.argwhere(down & ~before)]
+
+
+def _share(part: FloatArray, whole: npt.NDArray[np.number]) -> FloatArray:
+    safe = np.where(whole > 0, whole, 1)
+    shares: FloatArray = np.where(whole > 0, part / safe, 1.0)
+    return shares
+
+
+def _matched(struck: list[tuple[int, int]], notes: list[tuple[int, int]], tolerance: int) -> int:
+    """How many strokes play a note: in order of time each takes the earliest of its key that it can still play."""
+    waiting: dict[int, list[int]] = {}
+    for step, key in notes:
+        waiting.setdefault(key, []).append(step)
+    hits = 0
+    for step, key in struck:
+        for i, start in enumerate(waiting.get(key, [])):
+            if abs(start - step) <= tolerance:
+                del waiting[key][i]
+                hits += 1
+                break
+    return hits

@@ -1,0 +1,137 @@
+"""`python -m humanoid_sim.piano score run.mcap`: how well a recorded run played its song."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tyro
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.errors import FieldError, InputError
+
+__all__ = ["Performance", "Score", "main", "read_performance"]
+
+_KEYS = "key_pressed"
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score a recording: which keys were down against those that the song asks for.
+
+    Per time step as RoboPianist defines precision, recall and F1, and per note: a stroke counts if it begins within
+    --onset-tolerance of a note of its key.
+    """
+
+    recording: tyro.conf.Positional[Path]
+    """A recording (.mcap) in which a piano policy ran, or live keys were played while one ran."""
+    song: tyro.conf.Positional[Path | None] = None
+    """Goals (.mcap) to score it by. Default: the song that the recording holds."""
+    onset_tolerance: float = 0.1
+    """Seconds between a note's start and the stroke that plays it."""
+    picture: Path | None = None
+    """PNG to draw: what was hit, missed and wrong over time."""
+    json: bool = False
+    """Print the result as JSON."""
+    overwrite: bool = False
+    """Replace the picture if it exists."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Performance:
+    """The keys of one run, at the song's frames that the policy was shown, of each the first time."""
+
+    pressed: npt.NDArray[np.float32]
+    """Shape (T, K), 1 where a key was down."""
+    wanted: npt.NDArray[np.float32]
+    """Shape (T, K), 1 where it should have been."""
+    step: float
+    """s between two rows."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `piano` with command-line arguments; returns the exit status."""
+    options: Score = tyro.extras.subcommand_cli_from_dict(
+        {"score": Score}, prog="humanoid_sim.piano", description="A piano's songs and scores.", args=arguments
+    )
+
+    from humanoid_sim.evaluation.piano_score import score  # noqa: PLC0415 - heavy imports stay out of `--help`
+    from humanoid_sim.files import output_file, whole_file  # noqa: PLC0415
+
+    if not 0.0 < options.onset_tolerance < 10.0:
+        raise InputError(f"--onset-tolerance: is {options.onset_tolerance}, expected seconds above 0 and below 10")
+    if options.picture is not None:
+        output_file(options.picture, "--picture", ".png", overwrite=options.overwrite)
+    played = read_performance(options.recording, options.song)
+    try:
+        result = score(played.pressed, played.wanted, played.step, onset_tolerance=options.onset_tolerance)
+    except FieldError as error:
+        raise InputError(f"{options.recording}: {error}") from None
+    if options.json:
+        print(json.dumps(asdict(result), indent=1))
+    else:
+        print("                precision  recall     F1")
+        for name, ratio in (("per time step", result.steps), ("per note", result.notes)):
+            print(f"{name:<15} {ratio.precision:9.3f} {ratio.recall:7.3f} {ratio.f1:6.3f}")
+        print(
+            f"{result.hit_count} of {result.note_count} notes were struck in time; {result.false_count} wrong strokes"
+        )
+    if options.picture is not None:
+        from humanoid_sim.rendering.piano_roll import draw_piano_roll  # noqa: PLC0415
+
+        drawn = BytesIO()
+        title = f"{options.recording.name}: F1 {result.steps.f1:.3f}"
+        draw_piano_roll(played.wanted, played.step, played.pressed, title).save(drawn, "PNG")
+        with whole_file(options.picture) as file:
+            file.write(drawn.getvalue())
+        print(f"wrote {options.picture}", file=sys.stderr)
+    return 0
+
+
+def read_performance(recording: Path, song: Path | None = None) -> Performance:
+    """The keys of a recording, and those that its song asks for.
+
+    Args:
+        recording: in which a piano policy ran.
+        song: the goals, in place of those in the recording.
+
+    Raises:
+        InputError: there is no policy's step, no keys or no song in it, or their numbers differ.
+    """
+    from humanoid_sim.policy.motion import MOTION_ATTACHMENT, parse_motion, read_motion  # noqa: PLC0415 - heavy
+    from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
+
+    run = open_recording(recording)
+    if song is not None:
+        motion = read_motion(song)
+    elif MOTION_ATTACHMENT in run.header.attachments:
+        motion = parse_motion(run.header.attachments[MOTION_ATTACHMENT], MOTION_ATTACHMENT)
+    else:
+        raise InputError(f"{recording}: holds no song; give one")
+    if motion.task_type != "piano":
+        raise InputError(f"{song or recording}: its motion is for task_type {motion.task_type}, expected a song")
+    shown: dict[int, npt.NDArray[Any]] = {}
+    for tick in run.ticks():
+        step, keys = tick.output.policy_step, tick.input.state.extern.get(_KEYS)
+        if step is not None and keys is not None:
+            shown.setdefault(step.frame, keys.value)
+    frames = sorted(frame for frame in shown if frame < len(motion.frames))
+    if not frames:
+        raise InputError(f"{recording}: has no policy step with live keys, expected a run of a piano policy")
+    width = motion.frames.shape[1]
+    for frame in frames:
+        if shown[frame].shape != (width,):
+            raise InputError(f"{recording}: has {len(shown[frame])} keys, and the song {width}")
+    pressed = np.array([shown[frame] for frame in frames], dtype=np.float32)
+    return Performance(pressed, motion.frames[frames], motion.policy_dt)
+
+
+if __name__ == "__main__":
+    sys.exit(run_program(main))

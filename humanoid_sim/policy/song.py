@@ -1,0 +1,260 @@
+"""Songs as goals for a piano's keys: what a MIDI file asks for, one row of 0 and 1 per policy step.
+
+Note on, note off and note on with velocity 0 are those of the Standard MIDI Files 1.0 specification; a change of tempo
+holds for all tracks. Key 0 is A0, MIDI note 21, and key 87 is C8, MIDI note 108.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.bounds import MIDI_BYTES, MOTION_VALUES
+from humanoid_sim.errors import InputError, MissingPackageError, reason_of
+from humanoid_sim.files import regular_file
+
+__all__ = [
+    "FIRST_NOTE",
+    "KEY_COUNT",
+    "Note",
+    "Song",
+    "goals",
+    "key_name",
+    "key_number",
+    "read_song",
+    "thin_out",
+    "transpose",
+]
+
+KEY_COUNT = 88
+FIRST_NOTE = 21
+"""MIDI number of the lowest key, A0."""
+_NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
+_SUSTAIN, _PEDAL_DOWN = 64, 64
+"""Number of the sustain pedal's controller, and the least value at which it is down."""
+_PERCUSSION = 9
+"""Channel whose notes are drums, counted from 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """One note."""
+
+    key: int
+    """0 to 87, or beyond where the piano has no such key."""
+    start: float
+    """s"""
+    end: float
+    """s"""
+    velocity: int = 64
+    """1 to 127, how hard it was struck."""
+    track: int = 0
+    """Of the file, counted from 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Song:
+    """Notes in order of their start, and what the file's tracks are called."""
+
+    notes: tuple[Note, ...]
+    tracks: tuple[str, ...]
+
+    @property
+    def seconds(self) -> float:
+        """s, the end of the last note."""
+        return max((note.end for note in self.notes), default=0.0)
+
+
+def key_name(key: int) -> str:
+    """Such as `C4` for key 39, middle C."""
+    note = key + FIRST_NOTE
+    return f"{_NAMES[note % 12]}{note // 12 - 1}"
+
+
+def key_number(name: str) -> int | None:
+    """The key of a name such as `C4`, `F#3` or `Bb3`; None if the piano has no such key."""
+    match = re.fullmatch(r"([A-Ga-g])([#b]?)(-?\d)", name.strip())
+    if match is None:
+        return None
+    note = _NAMES.index(match[1].upper()) + {"#": 1, "b": -1, "": 0}[match[2]] + 12 * (int(match[3]) + 1)
+    return note - FIRST_NOTE if 0 <= note - FIRST_NOTE < KEY_COUNT else None
+
+
+def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain: bool = False) -> Song:
+    """Read a MIDI file.
+
+    A note that begins while the same key still sounds ends the earlier one. Drums are left out.
+
+    Args:
+        path: of the .mid file.
+        tracks: those to play, counted from 0; None for all.
+        sustain: notes sound on while the sustain pedal is down.
+
+    Raises:
+        InputError: no MIDI file, one without notes, no such track, or a time division in frames.
+    """
+    try:
+        import mido  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise MissingPackageError("mido", "midi", "a song") from None
+    path = regular_file(path, "a MIDI file (.mid)", MIDI_BYTES)
+    try:
+        file = mido.MidiFile(path)
+    except Exception as error:  # mido raises whatever its parser runs into
+        raise InputError(f"{path}: is no MIDI file that can be read: {reason_of(error)}") from None
+    if file.type == 2:
+        raise InputError(f"{path}: is of type 2, whose tracks are songs of their own; expected type 0 or 1")
+    if not 0 < file.ticks_per_beat < 1 << 15:
+        raise InputError(f"{path}: counts time in frames (division {file.ticks_per_beat}), expected ticks per beat")
+    names = tuple(track.name for track in file.tracks)
+    chosen = range(len(names)) if tracks is None else tracks
+    for track in chosen:
+        if not 0 <= track < len(names):
+            listed = ", ".join(f"{i} {name!r}" for i, name in enumerate(names))
+            raise InputError(f"{path}: has no track {track}; tracks: {listed}")
+    clock = _Clock(file, mido)
+    notes = [note for i in chosen for note in _track_notes(file.tracks[i], i, clock, sustain)]
+    if not notes:
+        raise InputError(f"{path}: has no notes in {'it' if tracks is None else 'the chosen tracks'}")
+    return Song(tuple(sorted(notes, key=lambda note: (note.start, note.key))), names)
+
+
+class _Clock:
+    """Seconds of ticks, through all changes of tempo."""
+
+    def __init__(self, file: Any, mido: Any) -> None:
+        changes = {0: 500_000}
+        for track in file.tracks:
+            tick = 0
+            for message in track:
+                tick += message.time
+                if message.type == "set_tempo":
+                    changes[tick] = message.tempo
+        self._ticks = np.array(sorted(changes), dtype=np.float64)
+        self._rates = np.array([changes[int(tick)] * 1e-6 / file.ticks_per_beat for tick in self._ticks])
+        passed = np.diff(self._ticks) * self._rates[:-1]
+        self._seconds = np.concatenate([[0.0], np.cumsum(passed)])
+
+    def seconds(self, tick: int) -> float:
+        i = int(np.searchsorted(self._ticks, tick, side="right")) - 1
+        return float(self._seconds[i] + (tick - self._ticks[i]) * self._rates[i])
+
+
+def _track_notes(track: Iterable[Any], number: int, clock: _Clock, sustain: bool) -> list[Note]:
+    notes: list[Note] = []
+    held: dict[tuple[int, int], tuple[float, int]] = {}
+    released: dict[tuple[int, int], tuple[float, int]] = {}
+    pedal: dict[int, bool] = {}
+
+    def end(sounding: dict[tuple[int, int], tuple[float, int]], at: tuple[int, int], now: float) -> None:
+        start, velocity = sounding.pop(at)
+        if now > start:
+            notes.append(Note(at[1] - FIRST_NOTE, start, now, velocity, number))
+
+    tick, now = 0, 0.0
+    for message in track:
+        tick += message.time
+        now = clock.seconds(tick)
+        if message.type == "control_change" and message.control == _SUSTAIN and sustain:
+            pedal[message.channel] = message.value >= _PEDAL_DOWN
+            if not pedal[message.channel]:
+                for at in [at for at in released if at[0] == message.channel]:
+                    end(released, at, now)
+        if message.type not in ("note_on", "note_off") or message.channel == _PERCUSSION:
+            continue
+        at = (message.channel, message.note)
+        strikes = message.type == "note_on" and message.velocity > 0
+        if strikes and at in released:
+            end(released, at, now)
+        if at in held:
+            if strikes or not pedal.get(message.channel, False):
+                end(held, at, now)
+            else:
+                released[at] = held.pop(at)
+        if strikes:
+            held[at] = (now, message.velocity)
+    for sounding in (held, released):
+        for at in list(sounding):
+            end(sounding, at, now)
+    return notes
+
+
+def transpose(song: Song, semitones: int) -> Song:
+    """The same song, so many keys higher."""
+    return replace(song, notes=tuple(replace(note, key=note.key + semitones) for note in song.notes))
+
+
+def thin_out(song: Song, keys: Iterable[int], voices: int | None = None) -> tuple[Song, tuple[Note, ...]]:
+    """What can be played of a song, and the notes that are left out.
+
+    Of more notes at a time than there are voices the highest is kept, then the lowest, then the hardest struck. A note
+    that must make room while it sounds ends there.
+
+    Args:
+        song: all notes.
+        keys: those that can be reached.
+        voices: most notes that sound at a time; None for any number.
+    """
+    reachable = frozenset(keys)
+    dropped = [note for note in song.notes if note.key not in reachable]
+    left = [note for note in song.notes if note.key in reachable]
+    if voices is None:
+        return replace(song, notes=tuple(left)), tuple(dropped)
+    kept: list[Note] = []
+    sounding: list[Note] = []
+    for start, group in groupby(sorted(left, key=lambda note: note.start), key=lambda note: note.start):
+        kept += [note for note in sounding if note.end <= start]
+        ranked = _ranked([note for note in sounding if note.end > start] + list(group))
+        for note in ranked[voices:]:
+            if note.start < start:
+                kept.append(replace(note, end=start))
+            else:
+                dropped.append(note)
+        sounding = ranked[:voices]
+    kept += sounding
+    return replace(song, notes=tuple(sorted(kept, key=lambda note: (note.start, note.key)))), tuple(dropped)
+
+
+def _ranked(sounding: list[Note]) -> list[Note]:
+    by_key = sorted(sounding, key=lambda note: note.key)
+    if len(by_key) < 2:
+        return by_key
+    outer = [by_key[-1], by_key[0]]
+    return [*outer, *sorted(by_key[1:-1], key=lambda note: -note.velocity)]
+
+
+def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> npt.NDArray[np.float32]:
+    """The keys to be held down, shape (F, 88), 0 or 1, one row per policy step; the last row is all released.
+
+    A note begins in the step nearest to its start and lasts for at least one. Before the same key is struck again it is
+    released for `gap`, as long as the note before keeps one step: a key that stays down cannot sound again.
+
+    Args:
+        song: within the piano's keys.
+        policy_dt: s between two rows.
+        gap: s.
+
+    Raises:
+        InputError: the song is too long.
+    """
+    last = max((round(note.end / policy_dt) for note in song.notes), default=0)
+    if (last + 2) * KEY_COUNT > MOTION_VALUES:
+        raise InputError(f"the song lasts {song.seconds:.0f} s, expected at most {MOTION_VALUES // KEY_COUNT} steps")
+    table = np.zeros((last + 2, KEY_COUNT), dtype=np.float32)
+    released = max(round(gap / policy_dt), 1)
+    following: dict[int, int] = {}
+    for note in sorted(song.notes, key=lambda note: note.start, reverse=True):
+        first = round(note.start / policy_dt)
+        end = max(round(note.end / policy_dt), first + 1)
+        if note.key in following:
+            end = max(min(end, following[note.key] - released), first + 1)
+        table[first:end, note.key] = 1.0
+        following[note.key] = first
+    return table[: int(np.flatnonzero(table.any(axis=1)).max(initial=-1)) + 2]

@@ -1,0 +1,81 @@
+"""`piano score` on recordings of keys that were played."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from humanoid_sim import piano
+from humanoid_sim.cli import run_program
+from humanoid_sim.messages import PolicyStep
+from humanoid_sim.mit import Extern
+from humanoid_sim.policy.motion import Motion, motion_bytes, write_motion
+
+sys.path.append(str(Path(__file__).parent / "recording"))
+
+from recording_samples import make_header, make_tick, write_recording
+
+SONG = np.zeros((6, 88), dtype=np.float32)
+SONG[1:3, 39] = SONG[3:5, 43] = 1.0
+
+
+def recorded(path: Path, pressed: np.ndarray, song: Motion | None) -> Path:
+    ticks = []
+    for frame, keys in enumerate(pressed):
+        tick = make_tick(40 + 4 * frame, policy_step=PolicyStep(frame, np.zeros(5), np.zeros(2)))
+        state = replace(tick.input.state, extern={"key_pressed": Extern(keys, tick.input.state.time)})
+        ticks.append(replace(tick, input=replace(tick.input, state=state)))
+    attachments = {} if song is None else {"motion.mcap": motion_bytes(song)}
+    write_recording(path, ticks, make_header(attachments=attachments))
+    return path
+
+
+def song(frames: np.ndarray = SONG, **changes: object) -> Motion:
+    return Motion(frames, (), 0.02, **{"task_type": "piano", **changes})  # type: ignore[arg-type]
+
+
+def test_a_run_is_scored_against_its_song(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pressed = SONG.copy()
+    pressed[4, 43] = 0.0
+    pressed[5, 50] = 1.0
+    path = recorded(tmp_path / "run.mcap", pressed, song())
+    assert piano.main(["score", str(path), "--json", "--picture", str(tmp_path / "roll.png")]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["steps"] == {
+        "precision": pytest.approx(5 / 6),
+        "recall": pytest.approx(5 / 6),
+        "f1": pytest.approx(4 / 6),
+    }
+    assert (result["note_count"], result["hit_count"], result["false_count"]) == (2, 2, 1)
+    with Image.open(tmp_path / "roll.png") as picture:
+        colours = {colour for _, colour in picture.convert("RGB").getcolors(1 << 20)}
+    assert {(58, 157, 93), (242, 177, 52), (209, 73, 91)} <= colours
+
+
+def test_another_song_takes_the_place_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = recorded(tmp_path / "run.mcap", SONG, None)
+    write_motion(tmp_path / "song.mcap", song())
+    assert piano.main(["score", str(path), str(tmp_path / "song.mcap")]) == 0
+    assert "2 of 2 notes were struck in time; 0 wrong strokes" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("motion", "width", "message"),
+    [
+        (None, 88, "holds no song; give one"),
+        (song(np.zeros((6, 9)), task_type="tracking"), 88, "its motion is for task_type tracking, expected a song"),
+        (song(), 12, "has 12 keys, and the song 88"),
+    ],
+)
+def test_what_cannot_be_scored_is_one_line(
+    motion: Motion | None, width: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = recorded(tmp_path / "run.mcap", np.zeros((6, width)), motion)
+    assert run_program(piano.main, ["score", str(path)]) == 2
+    assert message in capsys.readouterr().err
