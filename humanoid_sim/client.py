@@ -490,7 +490,9 @@ class Intake:
             Path(self._reply).unlink(missing_ok=True)  # of a process that had this id before and was killed
             self._intents.bind(self._reply)
             os.chmod(self._reply, 0o600)
-            self._intents.connect(session.intents)
+            seconds, rest = divmod(_POST_TIMEOUT, 1.0)
+            timeout = struct.pack("@ll", int(seconds), int(1e6 * rest))
+            self._intents.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, timeout)
             self._data.connect(session.data)
         except OSError as error:
             self.close()
@@ -530,9 +532,11 @@ class Intake:
         assert self._intents is not None
         token = f"{next(_NAMES)}"
         try:
-            self._intents.settimeout(_POST_TIMEOUT)
+            self._intents.settimeout(None)  # the socket's own: the kernel lets those who wait in by turns
             word = " ".join(word.splitlines())[:200]  # a mark's text is a line
-            self._intents.send("\n".join((word, f"{self.producer} ({self._process})", token)).encode())
+            message = "\n".join((word, f"{self.producer} ({self._process})", token)).encode()
+            # Not connected: it takes answers from whatever socket the session sends them by.
+            self._intents.sendto(message, self.session.intents)
         except OSError as error:
             raise SessionError(f"{self.session}: cannot be reached: {error.strerror or error}") from None
         return token

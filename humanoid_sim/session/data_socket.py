@@ -35,6 +35,7 @@ from humanoid_sim.session.ownership import Producer, Turn
 from humanoid_sim.session.refusals import Refusals
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import ExternSource, RemoteInbox, VelocityCommand
+from humanoid_sim.session.telling import BoundedTelling
 
 __all__ = ["DataSocket"]
 
@@ -44,8 +45,6 @@ _MOST_SAMPLES = 32
 """Samples that are looked into in one tick; each is the newest of its producer and topic."""
 _LONGEST_TIMEOUT = 5.0
 """s that a live input may hold without being repeated."""
-_MOST_LINES = 10
-"""Lines that are told per second, and at once."""
 _MOST_REPORTED = 2.0**53
 """Samples that a producer may have refused in all."""
 _MOST_STAMPS = 256
@@ -101,7 +100,7 @@ class DataSocket(ExternSource, Sink):
         self._clock = clock
         self._velocity = velocity
         self._widths = dict(live or {})
-        self._tell = tell
+        self._say = BoundedTelling(tell, clock)  # two producers may quarrel in every tick
         self._turn = Turn(stale_timeout)
         self._live_turns = {name: Turn(math.inf) for name in self._widths}
         self._live: dict[str, Extern] = {}
@@ -115,7 +114,6 @@ class DataSocket(ExternSource, Sink):
         self._shown: dict[str, str] = {}
         self.heartbeats: dict[str, float] = {}
         """Arrival of the latest heartbeat by its producer's name, s, robot's clock."""
-        self._lines_left, self._refilled = float(_MOST_LINES), -math.inf
         self.discarded = 0
         """Samples that nobody looked into, because newer ones of their producers came with them."""
 
@@ -314,13 +312,3 @@ class DataSocket(ExternSource, Sink):
                 self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer belongs to {before}")
         self._shown = owners
         self.refusals.forget()
-
-    def _say(self, text: str) -> None:
-        """Tell a line, of a bounded number per second: two producers may quarrel in every tick."""
-        time = self._clock()
-        if time > self._refilled:
-            self._lines_left = min(self._lines_left + (time - self._refilled) * _MOST_LINES, _MOST_LINES)
-        self._refilled = time
-        if self._lines_left >= 1.0:
-            self._lines_left -= 1.0
-            self._tell(text)

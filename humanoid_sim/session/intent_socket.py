@@ -18,6 +18,7 @@ from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import IntentSource
+from humanoid_sim.session.telling import BoundedTelling
 
 __all__ = ["MARK", "IntentSocket", "listening", "queue_length"]
 
@@ -87,12 +88,14 @@ class IntentSocket(IntentSource, Sink):
         self._socket = listening(path)
         self._most = queue_length() + 1
         self._reactivation = reactivation
-        self._tell = tell
+        self._time = 0.0
+        self._tell = BoundedTelling(tell, lambda: self._time)
         self._waiting: list[_Asked] = []
         self._reactivating: list[_Asked] = []
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """All intents since the last call: whatever was in the socket when this call began, and a bounded rest."""
+        self._time = time
         intents: list[Intent] = []
         asking: dict[str, None] = {}
         for _ in range(self._most):
@@ -117,8 +120,8 @@ class IntentSocket(IntentSource, Sink):
             self._reactivation.request()
             self._reactivating.append(asked)
         elif word.partition(" ")[0] == MARK:
-            self._tell(f"mark of {who[:80] or 'somebody'}: {word.partition(' ')[2]}".rstrip(": "))
-            self._answer([asked], Answer(True, "marked"))
+            is_told = self._tell(f"mark of {who[:80] or 'somebody'}: {word.partition(' ')[2]}".rstrip(": "))
+            self._answer([asked], Answer(is_told, "marked" if is_told else "not marked: too many lines in a second"))
         else:
             try:
                 intent = Intent(word)
@@ -156,8 +159,13 @@ class IntentSocket(IntentSource, Sink):
         self._path.unlink(missing_ok=True)
 
     def _answer(self, waiting: Sequence[_Asked], answer: Answer) -> None:
-        for asked in waiting[:_MOST_ANSWERS]:
-            try:
-                self._socket.sendto(f"{answer.granted:d}{asked.token}\n{answer.text}".encode(), asked.sender)
-            except OSError:  # the sender did not wait, or has no name
-                continue
+        if not waiting:
+            return
+        # From a socket of their own: answers that nobody takes would fill that of the intents, and nobody else would
+        # get any.
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as end:
+            for asked in waiting[:_MOST_ANSWERS]:
+                try:
+                    end.sendto(f"{answer.granted:d}{asked.token}\n{answer.text}".encode(), asked.sender)
+                except OSError:  # the sender did not wait, or has no name
+                    continue

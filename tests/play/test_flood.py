@@ -1,4 +1,4 @@
-"""A DAMP during a flood of the data socket, each in a process of its own."""
+"""A DAMP during a flood of both sockets, each in a process of its own."""
 
 from __future__ import annotations
 
@@ -19,13 +19,18 @@ from humanoid_sim.client import *
 session = find_session(int(sys.argv[1]))
 with Intake(session, "flood") as intake:
     intake._data.setblocking(False)
+    intake._intents.setblocking(False)
     print("ready", flush=True)
     begin, count = time.monotonic(), 0
     try:
         while True:
             intake.velocity(1.0, 0.0, 0.0, deliberate=True)
             count += 1
-    except SessionError:
+            try:  # and its answers are never taken
+                intake._intents.sendto(b"mark flood\\nflood (1)\\n1", session.intents)
+            except BlockingIOError:
+                pass
+    except (SessionError, OSError):
         print(round(count / (time.monotonic() - begin)), flush=True)
 """
 DAMP = 0

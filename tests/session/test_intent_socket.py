@@ -121,3 +121,27 @@ def test_the_socket_is_for_its_user_alone(local: LocalSession) -> None:
 def test_a_path_too_long_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot listen: AF_UNIX path too long"):
         IntentSocket(tmp_path / ("d" * 120))
+
+
+def test_who_takes_no_answers_leaves_others_theirs(local: LocalSession) -> None:
+    deaf, operator = local.intake("deaf"), local.intake("operator")
+    for _ in range(100):
+        for _ in range(5):
+            deaf.post("damp")
+        local.tick()
+    token = operator.post("damp")
+    local.tick()
+    assert operator.answer(token, 1.0).granted
+
+
+def test_marks_are_told_at_a_bounded_rate(local: LocalSession) -> None:
+    operator = local.intake("operator")
+    answers = []
+    for i in range(200):  # four seconds
+        token = operator.post(f"mark {i}")
+        local.tick()
+        answers.append(operator.answer(token, 1.0))
+    told = [line for line in local.told if line.startswith("mark of operator")]
+    assert 10 <= len(told) <= 60
+    assert len(told) == sum(answer.granted for answer in answers)
+    assert answers[-1].text in {"marked", "not marked: too many lines in a second"}
