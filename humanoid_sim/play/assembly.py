@@ -12,7 +12,7 @@ from humanoid_sim import __version__
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
-from humanoid_sim.messages import Event, SafetyStatus, SessionHeader
+from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.front_ends import has_keys, needs_gamepad
 from humanoid_sim.play.local_ends import LocalEnds
@@ -91,6 +91,7 @@ def assemble(plan: Plan, console: Console) -> Run:
             plan.outputs.record,
             overwrite=config.overwrite,
             encoded=lambda record: ends.feed.encoded(record),  # noqa: PLW0108 - there is no feed yet
+            tell=lambda text: session.event(text, EventKind.FAILURE),
         )
     monitor = RunMonitor(
         description.effort_limit,

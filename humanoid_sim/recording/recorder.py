@@ -83,6 +83,7 @@ class McapRecorder:
         *,
         overwrite: bool = True,
         encoded: Callable[[TickRecord], bytes | None] = lambda _: None,
+        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Name the file; `start` creates it, or replaces it if it may.
 
@@ -90,10 +91,11 @@ class McapRecorder:
             path: of the file.
             overwrite: whether it may replace one that is there.
             encoded: the message of a tick, if somebody has made it already: no tick is encoded twice.
+            tell: is told, on the writer's thread, why the recording stopped while the run goes on.
         """
         self.path = Path(path)
         self._overwrite = overwrite
-        self._encoded = encoded
+        self._encoded, self._tell = encoded, tell
         self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event | _Beside] = SimpleQueue()
         self._stop = threading.Event()
         self._wake = threading.Event()
@@ -179,9 +181,9 @@ class McapRecorder:
             self._drain_until_stopped(run)
             run.finish(self._lost)
         except OSError as error:
-            self._fail(error.strerror or str(error))
+            self._tell(self._fail(error.strerror or str(error)))
         except Exception as error:  # a bug in the encoder; the run is worth more than its recording
-            self._fail(f"{type(error).__name__}: {error}")
+            self._tell(self._fail(f"{type(error).__name__}: {error}"))
         finally:
             run.close()
 
@@ -214,13 +216,14 @@ class McapRecorder:
             if is_last and self._queue.empty():
                 return
 
-    def _fail(self, reason: str) -> None:
-        self._error = f"{self.path}: recording stopped: {reason}"
+    def _fail(self, reason: str) -> str:
+        self._error = error = f"{self.path}: recording stopped: {reason}"
         while not self._queue.empty():
             try:
                 self._queue.get_nowait()
             except Empty:
                 break
+        return error
 
 
 class _RunWriter:

@@ -71,9 +71,12 @@ class Registration:
             self._handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
             # Locked before it has its name: nobody ever sees it without.
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.write(self._handle, json.dumps(told).encode())
+            with open(self._handle, "wb", closefd=False) as file:
+                file.write(json.dumps(told).encode())
             temporary.rename(self.path)
         except OSError as error:
+            temporary.unlink(missing_ok=True)
+            self.close()
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
 
     def close(self) -> None:

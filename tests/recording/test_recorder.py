@@ -187,7 +187,8 @@ def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
     original = recorder_module._UnbufferedFile.write
     monkeypatch.setattr(recorder_module._UnbufferedFile, "write", write)
     monkeypatch.setattr(recorder_module, "FLUSH_PERIOD", 0.01)
-    recorder = McapRecorder(tmp_path / "run.mcap")
+    told = []
+    recorder = McapRecorder(tmp_path / "run.mcap", tell=told.append)
     recorder.start(make_header())
     index = 0
     while recorder.error is None and index < 5000:
@@ -198,6 +199,8 @@ def test_a_disk_that_fills_up_ends_the_recording_only(tmp_path, monkeypatch):
     recorder.tick(make_tick(index))
     recorder.event(Event(0.0, "still running"))
     assert recorder.backlog == 0
+    recorder.close()
+    assert told == [recorder.error]
     recorder.close()
     read = list(open_recording(tmp_path / "run.mcap").ticks())
     assert [bits(tick) for tick in read] == [bits(make_tick(index)) for index in range(len(read))]
