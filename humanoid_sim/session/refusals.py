@@ -20,7 +20,7 @@ _MOST = 256
 class Refusals:
     """Each reason of a producer's is told once until `forget`, and of one producer at most one line per second."""
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, tell: Callable[[str], object]) -> None:
         """Start with none; `tell` takes a line."""
         self._tell = tell
         self._reasons: dict[tuple[str, str], bool] = {}
