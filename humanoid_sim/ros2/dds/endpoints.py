@@ -36,8 +36,6 @@ def _qos(kind: Topic, *, depth: int | None = None) -> Any:
         Policy.History.KeepLast(depth or kind.depth),
         durability,
         Policy.DataRepresentation(use_cdrv0_representation=True),
-        # Others may have named the fields otherwise, as rosidl's own IDL does (`header_`).
-        Policy.TypeConsistency.AllowTypeCoercion(ignore_member_names=True),
     )
 
 
