@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -43,6 +44,20 @@ OPEN_PROFILE = """
 <dds><profiles xmlns="http://www.eprosima.com"><participant profile_name="all" is_default_profile="true">
 <rtps><useBuiltinTransports>true</useBuiltinTransports></rtps></participant></profiles></dds>
 """
+
+
+WATCH = """
+import json, sys
+from websockets.sync.client import connect
+address = sys.argv[1]
+with connect(address.replace("http", "ws", 1) + "console", origin="/".join(address.split("/")[:3])) as page:
+    hello = json.loads(page.recv(timeout=20))
+    page.send(json.dumps({"ask": "damp"}))
+    while not (told := json.loads(page.recv(timeout=20))).get("answers"):
+        pass
+print(json.dumps({**told, "access": hello["access"]}))
+"""
+"""A page that would damp the robot."""
 
 
 class Packets:
@@ -153,6 +168,19 @@ class TestOpened:
             assert len(json.loads(robot.ask_ros("trigger.py", "list", "6", "10"))) == 6
         told = heard(listen(robot, messages, 3.0))
         assert sorted(topic for topic, count in told["writers"].items() if not count) == []
+
+    def test_the_console_shows_the_robot_at_the_host_and_changes_nothing(self, robot: Machine, host: Machine) -> None:
+        program = host.python("-m", "humanoid_sim.console", "--dds", "--interface", CABLE, cwd=ROOT)
+        with ended(program):
+            *_, line = read_until(program, "to watch only: ")
+            told = json.loads(host.run(sys.executable, "-c", WATCH, line.split()[-1]).splitlines()[-1])
+        assert told["access"] == "read-only"
+        assert told["mode"] == "REMOTE"
+        assert told["controller"] == "remote_policy_controller"
+        assert told["answers"] == [{"granted": False, "text": "this address is for watching only"}]
+        assert told["safety"][0]["message"] == "not known here: it stays on the robot's machine"
+        assert len(told["joints"]["position"]) == len(JOINTS)
+        assert {tick["mode"] for tick in ticks(robot, 0.5)} == {REMOTE}
 
     def test_commands_come_in_until_the_cable_is_pulled(
         self, robot: Machine, host: Machine, messages: Mapping[str, str], opened: subprocess.Popen[str]

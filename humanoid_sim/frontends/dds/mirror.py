@@ -1,0 +1,278 @@
+"""A robot on another machine, as its DDS topics show it: a feed of this process's own, for what reads feeds.
+
+No program finds it as a session, and whatever is asked of it stays here: modes are changed on the robot's machine.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.client import Decoder, Feed, Intake, SessionError, SessionInfo
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends.attach import Attachment
+from humanoid_sim.messages import (
+    ControlMode,
+    Mode,
+    SafetyLevel,
+    SafetyStatus,
+    SessionHeader,
+    TickInput,
+    TickOutput,
+    TickRecord,
+)
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.from_urdf import convert_urdf
+from humanoid_sim.robots.mjcf import bare_model, describe_mjcf
+from humanoid_sim.ros2.dds.domain import Participant
+from humanoid_sim.ros2.dds.endpoints import Reader
+from humanoid_sim.ros2.definitions import JOINT_STATE, schema_text
+from humanoid_sim.ros2.topics import (
+    CONTROL_MODE_TOPIC,
+    DESCRIPTION_TOPIC,
+    IMU_TOPIC,
+    TF_TOPIC,
+    TOPICS,
+    Topic,
+    joint_states_topic,
+)
+from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+
+__all__ = ["Mirror", "mirrored"]
+
+_PERIOD = 0.02
+"""s between two messages of a robot's topics on hardware."""
+_DEPTH = 64
+"""Messages of a topic that wait for the next look."""
+_LOOK = 0.05
+"""s between two looks for a robot."""
+_SAFETY = SafetyStatus(SafetyLevel.WARNING, source="network", message="not known here: it stays on the robot's machine")
+"""In the place of what never crosses a network."""
+_KEEP_SHAPES = '<mujoco><compiler discardvisual="false"/></mujoco>'
+"""MuJoCo drops what a URDF only shows."""
+
+
+_ARRAYS = ("position", "velocity", "effort")
+
+
+class _Topic:
+    """A subscription whose latest message is kept."""
+
+    def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
+        self._reader = Reader(participant, name, kind, depth=_DEPTH)
+        self._decoder = Decoder(schema_text(kind.schema))
+        self.latest: dict[str, Any] | None = None
+
+    def look(self) -> bool:
+        """Take what has come; whether anything has."""
+        taken = self._reader.take()
+        for sample in taken[::-1]:
+            try:
+                self.latest = self._decoder(sample.data)
+            except SessionError:  # no such message
+                continue
+            return True
+        return False
+
+
+class Mirror:
+    """Ticks from topics. For one thread."""
+
+    def __init__(self, participant: Participant, prefix: str) -> None:
+        """Subscribe; `prefix` is what the joint states are under."""
+        self._states = _Topic(participant, joint_states_topic(prefix), Topic(JOINT_STATE))
+        names = (CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, IMU_TOPIC, TF_TOPIC)
+        self._mode, self._described, self._imu, self._frames = (
+            _Topic(participant, name, TOPICS[name]) for name in names
+        )
+        self._writer: FeedWriter | None = None
+        self._count = 0
+
+    def is_there(self) -> bool:
+        """Whether a robot has said what it is, in which mode, and where its joints are."""
+        topics = (self._states, self._mode, self._described)
+        for topic in topics:
+            topic.look()
+        return all(topic.latest is not None for topic in topics)
+
+    def begin(self) -> tuple[FeedWriter, RobotDescription]:
+        """Make a feed for the robot that is there.
+
+        Raises:
+            InputError: its description is no URDF of a robot with these joints.
+        """
+        assert self._described.latest is not None
+        assert self._states.latest is not None
+        description, self._model = _described(self._described.latest["data"])
+        names = tuple(self._states.latest["name"])
+        if set(names) != set(description.joint_names):
+            raise InputError(
+                f"{DESCRIPTION_TOPIC}: has the joints {', '.join(description.joint_names)}, expected those of the "
+                f"joint states: {', '.join(names)}"
+            )
+        self._names = description.joint_names
+        self._start = _time_ns(self._states.latest)
+        header = SessionHeader(
+            description.name, self._names, _PERIOD, self._start, {"robot": description.to_json(), "settings": "{}"}
+        )
+        buffer = np.zeros(mujoco.mj_sizeModel(self._model), dtype=np.uint8)
+        mujoco.mj_saveModel(self._model, None, buffer)
+        self._writer = FeedWriter(header, {MODEL_BLOB: buffer.tobytes()})
+        self._publish()
+        return self._writer, description
+
+    def look(self) -> None:
+        """Make a tick of what is new, if anything is."""
+        for topic in (self._mode, self._imu, self._frames):
+            topic.look()
+        if self._states.look():
+            self._publish()
+
+    def _publish(self) -> None:
+        record = self._record()
+        if record is not None and self._writer is not None:
+            self._writer.tick(record)
+            self._count += 1
+
+    def _record(self) -> TickRecord | None:
+        """The robot as it is; None for joint states that are not this robot's."""
+        told, mode = self._states.latest, self._mode.latest
+        assert told is not None
+        assert mode is not None
+        places = {name: place for place, name in enumerate(told["name"])}
+        if set(places) != set(self._names) or any(len(told[name]) != len(places) for name in _ARRAYS):
+            return None
+        order = [places[name] for name in self._names]
+        position, velocity, effort = (np.asarray(told[name], np.float64)[order] for name in _ARRAYS)
+        unknown = np.full(len(order), np.nan)  # commands are not on the network
+        try:
+            shown = ControlMode(Mode(mode["mode"]), mode["controller_name"], mode["status_message"])
+        except ValueError:  # a mode of another version
+            return None
+        turn, gyro, acceleration = _imu(self._imu.latest)
+        time_ns = _time_ns(told)
+        state = MITState(
+            1e-9 * (time_ns - self._start), position, velocity, effort, np.zeros(len(order)), turn, gyro, acceleration
+        )
+        command = MITCommand(unknown, unknown, unknown, unknown, unknown)
+        return TickRecord(
+            self._count, TickInput(state, (_SAFETY,)), TickOutput(command, shown), 0.0, False, self._qpos(position)
+        )
+
+    def _qpos(self, position: FloatArray) -> FloatArray:
+        """MuJoCo's: the joints (n,), and a base that moves where `/tf` has it."""
+        qpos: FloatArray = self._model.qpos0.copy()
+        for name, value in zip(self._names, position, strict=True):
+            if np.isfinite(value):
+                qpos[self._model.jnt_qposadr[self._model.joint(name).id]] = value
+        if self._model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE and self._frames.latest is not None:
+            base = self._model.body(int(self._model.jnt_bodyid[0])).name
+            for frame in self._frames.latest["transforms"]:
+                if frame["child_frame_id"] == base:
+                    where, turn = frame["transform"]["translation"], frame["transform"]["rotation"]
+                    pose = [*(where[axis] for axis in "xyz"), *(turn[axis] for axis in "wxyz")]
+                    qpos[:7] = pose if np.isfinite(pose).all() else qpos[:7]
+        return qpos
+
+
+def _time_ns(told: dict[str, Any]) -> int:
+    stamp = told["header"]["stamp"]
+    return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
+
+
+def _imu(told: dict[str, Any] | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Quaternion (4,) w x y z, angular velocity (3,) rad/s and acceleration (3,) m/s²; NaN while there is no IMU."""
+    if told is None:
+        return np.full(4, np.nan), np.full(3, np.nan), np.full(3, np.nan)
+    turn, gyro, acceleration = told["orientation"], told["angular_velocity"], told["linear_acceleration"]
+    return (
+        np.array([turn[axis] for axis in "wxyz"]),
+        np.array([gyro[axis] for axis in "xyz"]),
+        np.array([acceleration[axis] for axis in "xyz"]),
+    )
+
+
+def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
+    """The robot of a URDF with shapes and no files, as the bridge sends it. Raises `InputError` if it is none."""
+    try:
+        root = ElementTree.fromstring(urdf)
+    except ElementTree.ParseError as error:
+        raise InputError(f"{DESCRIPTION_TOPIC}: is no URDF: {error}") from None
+    moves = any(joint.get("type") == "floating" for joint in root.iter("joint"))
+    root.insert(0, ElementTree.fromstring(_KEEP_SHAPES))
+    with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as name:
+        folder = Path(name)
+        source, target = folder / "robot.urdf", folder / "robot.xml"
+        source.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
+        text, _ = convert_urdf(source, "floating" if moves else "fixed", folder)
+        target.write_text(text, encoding="utf-8")
+        description = describe_mjcf(target)
+        return description, bare_model(description)
+
+
+@contextmanager
+def mirrored(
+    interface: str,
+    prefix: str,
+    *,
+    told: Callable[[str], None] = lambda _: None,
+    ended: Callable[[], bool] = lambda: False,
+) -> Iterator[tuple[Attachment, Mirror] | None]:
+    """Wait for a robot on a network interface, and attach to its image; None if it `ended` before.
+
+    Raises:
+        InputError: the interface cannot be used, or the robot describes itself wrongly.
+        MissingPackageError: Cyclone DDS is not installed.
+    """
+    with ExitStack() as stack:
+        participant = stack.enter_context(Participant(interface=interface))
+        mirror = Mirror(participant, prefix)
+        told(f"waiting for a robot with {joint_states_topic(prefix)} on {interface}, domain {participant.domain}")
+        while not mirror.is_there():
+            if ended():
+                yield None
+                return
+            time.sleep(_LOOK)
+        writer, description = mirror.begin()
+        stack.callback(writer.close)
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="humanoid_sim-")))
+        where = f"{interface}, domain {participant.domain}"
+        session = _session(stack, folder, description.name, where, writer)
+        feed = stack.enter_context(Feed(session))
+        intake = stack.enter_context(Intake(session, "mirror"))
+        yield Attachment(session, feed, intake), mirror
+
+
+def _session(stack: ExitStack, folder: Path, robot: str, where: str, writer: FeedWriter) -> SessionInfo:
+    """A session that nobody else finds, and that hears nothing."""
+    lock = folder / "lock"
+    handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    stack.callback(os.close, handle)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    ends = {}
+    for name in ("intents", "data"):
+        end = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+        end.bind(str(folder / name))
+        ends[name] = str(folder / name)
+    return SessionInfo(
+        process=os.getpid(),
+        robot=robot,
+        policy="unknown",
+        folder=f"DDS on {where}",
+        hardware="",
+        feed=str(writer.path),
+        file=lock,
+        **ends,
+    )

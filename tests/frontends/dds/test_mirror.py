@@ -1,0 +1,202 @@
+"""A robot from its topics alone."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="needs the extra dds")
+
+from humanoid_sim.client import Feed, running_sessions
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends.console.program import main as console
+from humanoid_sim.frontends.dds.mirror import Mirror, mirrored
+from humanoid_sim.messages import ControlMode, Mode, SafetyLevel
+from humanoid_sim.mit import MITState
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.urdf import body_documents
+from humanoid_sim.ros2.dds.domain import Participant
+from humanoid_sim.ros2.dds.endpoints import Writer
+from humanoid_sim.ros2.definitions import JOINT_STATE
+from humanoid_sim.ros2.messages import (
+    TransformEncoder,
+    encode_control_mode,
+    encode_imu,
+    encode_joint_state,
+    encode_string,
+)
+from humanoid_sim.ros2.topics import TOPICS, Topic
+
+START = 1_700_000_000_000_000_000
+POSE = (0.1, -0.2, 0.9, 0.6, 0.0, 0.8, 0.0)
+
+
+class Robot:
+    """What a bridge would publish."""
+
+    def __init__(self, participant: Participant, description: RobotDescription) -> None:
+        self.names = description.joint_names
+        self._urdf = body_documents(description)["urdf"]
+        kinds = {**TOPICS, "/lite/joint_states": Topic(JOINT_STATE)}
+        names = ("/robot_description", "/lite/joint_states", "/control_mode", "/imu/data", "/tf")
+        self._writers = {name: Writer(participant, name, kinds[name]) for name in names}
+        self._frames = TransformEncoder([("world", "pelvis")])
+
+    def describe(self, urdf: str = "") -> None:
+        self._writers["/robot_description"].write(encode_string(urdf or self._urdf))
+
+    def state(self, value: float, seconds: float, names: tuple[str, ...] = ()) -> None:
+        time_ns = START + round(1e9 * seconds)
+        n = len(names or self.names)
+        full = np.full(n, value)
+        turn = np.array([0.6, 0.0, 0.8, 0.0])
+        state = MITState(seconds, full, 2.0 * full, 3.0 * full, np.zeros(n), turn, np.ones(3), np.zeros(3))
+        self._writers["/control_mode"].write(
+            encode_control_mode(time_ns, ControlMode(Mode.STANDBY, "standby_controller_a", "on its way"))
+        )
+        self._writers["/imu/data"].write(encode_imu(time_ns, state))
+        self._writers["/tf"].write(self._frames.encode(time_ns, np.array([POSE])))
+        self._writers["/lite/joint_states"].write(encode_joint_state(time_ns, names or self.names, state))
+
+
+def until_there(mirror: Mirror) -> None:
+    deadline = time.monotonic() + 20.0
+    while not mirror.is_there():
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+
+
+@pytest.fixture
+def participant(domain: int) -> Iterator[Participant]:
+    with Participant(domain) as joined:
+        yield joined
+
+
+def test_ticks_are_what_the_topics_say(participant: Participant) -> None:
+    description = load_robot("lite_biped")
+    robot, mirror = Robot(participant, description), Mirror(participant, "lite")
+    assert not mirror.is_there()
+    robot.state(0.1, 0.0)
+    assert not mirror.is_there()
+    robot.describe()
+    until_there(mirror)
+    writer, image = mirror.begin()
+    try:
+        assert image.joint_names == description.joint_names
+        robot.state(0.25, 1.5)
+        mirror.look()
+        assert writer._latest is not None
+        record = writer._latest[0]
+        assert record.index == 1
+        state = record.input.state
+        assert state.time == 1.5
+        assert state.joint_position.tolist() == [0.25] * 14
+        assert state.joint_velocity.tolist() == [0.5] * 14
+        assert state.joint_effort.tolist() == [0.75] * 14
+        assert state.imu_quaternion.tolist() == [0.6, 0.0, 0.8, 0.0]
+        assert record.output.control_mode == ControlMode(Mode.STANDBY, "standby_controller_a", "on its way")
+        assert not np.isfinite(record.output.command.position).any()
+        assert [status.level for status in record.input.safety] == [SafetyLevel.WARNING]
+        assert record.qpos is not None
+        np.testing.assert_allclose(record.qpos[:7], POSE)
+        assert record.qpos[7:].tolist() == [0.25] * 14
+        robot.state(0.5, 2.0, names=("somebody", "else"))
+        mirror.look()
+        assert writer._latest[0] is record
+    finally:
+        writer.close()
+
+
+def test_its_model_stands_where_the_robot_s_does_and_is_no_session_to_others(
+    participant: Participant, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    description = load_robot("lite")
+    robot = Robot(participant, description)
+    robot.describe()
+    robot.state(0.3, 0.0)
+    monkeypatch.setattr("humanoid_sim.frontends.dds.mirror.Participant", lambda **_: _Kept(participant))
+    said: list[str] = []
+    tries = iter(range(100))
+
+    def ended() -> bool:
+        robot.state(0.3, 0.0)  # the mirror subscribes late, and these are not latched
+        return next(tries) > 50
+
+    with mirrored("lo", "lite", told=said.append, ended=ended) as found:
+        assert found is not None
+        attachment, _ = found
+        assert re.fullmatch(r"waiting for a robot with /lite/joint_states on lo, domain \d+", said[0])
+        assert running_sessions() == []
+        with Feed(attachment.session) as feed:
+            assert feed.joint_names == description.joint_names
+        model = attachment.model()
+        assert model.ngeom > 50
+        data = mujoco.MjData(model)
+        latest = attachment.latest()
+        assert latest is not None
+        data.qpos[:] = latest[1].qpos
+        mujoco.mj_kinematics(model, data)
+        # Of the Lite's own model, all joints at 0.3 rad.
+        np.testing.assert_allclose(data.body("left_hand").xpos, own_position(description), atol=1e-6)
+        assert attachment.intake.remote(["a"], [0.0], [0.0], [0.0], [0.0], [0.0])  # heard by nobody
+    assert not attachment.feed.session.is_running()
+
+
+def own_position(description: RobotDescription) -> Any:
+    from humanoid_sim.robots.mjcf import bare_model  # noqa: PLC0415 - beside its one use
+
+    model = bare_model(description)
+    data = mujoco.MjData(model)
+    for name in description.joint_names:
+        data.joint(name).qpos[0] = 0.3
+    mujoco.mj_kinematics(model, data)
+    return data.body("left_hand").xpos.copy()
+
+
+class _Kept:
+    """A participant that somebody else closes."""
+
+    def __init__(self, participant: Participant) -> None:
+        self._participant = participant
+
+    def __enter__(self) -> Participant:
+        return self._participant
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("urdf", "why"),
+    [
+        ("no XML", "/robot_description: is no URDF: syntax error"),
+        ('<robot name="lite"><link name="a"/></robot>', "has no hinge joint"),
+    ],
+)
+def test_a_description_that_is_none_is_one_line(participant: Participant, urdf: str, why: str) -> None:
+    robot, mirror = Robot(participant, load_robot("lite")), Mirror(participant, "lite")
+    robot.describe(urdf)
+    robot.state(0.0, 0.0)
+    until_there(mirror)
+    with pytest.raises(InputError, match=why):
+        mirror.begin()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--dds"], "--interface: is needed with --dds: the one at which the robot is, such as eth1"),
+        (["--dds", "--interface", "lo", "--session", "7"], "--session: is 7, which means nothing with --dds"),
+        (["--interface", "eth1"], "--interface: is eth1, which means nothing without --dds"),
+    ],
+)
+def test_options_of_the_console_that_contradict_each_other(arguments: list[str], why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        console(arguments)
