@@ -82,7 +82,7 @@ $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
 	touch $@
 
 $(VENV)/dds.done: $(VENV)/play.done
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dds]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[console,dds]'
 	touch $@
 
 $(ROS)/test.done: constraints-ros.txt
