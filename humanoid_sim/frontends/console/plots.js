@@ -55,7 +55,7 @@ const plots = (() => {
     caption.append(`${title}: ${group}, ${unit}`, close);
     figure.append(caption);
     get("charts").append(figure);
-    const axis = { stroke: "#99a1a9", grid: { stroke: "#2b3036", width: 1 }, ticks: { stroke: "#2b3036" }, size: 46, font: "11px system-ui" };
+    const axis = { stroke: "#99a1a9", grid: { stroke: "#2b3036", width: 1 }, ticks: { stroke: "#2b3036" }, size: 56, font: "11px system-ui" };
     const options = {
       width: figure.clientWidth,
       height: HEIGHT,
