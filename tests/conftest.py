@@ -108,9 +108,13 @@ def _leaks(threads: set[threading.Thread], files: dict[int, str], buses: set[str
 
 @pytest.fixture(autouse=True)
 def no_leaks() -> Iterator[None]:
-    """Fail a test that leaves a thread running, or a file, a socket or a bus open."""
+    """Fail a test that leaves a thread running, a file, a socket or a bus open, or MuJoCo's log behind."""
     before = set(threading.enumerate()), _open_files(), _open_buses()
+    log = Path.cwd() / "MUJOCO_LOG.TXT"  # where a warning of MuJoCo goes that nobody has silenced
+    had_log = log.exists()
     yield
+    if log.exists() and not had_log:
+        pytest.fail(f"left behind {log}: {log.read_text()}", pytrace=False)
     leaks = _leaks(*before)
     if leaks:
         gc.collect()  # what a reference cycle kept open warns by itself

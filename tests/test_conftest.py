@@ -30,6 +30,10 @@ def test_socket():
 
 def test_bus():
     kept.append(can.Bus(interface="virtual", channel="forgotten_bus"))
+
+def test_log():
+    with open("MUJOCO_LOG.TXT", "w") as file:
+        file.write("WARNING: unstable")
 """
 
 
@@ -41,9 +45,10 @@ def test_leaks_are_found_and_named(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *options], cwd=tmp_path, capture_output=True, text=True, check=False
     )
-    assert "5 passed, 4 errors" in done.stdout
+    assert "6 passed, 5 errors" in done.stdout
     assert "left open: thread 'straggler'" in done.stdout
     assert "forgotten.txt" in done.stdout
     assert "left open: file socket:" in done.stdout
     assert "left open: bus 'forgotten_bus'" in done.stdout
+    assert f"left behind {tmp_path / 'MUJOCO_LOG.TXT'}: WARNING: unstable" in done.stdout
     assert "ERROR at teardown of test_tidy" not in done.stdout

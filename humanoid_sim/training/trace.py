@@ -18,6 +18,7 @@ from humanoid_sim.assets import SAMPLE_MOTION, motion_path
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.training import scales
 from humanoid_sim.training.motions import POLICY_DT, pose_a
@@ -78,7 +79,8 @@ def trainer_run(checkpoint: Path, description: RobotDescription, motion: Path, s
         for _ in range(round(POLICY_DT / model.opt.timestep)):
             effort = stiffness * (target - data.qpos[joints.qpos]) - damping * data.qvel[joints.dof]
             data.qfrc_applied[joints.dof] = np.clip(effort, -limit, limit)
-            mujoco.mj_step(model, data)
+            with mujoco_silenced:
+                mujoco.mj_step(model, data)
     return {name: np.stack(values) for name, values in rows.items()} | {
         "joint_names": np.array(description.joint_names)
     }

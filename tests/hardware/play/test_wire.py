@@ -25,6 +25,7 @@ from wire import Listener
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Event, Mode, TickRecord
 from humanoid_sim.recording.reader import open_recording
@@ -37,6 +38,8 @@ TICK = 0.02
 """s"""
 SLACK = 0.03
 """s that a busy machine may add to a tick."""
+CAN_TIMEOUT = 0.1
+"""s without a frame after which a motor stops by itself, and its joint falls."""
 MOTORS = 14
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 """What steers a terminal."""
@@ -58,6 +61,7 @@ class Operator:
     master: int
     slave: int
     listener: Listener
+    motors: VirtualMotors
     folder: Path
     seen: str = ""
     """Without what only steers a terminal."""
@@ -155,7 +159,7 @@ def standing(robot: str, folder: Path, environment: dict[str, str] | None = None
             env={**os.environ, "TERM": "xterm", **(environment or {})},
             preexec_fn=own_terminal,  # noqa: PLW1509 - nothing of the parent's threads is touched
         ) as process:
-            operator = Operator(process, master, slave, listener, folder, before=before)
+            operator = Operator(process, master, slave, listener, motors, folder, before=before)
             try:
                 operator.stands()
                 yield operator
@@ -168,6 +172,7 @@ def standing(robot: str, folder: Path, environment: dict[str, str] | None = None
 def ends_through_damping(operator: Operator, moment: float, *, within: float = TICK + SLACK) -> None:
     """No motor is driven any more after a tick; all are damped every tick until they rest, and then stopped."""
     listener = operator.listener
+    listener.settle()
     driven, damped = listener.after(moment, "drive"), listener.after(moment, "damp")
     assert all(frame.time - moment <= within for frame in driven)
     assert damped[0].time - moment <= within + 0.005
@@ -178,6 +183,67 @@ def ends_through_damping(operator: Operator, moment: float, *, within: float = T
         assert statistics.median(b - a for a, b in itertools.pairwise(own)) < TICK + SLACK
     stops = listener.after(damped[-1].time, "stop")
     assert {frame.motor_id for frame in stops} == {frame.motor_id for frame in damped}
+    assert longest_gap(operator, moment) < CAN_TIMEOUT
+
+
+def longest_gap(operator: Operator, moment: float) -> float:
+    """s at most that a motor was without a frame, from the last before the moment until it was told to stop."""
+    heard = operator.listener.frames
+    gaps = []
+    for motor_id in {frame.motor_id for frame in heard}:
+        own = [frame for frame in heard if frame.motor_id == motor_id]
+        begin = max(i for i, frame in enumerate(own) if frame.time < moment)
+        end = next(i for i, frame in enumerate(own) if i > begin and frame.kind == "stop")
+        assert {frame.kind for frame in own[begin + 1 : end]} <= {"drive", "damp", "other"}, "and never limp before"
+        gaps += [late.time - early.time for early, late in itertools.pairwise(own[begin : end + 1])]
+    return max(gaps)
+
+
+def _signal(number: signal.Signals) -> Callable[[Operator], int]:
+    """What sends it; the exit status of a run that it ends."""
+
+    def send(operator: Operator) -> int:
+        operator.process.send_signal(number)
+        return 128 + number
+
+    return send
+
+
+def _quit(operator: Operator) -> int:
+    """While the arms still fall."""
+    operator.type("d")
+    operator.wait_for("STANDBY → DAMPING")
+    operator.type("q")
+    return 0
+
+
+def _fault(operator: Operator) -> int:
+    """A motor reports a fault; the session damps, and goes on until somebody ends it."""
+    operator.motors.inject(Fault("over_temperature", ("left_elbow_pitch",), start=operator.motors.time))
+    operator.wait_for("STANDBY → DAMPING")
+    time.sleep(0.5)
+    operator.type("q")
+    return 1  # safety was not OK
+
+
+@pytest.mark.parametrize(
+    "end",
+    [_signal(signal.SIGINT), _signal(signal.SIGTERM), _quit, _fault],
+    ids=["SIGINT", "SIGTERM", "QUIT", "a motor's fault"],
+)
+def test_no_motor_waits_for_its_timeout_while_it_is_damped_until_it_is_told_to_stop(
+    operator: Operator, end: Callable[[Operator], int], request: pytest.FixtureRequest
+) -> None:
+    """SIGQUIT and SIGHUP: below, with the terminal."""
+    moment = time.monotonic()
+    expected = end(operator)
+    assert operator.end() == expected, operator.seen
+    operator.told(request.node.name, moment)
+    last = operator.listener.after(moment - TICK, "drive")[-1].time
+    ends_through_damping(operator, moment if expected >= 128 else last)
+    gap = longest_gap(operator, moment)
+    print(f"at most {1e3 * gap:.0f} ms between two frames to a motor")
+    assert gap < CAN_TIMEOUT
 
 
 def test_ctrl_backslash_ends_the_run_through_damping(operator: Operator) -> None:

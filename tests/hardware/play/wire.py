@@ -13,6 +13,10 @@ from humanoid_sim.hardware.robstride.commands import decode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl, Stop
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import motor_model
+from humanoid_sim.session.realtime import punctual_threads
+
+_QUIET = 0.2
+"""s"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +40,12 @@ class Listener:
             if joint.motor is not None
         }
         self.frames: list[Heard] = []
+        self._read = 0.0
         self._stop = threading.Event()
         self._bus = open_bus(parse_address(channel))
         self._thread = threading.Thread(target=self._listen, name="listener")
-        self._thread.start()
+        with punctual_threads(behind=10):  # a frame for which the socket has no room is lost
+            self._thread.start()
 
     def __enter__(self) -> Listener:
         return self
@@ -54,6 +60,7 @@ class Listener:
             message = self._bus.recv(0.05)
             if message is not None:
                 # The kernel's stamp: what lay there while this thread was not running came when it came.
+                self._read = time.monotonic()
                 self._note(message, time.monotonic() - (time.time() - message.timestamp))
 
     def _note(self, message: can.Message, now: float) -> None:
@@ -69,6 +76,11 @@ class Listener:
         elif isinstance(said, Stop):
             kind = "stop"
         self.frames.append(Heard(now, motor_id, kind))
+
+    def settle(self) -> None:
+        """Wait until all that was sent has been read: on a busy machine this thread is behind."""
+        while self.frames and time.monotonic() - self._read < _QUIET:
+            time.sleep(_QUIET)
 
     def after(self, moment: float, *kinds: str) -> list[Heard]:
         """The frames of these kinds since a moment; of all kinds if none is named."""
