@@ -165,7 +165,13 @@ function listen(target) {
 
 listen(window);
 const view = get("view");
-const listenInView = () => listen(view.contentWindow);
+const listenInView = () => {
+  try {
+    listen(view.contentWindow);
+  } catch {
+    // A view that could not be loaded is the browser's own page, which is another origin, and has no keys to hear.
+  }
+};
 view.addEventListener("load", listenInView);
 listenInView();
 document.addEventListener("click", (event) => {

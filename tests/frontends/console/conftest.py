@@ -50,16 +50,22 @@ def played(start_play: Callable[..., Played]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def start_browser() -> Iterator[Callable[[], Any]]:
+    """Starts Chromium, which draws 3D in software."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     chromium = shutil.which("chromium")
     if chromium is None:
         pytest.skip("there is no chromium here (apt-get install chromium)")
     options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=options)
-        yield browser
-        browser.close()
+        yield lambda: driver.chromium.launch(executable_path=chromium, args=options)
+
+
+@pytest.fixture(scope="module")
+def browser(start_browser: Callable[[], Any]) -> Iterator[Any]:
+    browser = start_browser()
+    yield browser
+    browser.close()
 
 
 @contextmanager

@@ -1,0 +1,313 @@
+"""Sliders and velocity in a real Chromium, and what becomes of them when their page is gone."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.client import Feed, Intake, find_session
+
+pytestmark = pytest.mark.slow
+PATIENCE = 30.0
+"""s, on a busy machine."""
+HIDE = """() => {
+    Object.defineProperty(document, "visibilityState", { value: "hidden", configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+}"""
+"""Playwright keeps all pages in sight."""
+
+
+class Session:
+    """What the session itself says, beside all pages."""
+
+    def __init__(self, feed: Feed) -> None:
+        self._feed = feed
+
+    def tick(self) -> dict[str, Any]:
+        sample = self._feed.latest()
+        assert sample is not None
+        return self._feed.decode(sample)
+
+    def position(self, joint: str) -> float:
+        return float(self.tick()["joint_position"][self._feed.joint_names.index(joint)])
+
+    @property
+    def is_passive(self) -> bool:
+        tick = self.tick()
+        return not tick["command_stiffness"].any() and not tick["command_effort"].any()
+
+    def until(self, is_it: Callable[[], object], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not is_it():
+            assert time.monotonic() < deadline, what
+            time.sleep(0.02)
+
+
+@contextmanager
+def session_of(played: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(played.folder))
+    with Feed(find_session(played.process.pid)) as feed:
+        yield Session(feed)
+
+
+@pytest.fixture(scope="module")
+def walked(start_play: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Of the Lite's legs, with a policy that takes a velocity command, and does nothing about it."""
+    folder = tmp_path_factory.mktemp("legs")
+    terms, actions = 3 + 3 + 3 + 3 * 14, 14
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
+        "legs",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, terms])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, actions])],
+        [numpy_helper.from_array(np.zeros((terms, actions), dtype=np.float32), "weights")],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), folder / "legs.onnx")
+    shutil.copy(asset_path("policies", "lite_biped_velocity.contract.yaml"), folder / "legs.contract.yaml")
+    return start_play("--policy", str(folder / "legs.onnx"), "--robot", "lite_biped")
+
+
+@pytest.fixture
+def another_browser(start_browser: Callable[[], Any]) -> Iterator[Any]:
+    """For a test that ends it."""
+    browser = start_browser()
+    yield browser
+    browser.close()
+
+
+@pytest.fixture
+def session(played: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+    with session_of(played, monkeypatch) as session:
+        yield session
+
+
+def opened(browser: Any, address: str) -> Any:
+    """A page without the 3D view: drawing that in software takes a whole core."""
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.set_default_timeout(1000.0 * PATIENCE)
+    page.route("**/viser/", lambda route: route.abort())
+    page.goto(address)
+    page.wait_for_selector("#cover", state="hidden")
+    return page
+
+
+def to_remote(page: Any) -> None:
+    if page.get_attribute("#mode", "data-mode") == "REMOTE":
+        return
+    page.keyboard.press("Space")
+    page.wait_for_selector('#mode[data-mode="DAMPING"]')
+    page.click('[data-ask="load_a"]')
+    page.click('[data-ask="start_remote"]:not(.refused)')
+    page.wait_for_selector('#mode[data-mode="REMOTE"]')
+
+
+def take(page: Any, session: Session, joint: str = "left_elbow_pitch") -> None:
+    """Until its gains are in. A busy machine may let go meanwhile, which is no failure of these tests."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if not owns(page):
+            page.select_option("#sliders-joint", joint)
+            page.click("#sliders-take")
+        if session.tick()["command_stiffness"].max() == 50.0:
+            return
+        time.sleep(0.2)
+    raise AssertionError(page.inner_text("#sliders-text"))
+
+
+def owns(page: Any) -> bool:
+    return bool(page.evaluate("turn !== null && turn.page === page"))
+
+
+def moved(page: Any, session: Session, is_it: Callable[[], object], **goals: float) -> None:
+    """Type goals into the number fields until the session shows it; take over again where a busy machine let go."""
+    deadline = time.monotonic() + PATIENCE
+    while not is_it():
+        assert time.monotonic() < deadline, goals
+        if not owns(page):
+            take(page, session)
+        for field, value in goals.items():
+            if page.evaluate(f"goals !== null && goals.{field} !== {value}") and owns(page):
+                page.fill(f"#sliders-rows-{field}-number", str(value), force=True)
+                page.keyboard.press("Enter")
+        time.sleep(0.05)
+
+
+def slide(page: Any, slider: str, value: float) -> None:
+    page.locator(f"#{slider}").evaluate(
+        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input', { bubbles: true })); }",
+        value,
+    )
+
+
+def test_a_joint_is_moved_by_sliders(browser: Any, played: Any, session: Session) -> None:
+    page = opened(browser, played.control)
+    assert not page.is_visible("#sliders")
+    to_remote(page)
+    session.until(lambda: session.is_passive, "passive before anybody moves anything")
+    take(page, session)
+    assert page.evaluate("goals.stiffness") == 0.0
+    others = session.position("right_elbow_pitch")
+    elbow = partial(session.position, "left_elbow_pitch")
+    moved(page, session, lambda: abs(elbow() + 1.0) < 0.1, stiffness=60, damping=2, position=-1)
+    assert session.position("right_elbow_pitch") == pytest.approx(others, abs=0.2)
+    moved(page, session, lambda: elbow() > -0.1, stiffness=60, damping=2, position=0)
+    fields = []
+    while not fields:  # beyond the elbow's limit
+        if not owns(page):
+            take(page, session)
+        page.evaluate("sliderRows.position.field.value = 99")
+        page.evaluate("sliderRows.position.field.dispatchEvent(new Event('change'))")
+        fields = page.evaluate("goals === null ? [] : [goals.position]")
+    assert fields == [0]
+    slide(page, "sliders-rows-position", -0.5)
+    assert page.evaluate("goals === null ? -0.5 : goals.position") == -0.5
+    if owns(page):
+        page.locator("#sliders-snap").dispatch_event("click")
+    session.until(lambda: session.tick()["command_stiffness"][3] == 0.0, "its gains are 0")
+    if owns(page):
+        page.locator("#sliders-let-go").dispatch_event("click")
+    session.until(lambda: session.is_passive, "passive")
+    page.wait_for_selector("text=sliders let go: ")
+    page.close()
+
+
+def test_the_space_bar_damps_in_a_slider_and_in_a_number_field(browser: Any, played: Any, session: Session) -> None:
+    page = opened(browser, played.control)
+    for focus in ("position", "position-number"):
+        to_remote(page)
+        take(page, session)
+        page.evaluate(f"get('sliders-own').hidden = false; get('sliders-rows-{focus}').focus()")
+        page.keyboard.press("Space")
+        page.wait_for_selector('#mode[data-mode="DAMPING"]')
+        session.until(lambda: session.is_passive, "damped")
+        page.wait_for_selector("#sliders", state="hidden")
+    page.close()
+
+
+def test_a_second_page_is_shown_who_moves_what_and_cannot(browser: Any, played: Any, session: Session) -> None:
+    page, second, watching = (opened(browser, address) for address in (played.control,) * 2 + (played.read_only,))
+    to_remote(page)
+    take(page, session)
+    number = page.evaluate("page")
+    for other in (second, watching):
+        other.wait_for_selector(f"text=left_elbow_pitch: moved by page {number}")
+        assert not other.is_visible("#sliders-own")
+    take(page, session)
+    second.click("#sliders-take")
+    second.wait_for_selector(f"text=sliders: page {number} moves left_elbow_pitch")
+    assert not watching.is_visible("#sliders-take")
+    second.close()  # who does not command changes nothing by leaving
+    watching.close()
+    assert owns(page) or "held up" in page.inner_text("#sliders-text")
+    page.close()
+    session.until(lambda: session.is_passive, "passive: its page has closed")
+
+
+def test_a_page_that_is_hidden_or_frozen_moves_nothing(browser: Any, played: Any, session: Session) -> None:
+    page, second = opened(browser, played.control), opened(browser, played.control)
+    to_remote(page)
+    take(page, session)
+    page.evaluate(HIDE)
+    session.until(lambda: session.is_passive, "hidden: passive")
+    second.wait_for_selector(f"text=sliders let go: page {page.evaluate('page')} let go")
+    page.evaluate("delete document.visibilityState")
+    take(page, session)
+    number = page.evaluate("page")
+    # Chromium freezes no page that Playwright looks at; one that is busy runs no timers either.
+    page.evaluate("setTimeout(() => { const end = performance.now() + 3000; while (performance.now() < end); }, 0)")
+    session.until(lambda: session.is_passive, "frozen: passive")
+    second.wait_for_selector(f"text=sliders let go: page {number} was not heard for 0.5 s")
+    page.wait_for_selector("#sliders-own", state="hidden")
+    assert session.is_passive
+    page.close()
+    second.close()
+
+
+def processes(browser: Any, kind: str) -> list[int]:
+    told = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")
+    return [process["id"] for process in told["processInfo"] if process["type"] == kind]
+
+
+def test_a_page_whose_process_stands_still_or_is_killed_moves_nothing(
+    browser: Any, another_browser: Any, played: Any, session: Session
+) -> None:
+    watching = opened(browser, played.read_only)
+    page = opened(another_browser, played.control)
+    to_remote(page)
+    take(page, session)
+    number, stopped = page.evaluate("page"), processes(another_browser, "renderer")
+    assert stopped
+    for process in stopped:
+        os.kill(process, signal.SIGSTOP)  # its socket stays open: that is the browser's other process
+    try:
+        session.until(lambda: session.is_passive, "stopped: passive")
+        watching.wait_for_selector(f"text=sliders let go: page {number} was not heard for 0.5 s")
+    finally:
+        for process in stopped:
+            os.kill(process, signal.SIGCONT)
+    page.wait_for_selector("#sliders-own", state="hidden")
+    assert session.is_passive
+    take(page, session)
+    (process,) = processes(another_browser, "browser")
+    os.kill(process, signal.SIGKILL)
+    session.until(lambda: session.is_passive, "killed: passive")
+    watching.wait_for_selector(f"text=sliders let go: page {number} ")
+    assert watching.get_attribute("#mode", "data-mode") == "REMOTE"
+    watching.close()
+
+
+def steered(page: Any, act: Callable[[], object], text: str) -> None:
+    """Do it until the session's command reads so: on a busy machine one that is a quarter of a second old has ended."""
+    deadline = time.monotonic() + PATIENCE
+    while not re.search(text, page.inner_text("#velocity-text")):
+        assert time.monotonic() < deadline, page.inner_text("#velocity-text")
+        act()
+        time.sleep(0.3)
+
+
+def test_sliders_and_keys_command_a_velocity(browser: Any, walked: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = opened(browser, walked.control)
+    assert not page.is_visible("#sliders")
+    page.keyboard.press("Space")
+    page.wait_for_selector('#mode[data-mode="DAMPING"]')
+    page.keyboard.press("w")
+    page.wait_for_selector("text=velocity refused: requires LOCOMOTION, mode is DAMPING")
+    page.click('[data-ask="load_a"]')
+    page.click('[data-ask="start_locomotion"]:not(.refused)')
+    page.wait_for_selector('#mode[data-mode="LOCOMOTION"]')
+    page.wait_for_selector("text=0.00 m/s, 0.00 m/s, 0.00 rad/s")
+    steered(
+        page, lambda: page.keyboard.press("w"), r"^0\.\d0 m/s, 0\.00 m/s, 0\.00 rad/s by console \(\d+\), this page$"
+    )
+    steered(page, lambda: slide(page, "velocity-rows-wz", 0.5), r", 0\.50 rad/s by console \(\d+\), this page$")
+    steered(page, lambda: page.click("#velocity-stop"), r"^0\.00 m/s, 0\.00 m/s, 0\.00 rad/s")
+    with session_of(walked, monkeypatch), Intake(find_session(walked.process.pid), "gamepad") as other:
+        page.evaluate("wished = []; wish = ((send) => (what) => { wished.push(what); send(what); })(wish)")
+        stick = partial(other.velocity, 0.2, 0.0, 0.0, deliberate=True)
+        steered(page, stick, r"^0\.20 m/s, 0\.00 m/s, 0\.00 rad/s by gamepad")
+        for focus, key in (("vx-number", "0"), ("vx-number", "ArrowUp"), ("vx", "ArrowUp")):
+            page.focus(f"#velocity-rows-{focus}")
+            page.keyboard.press(key)
+        pressed = "wished.filter((what) => what.do === 'press').map((what) => what.key).join()"
+        assert page.evaluate(pressed) == ""  # those keys are the field's and the slider's own
+        page.keyboard.press("w")
+        page.focus("#velocity-stop")
+        page.keyboard.press("ArrowUp")
+        assert page.evaluate(pressed) == "w,up"
+    page.evaluate(HIDE)
+    assert page.evaluate("wished.at(-1).do") == "let_go"
+    page.wait_for_selector("text=/^0.00 m.s, 0.00 m.s, 0.00 rad.s/")
+    page.close()
