@@ -295,7 +295,7 @@ def test_sliders_and_keys_command_a_velocity(browser: Any, walked: Any, monkeypa
     steered(page, lambda: slide(page, "velocity-rows-wz", 0.5), r", 0\.50 rad/s by console \(\d+\), this page$")
     steered(page, lambda: page.click("#velocity-stop"), r"^0\.00 m/s, 0\.00 m/s, 0\.00 rad/s")
     with session_of(walked, monkeypatch), Intake(find_session(walked.process.pid), "gamepad") as other:
-        page.evaluate("wished = []; wish = ((send) => (what) => { wished.push(what); send(what); })(wish)")
+        page.evaluate("wished = []; wish = ((send) => (what) => { wished.push(what); send(what); })(wish); 0")
         stick = partial(other.velocity, 0.2, 0.0, 0.0, deliberate=True)
         steered(page, stick, r"^0\.20 m/s, 0\.00 m/s, 0\.00 rad/s by gamepad")
         for focus, key in (("vx-number", "0"), ("vx-number", "ArrowUp"), ("vx", "ArrowUp")):
