@@ -10,6 +10,7 @@ from mcap.writer import Writer
 
 from humanoid_sim.bounds import OBSERVATION_WIDTH
 from humanoid_sim.messages import SessionHeader
+from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 from humanoid_sim.strict_json import parse_json
 
 __all__ = ["DOCUMENTS", "EARLIER_FORMAT", "SESSION", "HeaderError", "header_metadata", "parse_header", "write_header"]
@@ -31,7 +32,7 @@ class HeaderError(ValueError):
     """A header that is damaged, or of another format."""
 
 
-def write_header(writer: Writer, header: SessionHeader) -> None:
+def write_header(writer: Writer | ChunkedWriter, header: SessionHeader) -> None:
     """Write the attachments, the documents and the fields, in this order."""
     for name, data in header.attachments.items():
         writer.add_attachment(header.start_time_ns, header.start_time_ns, name, "application/octet-stream", data)

@@ -5,7 +5,7 @@ The control thread only queues a reference. A thread of its own encodes and writ
 half a second of either; a run that need not keep real time waits for a recorder that is behind. If the disk fails, the
 recording stops and says so once; the run goes on.
 
-A finished file ends with an index of its chunks, which `mcap` keeps in memory until then: 16 MB in an hour.
+A finished file ends with an index of its chunks, which is kept in memory until then: 16 MB in an hour.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from time import monotonic, sleep
 
-from mcap.writer import CompressionType, Writer
-
 from humanoid_sim import __version__
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import exclusive_file
@@ -29,6 +27,7 @@ from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import write_header
 from humanoid_sim.recording.topics import TopicMessage, ViewerTopics
 from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
+from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 from humanoid_sim.ros2.topics import kind_of
 
 __all__ = ["EVENT_TOPIC", "FLUSH_PERIOD", "QUEUE_LIMIT", "TICK_TOPIC", "McapRecorder"]
@@ -231,7 +230,7 @@ class _RunWriter:
 
     def __init__(self, file: _UnbufferedFile, header: SessionHeader) -> None:
         self.file = file
-        self._writer = Writer(file, compression=CompressionType.LZ4)  # type: ignore[arg-type]
+        self._writer = ChunkedWriter(file)
         self._writer.start(profile="ros2", library=f"humanoid_sim {__version__}")
         write_header(self._writer, header)
         self._encoder = TickEncoder(len(header.joint_names))
