@@ -19,7 +19,7 @@ from humanoid_sim.client import Feed, SessionError, SessionInfo, find_session, m
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import load_robot
 
-_COMMANDS = 2000
+_COMMANDS = 1000
 """At 200 Hz."""
 
 

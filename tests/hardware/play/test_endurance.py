@@ -125,7 +125,7 @@ def test_a_dds_bridge_at_full_rate_and_a_client_that_floods_do_not_disturb_the_l
 ) -> None:
     """10 000 samples a second, most of them wrong: all are refused outside the loop's process, and counted."""
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
-    domain, seconds = free_domain(), 60 if request.config.getoption("--complete") else 30
+    domain, seconds = free_domain(), 60 if request.config.getoption("--complete") else 20
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     joints = ",".join(load_robot("lite").joint_names)
     flood = Path(__file__).parents[2] / "frontends" / "dds" / "flood.py"
