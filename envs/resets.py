@@ -8,12 +8,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["StartNumbers", "autoreset", "count_option", "reset_command", "reset_mask", "reset_seeds", "velocity_option"]
+__all__ = [
+    "StartNumbers",
+    "autoreset",
+    "count_option",
+    "require_same_step",
+    "reset_command",
+    "reset_mask",
+    "reset_seeds",
+    "velocity_option",
+]
 
 IndexArray = npt.NDArray[np.intp]
 
@@ -52,6 +61,18 @@ def autoreset(mode: AutoresetMode | str) -> AutoresetMode:
     except ValueError:
         accepted = " or ".join([", ".join(m.value for m in list(AutoresetMode)[:-1]), list(AutoresetMode)[-1].value])
         raise InputError(f"autoreset_mode: is {mode!r}, expected {accepted}") from None
+
+
+def require_same_step(envs: VectorEnv[Any, Any, Any], library: str) -> None:
+    """Refuse environments for a library that starts an episode in the step that ends the last one, unless they do too.
+
+    Raises:
+        InputError: they start episodes another way.
+    """
+    mode = envs.metadata.get("autoreset_mode")
+    if mode is not AutoresetMode.SAME_STEP:
+        shown = mode.value if isinstance(mode, AutoresetMode) else mode
+        raise InputError(f"autoreset_mode: is {shown!r}, expected 'SameStep' for {library}")
 
 
 def count_option(name: str, value: Any) -> int:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.envs.resets import require_same_step
+from humanoid_sim.errors import MissingPackageError
 
 try:
     import torch
@@ -40,10 +41,7 @@ class RslRlVecEnv(VecEnv):
         Raises:
             InputError: they start episodes another way.
         """
-        mode = envs.metadata.get("autoreset_mode")
-        if mode is not AutoresetMode.SAME_STEP:
-            shown = mode.value if isinstance(mode, AutoresetMode) else mode
-            raise InputError(f"autoreset_mode: is {shown!r}, expected 'SameStep' for rsl_rl")
+        require_same_step(envs, "rsl_rl")
         self.envs = envs
         whole: Any = envs.unwrapped
         self.num_envs = envs.num_envs

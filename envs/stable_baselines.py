@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 
+from humanoid_sim.envs.resets import require_same_step
 from humanoid_sim.errors import InputError, MissingPackageError
 
 try:
@@ -35,10 +36,7 @@ class StableBaselinesVecEnv(VecEnv):
         Raises:
             InputError: they start episodes another way.
         """
-        mode = envs.metadata.get("autoreset_mode")
-        if mode is not AutoresetMode.SAME_STEP:
-            shown = mode.value if isinstance(mode, AutoresetMode) else mode
-            raise InputError(f"autoreset_mode: is {shown!r}, expected 'SameStep' for stable-baselines3")
+        require_same_step(envs, "stable-baselines3")
         self.envs = envs
         self._actions: Float32Array | None = None
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
