@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 from humanoid_sim.messages import Intent, Mode, TickOutput
@@ -29,6 +30,8 @@ class DeviceWatch(IntentSource):
     ) -> None:
         """Watch. Before the first heartbeat the device is missing, but not lost: only driven joints are damped.
 
+        Only while the loop runs can a device be lost: one that stood still damps for that reason (`Interruption`).
+
         Args:
             name: of the producer of the heartbeats.
             heartbeats: arrival of the latest one of each producer, s, robot's clock.
@@ -40,13 +43,20 @@ class DeviceWatch(IntentSource):
         self._tell = tell
         self._timeout = timeout
         self._is_lost = False
+        self._polled = self._resumed = -math.inf
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """DAMP while the device is lost and the robot is not damped."""
+        if time - self._polled > self._timeout:  # motors were being enabled: heartbeats waited, and are as old as that
+            self._resumed = time
+        self._polled = time
         heard = self._heartbeats().get(self._name)
         mode = Mode.ZERO_TORQUE if output is None else output.control_mode.mode
         drives = mode not in (Mode.ZERO_TORQUE, Mode.DAMPING)
-        is_lost = drives if heard is None else not time - heard <= self._timeout
+        if heard is None:
+            is_lost = drives
+        else:  # one that is lost already is there again with a heartbeat only
+            is_lost = not time - (heard if self._is_lost else max(heard, self._resumed)) <= self._timeout
         if is_lost != self._is_lost:
             self._is_lost = is_lost
             silence = "never heard" if heard is None else f"nothing heard for {self._timeout:g} s"

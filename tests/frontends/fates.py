@@ -318,6 +318,23 @@ def client(play: Played, kind: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
+@contextmanager
+def virtual_pad(play: Played) -> Iterator[subprocess.Popen[str]]:
+    """The gamepad's program with a pad of SDL's, once that drives."""
+    command = [sys.executable, str(Path(__file__).with_name("pad_program.py")), "--session", str(play.process.pid)]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        try:
+            assert process.stdout is not None
+            while not process.stdout.readline().strip().endswith("drives"):
+                assert process.poll() is None
+            yield process
+        finally:
+            process.kill()
+
+
 CONTRACT = """
 task_type: locomotion
 joint_names: {joints}

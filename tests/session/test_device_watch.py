@@ -84,3 +84,20 @@ def test_a_clock_that_is_no_number_counts_as_a_loss() -> None:
     watched.tick(Intent.DAMP)
     watched.heard["gamepad"] = float("nan")
     assert watched.tick() == (Intent.DAMP,)
+
+
+def test_heartbeats_that_waited_while_motors_were_enabled_are_no_loss() -> None:
+    watched = Watched()
+    watched.beat()
+    watched.run.time += 7.0
+    assert watched.tick() == ()
+    watched.beat()
+    watched.run.time += 7.0  # enabled afresh
+    assert watched.tick() == ()
+    silent = watched.run.time
+    while not watched.tick():
+        assert watched.run.time - silent < 0.3
+    assert watched.told == ["gamepad: lost, nothing heard for 0.2 s: DAMP"]
+    watched.run.time += 7.0
+    watched.tick()
+    assert watched.told == ["gamepad: lost, nothing heard for 0.2 s: DAMP"], "nor is one that is lost there again by it"

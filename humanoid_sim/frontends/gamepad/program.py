@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from time import sleep
 
@@ -17,6 +18,7 @@ from humanoid_sim.frontends.attach import attached, ready
 from humanoid_sim.frontends.gamepad.device import Pad, Pads
 from humanoid_sim.frontends.gamepad.sticks import SpeedRange, Sticks, speed_range
 from humanoid_sim.messages import Intent
+from humanoid_sim.session.realtime import punctual_threads
 
 __all__ = ["Driver", "GamepadConfig", "main"]
 
@@ -26,6 +28,8 @@ _HEARTBEAT_EVERY = 2
 """Looks."""
 _ANSWER_WITHIN = 0.05
 """s for which an answer of the session is waited for; on a session's own machine it comes within a tick."""
+_BEHIND = 30
+"""Priorities behind the control loop, and behind all its threads."""
 _MOVED = 0.02
 """m/s or rad/s by which a stick must move to say that somebody moved it."""
 
@@ -166,11 +170,13 @@ def _drive(pads: Pads, config: GamepadConfig) -> int:
         driver = Driver(attachment.intake, config, speeds=speeds, is_hardware=is_hardware)
         found = pads.look()
         ready(f"gamepad: {found[0] if found else 'waits for one to be plugged in'}")
-        while attachment.feed.is_running():
-            try:
-                for line in driver.step(pads.look()):
-                    print(line, flush=True)
-            except SessionError:
-                break
-            sleep(_PERIOD)
+        # No other program may keep a DAMP waiting, or let the device look lost.
+        with punctual_threads(behind=_BEHIND) if is_hardware else nullcontext():
+            while attachment.feed.is_running():
+                try:
+                    for line in driver.step(pads.look()):
+                        print(line, flush=True)
+                except SessionError:
+                    break
+                sleep(_PERIOD)
     return 0

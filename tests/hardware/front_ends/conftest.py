@@ -4,7 +4,8 @@ import sys
 from pathlib import Path
 
 sys.path += [
-    str(Path(__file__).parents[2] / name) for name in ("frontends", "frontends/dds", "play", "policy", "hardware/play")
+    str(Path(__file__).parents[2] / name)
+    for name in ("frontends", "frontends/dds", "play", "policy", "hardware/front_ends")
 ]
 
 from fates import folder, rows

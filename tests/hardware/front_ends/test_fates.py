@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fates import BLOWS, ROWS, Log, Played, available, display, playing, script
+from fates import BLOWS, ROWS, Log, Played, available, display, playing, script, virtual_pad
 from play_fixtures import quick_robot
 
 from humanoid_sim.client import monotonic_ns
@@ -24,7 +21,6 @@ PERIOD = 0.02
 TOO_LATE = 0.035
 """s between two ticks: nearly one is missing, and such a run says nothing."""
 ATTEMPTS = 4
-PAD = Path(__file__).parents[2] / "frontends" / "pad_program.py"
 CONTROLLERS = {
     Mode.ZERO_TORQUE: "zero_torque_controller",
     Mode.DAMPING: "damping_controller",
@@ -125,23 +121,6 @@ def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
     check_frames(log)
     assert log.is_exact()
     rows.append((name, blow, "REMOTE", "motors", f"passive {1e3 * took:.0f} ms after its last command"))
-
-
-@contextmanager
-def virtual_pad(play: Played) -> Iterator[subprocess.Popen[str]]:
-    """The gamepad's program with a pad of SDL's, once that drives."""
-    command = [sys.executable, str(PAD), "--session", str(play.process.pid)]
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
-    ) as process:
-        try:
-            assert process.stdout is not None
-            while not process.stdout.readline().strip().endswith("drives"):
-                assert process.poll() is None
-            yield process
-        finally:
-            process.kill()
 
 
 def unplug(pad: subprocess.Popen[str]) -> None:
