@@ -136,7 +136,6 @@ def parse_branch(text: str) -> tuple[str, float]:
 
 _REPEATED = (
     "policy",
-    "shadow",
     "contract",
     "robot",
     "imu_site",
@@ -169,13 +168,16 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     )
     header = open_recording(path).header
     recorded = _options(option, path, header)
+    if recorded.get("shadow") is not None:
+        if config.branch is not None or config.checkpoint is None:
+            other = "" if config.branch is not None else "; name one with --policy or --shadow"
+            raise InputError(f"{option}: '{path}' was made with --shadow, and no policy drove its robot{other}")
+        recorded.pop("contract", None)  # it is for the shadow
     if config.branch is not None:
         if config.policy is not None:
             recorded.pop("contract", None)  # it is for the recorded policy
         recorded.pop("command", None)  # the velocity goes on as recorded
         config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
-    if config.policy is not None or config.shadow is not None:
-        recorded = {**recorded, "policy": None, "shadow": None}
     known = {field.name: field for field in fields(config)}
     values = {
         name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default

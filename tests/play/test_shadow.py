@@ -129,3 +129,17 @@ def test_a_robot_without_gains_of_its_own_is_refused() -> None:
     config = PlayConfig(shadow="placeholder", robot="tests/data/hopper.xml", viewer="none", record="none")
     with pytest.raises(InputError, match=r"^--shadow: 'hopper' has no gains of its own to stand by, "):
         make_plan(config)
+
+
+def test_what_a_policy_did_not_drive_is_not_played_again(run: Play, quick: str) -> None:
+    run("--robot", quick, *SHADOW, "--script", "damp; hold 0.1")
+    driven = "'r.mcap' was made with --shadow, and no policy drove its robot"
+    for options, message in (
+        (("--again", "r.mcap"), f"--again: {driven}; name one with --policy or --shadow"),
+        (("--branch", "r.mcap@0.1", "--policy", "placeholder"), f"--branch: {driven}"),
+    ):
+        result = run(*options, record=False)
+        assert (result.status, result.err) == (2, f"error: {message}\n")
+    again = run("--again", "r.mcap", *SHADOW, "--script", "damp; hold 0.1", "--record", "none", record=False)
+    assert (again.status, again.err) == (0, "")
+    assert "shadow policy" in again.out
