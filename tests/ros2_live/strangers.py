@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from machines import ROOT, Machine, read_until
@@ -41,13 +42,17 @@ JOINTS = tuple(
 )
 
 
-def listen(machine: Machine, messages: Mapping[str, str], seconds: float, **environment: str) -> subprocess.Popen[str]:
-    """Subscribe to all topics, once they are announced; `heard` gives what came."""
+def listen(
+    machine: Machine, messages: Mapping[str, str], seconds: float, *, until: Sequence[str] = (), **environment: str
+) -> subprocess.Popen[str]:
+    """Subscribe to all topics; `heard` gives what came, for some seconds and until certain topics have been heard."""
     latched = (*LATCHED, "/robot_description", "/tf_static")
     arguments = [
         word for topic, kind in TYPES.items() for word in (topic, kind, "latched" if topic in latched else "plain")
     ]
-    program = machine.ros("listen.py", str(seconds), *arguments, environment={**messages, **environment})
+    program = machine.ros(
+        "listen.py", str(seconds), ",".join(until), *arguments, environment={**messages, **environment}
+    )
     read_until(program, "ready")
     return program
 
@@ -71,11 +76,18 @@ def command(
 
 def ticks(machine: Machine, seconds: float) -> list[dict[str, Any]]:
     """What a session's feed says for some time: one dict for each tick."""
-    return ticks_of(machine.python("-c", TICKS, str(seconds), cwd=ROOT))
+    return ticks_of(watch(machine, seconds))
+
+
+def watch(machine: Machine, seconds: float = math.inf) -> subprocess.Popen[str]:
+    """Watch a session's feed for some time, or until `ticks_of` is called."""
+    program = machine.python("-c", TICKS, str(seconds), cwd=ROOT)
+    read_until(program, "ready")
+    return program
 
 
 def ticks_of(program: subprocess.Popen[str]) -> list[dict[str, Any]]:
-    """What a program that was started with `TICKS` saw."""
+    """What a program that watches has seen, now that it ends."""
     output, _ = program.communicate(timeout=60.0)
     assert program.returncode == 0, output
     return [json.loads(line) for line in output.splitlines()]
@@ -94,20 +106,23 @@ def passive_in_time(fed: list[dict[str, Any]]) -> bool:
 
 
 TICKS = """
-import json, sys, time
+import json, math, select, sys, time
 from humanoid_sim.client import Feed, find_session
-end = time.monotonic() + float(sys.argv[1])
+seconds, lines = float(sys.argv[1]), []
+end = time.monotonic() + seconds
 with Feed(find_session()) as feed:
     number = feed.newest()
-    while time.monotonic() < end:
+    print("ready", flush=True)
+    while time.monotonic() < end and not (seconds == math.inf and select.select([sys.stdin], [], [], 0)[0]):
         for sample in feed.since(number):
             number = sample.number
             tick = feed.decode(sample)
-            print(json.dumps({
+            lines.append(json.dumps({
                 "stamp": 1e-9 * sample.stamp, "time": tick["time"], "mode": tick["mode"],
                 "arrival": tick["remote"][0]["arrival_time"] if tick["remote"] else None,
                 **{name: tick[f"command_{name}"].tolist() for name in ("position", "effort", "stiffness", "damping")},
                 "joint_position": tick["joint_position"].tolist(),
             }))
         time.sleep(0.01)
+print(*lines, sep="\\n")
 """

@@ -1,6 +1,8 @@
 """A stranger's subscriber, with ROS 2 alone: what topics say, and how often.
 
-    listen.py SECONDS [TOPIC TYPE KIND]...        KIND is plain or latched
+    listen.py SECONDS UNTIL [TOPIC TYPE KIND]...        KIND is plain or latched
+
+For so many seconds, and then, at most half a minute more, until the topics of UNTIL (separated by commas) were heard.
 
 Prints JSON: the topics that are there, with their types, and of each that was asked for the number of messages and the
 last of each source.
@@ -13,6 +15,8 @@ import time
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+PATIENCE = 30.0
 
 
 def plain(value):
@@ -28,7 +32,8 @@ def plain(value):
 
 def main():
     seconds = float(sys.argv[1])
-    wanted = [sys.argv[start : start + 3] for start in range(2, len(sys.argv), 3)]
+    until = sys.argv[2].split(",") if sys.argv[2] else []
+    wanted = [sys.argv[start : start + 3] for start in range(3, len(sys.argv), 3)]
     rclpy.init()
     node = rclpy.create_node("stranger")
     counts, last, kept = {}, {}, []
@@ -50,7 +55,7 @@ def main():
         kept.append(node.create_subscription(message_type, topic, heard, qos))
     print("ready", flush=True)
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    while (now := time.monotonic()) < end or (now < end + PATIENCE and not all(counts[topic] for topic in until)):
         rclpy.spin_once(node, timeout_sec=0.05)
     heard_last = {topic: {source: plain(message) for source, message in of.items()} for topic, of in last.items()}
     print(
