@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import io
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 pytestmark = pytest.mark.slow
 ELBOW = "position and command: left_elbow_pitch"
@@ -113,6 +117,40 @@ def test_a_phone_shows_everything_in_its_width_and_damp_always(browser: Any, pla
             assert 0.0 <= box["y"] <= 100.0
         page.click("#damp")
         in_mode(page, "DAMPING")
+
+
+def orange(page: Any) -> int:
+    """Pixels of the view that are, as the commanded pose is, and some of the robot itself."""
+    picture = Image.open(io.BytesIO(page.locator("#scene").screenshot())).convert("RGB")
+    red, _, blue = np.moveaxis(np.asarray(picture, dtype=int), -1, 0)
+    return int((red - blue > 40).sum())
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 120.0
+    while not condition():
+        assert time.monotonic() < deadline
+
+
+def test_the_commanded_pose_is_seen_over_the_robot(browser: Any, played: Any) -> None:
+    """Where software draws the view, clicks wait for it: the page is told what to ask for."""
+    page = browser.new_page(viewport={"width": 900, "height": 500})
+    page.set_default_timeout(120_000)
+    page.goto(played.control)
+    page.wait_for_selector("#cover", state="hidden")
+    for word, mode in (("damp", "DAMPING"), ("load_a", "STANDBY")):
+        page.evaluate("(word) => ask(word)", word)
+        page.wait_for_selector(f'#mode[data-mode="{mode}"]')
+    page.wait_for_selector('[data-ask="start_locomotion"]:not(.refused)')
+    counts = [0, 1]
+    until(lambda: counts.append(orange(page)) or counts[-1] == counts[-2] > 20)  # the robot is there, and stands still
+    page.evaluate("tell({ show: 'command', on: true })")
+    until(lambda: orange(page) > counts[-1] + 300)
+    page.evaluate("tell({ show: 'command', on: false })")
+    until(lambda: orange(page) < counts[-1] + 100)
+    page.evaluate("ask('damp')")
+    page.wait_for_selector('#mode[data-mode="DAMPING"]')
+    page.close()
 
 
 def test_on_hardware_motors_and_buses_are_listed(browser: Any, start_play: Callable[..., Any]) -> None:
