@@ -133,10 +133,16 @@ ROWS = {
 }
 
 
+SAMPLED = {"wrong zero, Sito", "command beyond the limit, Sito", "beyond the limit by effort, Sito"}
+"""Rows whose guard another Sito row shows already."""
+
+
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) for name in ROWS if name != QUICK] + [QUICK]
 )
-def test_it_ends_in_damping(name: str, table: list[tuple[str, ...]]) -> None:
+def test_it_ends_in_damping(name: str, table: list[tuple[str, ...]], request: pytest.FixtureRequest) -> None:
+    if name in SAMPLED and not request.config.getoption("--complete"):
+        pytest.skip("with --complete")
     row = ROWS[name]
     problem = ""
     for slowness in SLOWNESS:
