@@ -29,6 +29,9 @@ SERVICES = {f"/humanoid_control/mode/{word}": word for word in WORDS}
 """Names, and what each asks the session for."""
 LOOPBACK = "lo"
 
+LARGEST_DOMAIN = 232
+"""Beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)."""
+
 _FAST_DDS = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <dds><profiles xmlns="http://www.eprosima.com">
@@ -161,9 +164,12 @@ def _serve(process: int | None, profiles: Path) -> None:
             os.environ.pop(name, None)
         else:
             os.environ[name] = value
+    domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    if not (domain.isascii() and domain.isdigit() and int(domain) <= LARGEST_DOMAIN):  # Fast DDS would exit
+        raise ServiceError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to {LARGEST_DOMAIN}")
     try:
         rclpy.init(args=[])
-    except RuntimeError as error:  # of rclpy; a domain that is none, for example
+    except RuntimeError as error:  # of rclpy
         raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
     try:
         # Five services that run one at a time each, and damps, which wait for none of them.

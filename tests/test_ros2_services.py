@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import shutil
 import socket
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 from local_session import LocalSession
 
 from humanoid_sim import client, ros2_services
+from humanoid_sim.ros2.dds import domain
 from humanoid_sim.ros2_services import SERVICES, ServiceError, answer, loopback_environment
 
 FILE = Path(ros2_services.__file__)
@@ -124,6 +126,19 @@ def test_a_middleware_that_cannot_be_restricted_is_one_line_and_status_2() -> No
         "error: RMW_IMPLEMENTATION: rmw_zenoh_cpp cannot be kept on this machine, expected rmw_fastrtps_cpp or "
         "rmw_cyclonedds_cpp\n"
     )
+
+
+@pytest.mark.parametrize("number", ["233", "abc", "-1"])
+def test_a_domain_that_is_none_is_one_line_and_status_2(number: str) -> None:
+    program = [sys.executable, "-c", HAS_ROS, "rmw_fastrtps_cpp"]
+    environment = {**os.environ, "ROS_DOMAIN_ID": number}
+    run = subprocess.run(program, capture_output=True, text=True, env=environment, check=False)
+    assert run.returncode == 2
+    assert run.stderr == f"error: ROS_DOMAIN_ID: is '{number}', expected a whole number from 0 to 232\n"
+
+
+def test_one_rule_says_which_domains_there_are() -> None:
+    assert ros2_services.LARGEST_DOMAIN == domain._LARGEST_DOMAIN == 232
 
 
 def test_the_two_files_work_without_the_package(tmp_path: Path) -> None:

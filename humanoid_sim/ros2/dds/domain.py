@@ -114,7 +114,8 @@ class Participant:
             self.close()
             why = error.msg if isinstance(error, DDSException) else error.strerror
             raise InputError(
-                f"DDS domain {self.domain} on network interface {interface}: cannot be joined: {why}"
+                f"DDS domain {self.domain} on network interface {interface}: cannot be joined: {why}; expected an "
+                "interface that is up and has an IPv4 address"
             ) from None
 
     def __enter__(self) -> Self:
