@@ -5,7 +5,7 @@ import sys
 import time
 
 from cyclonedds._clayer import ddspy_write
-from stranger import client, command
+from stranger import client, command, until
 
 _BATCH = 0.002
 """s between two bursts."""
@@ -24,6 +24,7 @@ def main(domain: int, joints: list[str], rate: float) -> None:
     messages = [message.ljust(-(-len(message) // 4) * 4, b"\0") for message in messages]
     with client(domain) as joined:
         writer = joined.writer("rt/remote_policy_controller/command")
+        until(writer.get_matched_subscriptions, "somebody to flood", 120.0)
         begun, sent = time.monotonic(), 0
         while True:
             while sent < rate * (time.monotonic() - begun):

@@ -134,8 +134,8 @@ def test_a_dds_bridge_at_full_rate_and_a_client_that_floods_do_not_disturb_the_l
             result = run("--hardware", "virtual:flood", "--dds", *SCRIPT, "--duration", str(seconds))
         finally:
             client.kill()
+    assert result.status == 0, result.out + result.err
     report(result.summary, "with a DDS bridge and a flood")
-    assert result.status == 0
     loop = result.summary["loop"]
     unexplained = stalls.unexplained()
     print(f"{len(stalls.missed)} missed deadlines, {len(unexplained)} of them while every CPU ran")
