@@ -19,6 +19,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.client import Feed, Intake, find_session
+from humanoid_sim.messages import Mode
 
 pytestmark = pytest.mark.slow
 PATIENCE = 30.0
@@ -267,6 +268,28 @@ def test_a_page_whose_process_stands_still_or_is_killed_moves_nothing(
     watching.wait_for_selector(f"text=sliders let go: page {number} ")
     assert watching.get_attribute("#mode", "data-mode") == "REMOTE"
     watching.close()
+
+
+def test_a_console_that_stands_still_or_is_killed_moves_nothing(browser: Any, played: Any, session: Session) -> None:
+    """The last of this session's console."""
+    page = opened(browser, played.control)
+    to_remote(page)
+    take(page, session)
+    (console,) = played.children
+    os.kill(console, signal.SIGSTOP)
+    try:
+        session.until(lambda: session.is_passive, "stopped: passive")
+        time.sleep(0.6)
+    finally:
+        os.kill(console, signal.SIGCONT)
+    page.wait_for_selector("text=sliders let go: ")
+    assert session.is_passive  # nothing begins again by itself
+    take(page, session)
+    os.kill(console, signal.SIGKILL)
+    session.until(lambda: session.is_passive, "killed: passive")
+    page.wait_for_selector("text=NO CONNECTION")
+    assert session.tick()["mode"] == int(Mode.REMOTE)
+    page.close()
 
 
 def steered(page: Any, act: Callable[[], object], text: str) -> None:
