@@ -334,21 +334,3 @@ def test_sliders_and_keys_command_a_velocity(browser: Any, walked: Any, monkeypa
     assert page.evaluate("wished.at(-1).do") == "let_go"
     page.wait_for_selector("text=/^0.00 m.s, 0.00 m.s, 0.00 rad.s/")
     page.close()
-
-
-def test_a_console_that_stands_still_or_is_killed_moves_nothing(browser: Any, played: Any, session: Session) -> None:
-    """The last one here: the console is not there afterwards."""
-    for blow in (signal.SIGSTOP, signal.SIGKILL):
-        page = opened(browser, played.control)
-        to_remote(page)
-        take(page, session)
-        (console,) = played.children
-        os.kill(console, blow)
-        session.until(lambda: session.is_passive, f"{blow.name}: passive")
-        page.wait_for_selector("#cover", state="visible")
-        if blow is signal.SIGSTOP:
-            os.kill(console, signal.SIGCONT)
-            page.wait_for_selector("#cover", state="hidden")
-        assert session.tick()["mode"] == 4, "REMOTE still"
-        page.close()
-    assert played.process.poll() is None
