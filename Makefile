@@ -7,7 +7,7 @@ LEROBOT := .venv-lerobot
 # ROS 2's wheels restart every Python of the environment that they are in: one of their own, whose nodes the tests start.
 ROS := .venv-ros
 
-.PHONY: play test test-slow test-train test-lerobot test-ros bench lint format types train clean
+.PHONY: play test test-slow test-train test-lerobot test-ros bench lint format types train train-walking clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -53,6 +53,14 @@ train: $(VENV)/train.done  ## make the sample motions and train the sample polic
 	$(BIN)/python -m humanoid_sim.training trace --policy $(VENV)/lite_tracking.onnx --output $(VENV)/lite_tracking.npz
 	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_tracking.onnx --trace $(VENV)/lite_tracking.npz \
 	    --motion assets/motions/wave.mcap --overwrite --output assets/policies/lite_tracking.onnx
+
+train-walking: $(VENV)/slow.done  ## train the policy that walks again; resumed where it was left
+	$(BIN)/python -m humanoid_sim.training train-walking --resume --output $(VENV)/lite_biped_velocity.onnx $(ARGS)
+	$(BIN)/python -m humanoid_sim.training trace-walking --policy $(VENV)/lite_biped_velocity.onnx \
+	    --output $(VENV)/lite_biped_velocity.npz
+	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_biped_velocity.onnx --robot lite_biped \
+	    --contract assets/policies/lite_biped_velocity.contract.yaml --trace $(VENV)/lite_biped_velocity.npz \
+	    --overwrite --output assets/policies/lite_biped_velocity.onnx
 
 clean:
 	rm -rf $(VENV) $(LEROBOT) $(ROS) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -11,11 +11,17 @@ from humanoid_sim.files import is_file
 if __name__ != "humanoid_sim.assets":
     raise ImportError("import this package as 'humanoid_sim.assets', not as 'assets'")
 
-__all__ = ["ASSETS", "SAMPLE_MOTION", "SAMPLE_POLICY", "asset_path", "motion_path"]
+__all__ = ["ASSETS", "SAMPLE_MOTION", "SAMPLE_POLICY", "WALKING_POLICY", "asset_path", "motion_path", "sample_policy"]
 
 ASSETS = Path(__file__).parent
 SAMPLE_POLICY = ASSETS / "policies" / "lite_tracking.onnx"
+WALKING_POLICY = ASSETS / "policies" / "lite_biped_velocity.onnx"
 SAMPLE_MOTION = "wave"
+
+
+def sample_policy(robot: str) -> Path:
+    """The policy that ships for a robot of this name; for one that has none, that of the arms."""
+    return WALKING_POLICY if robot == "lite_biped" else SAMPLE_POLICY
 
 
 def asset_path(*parts: str) -> Path:

@@ -12,7 +12,7 @@ from typing import Any
 
 import tyro
 
-from humanoid_sim.assets import SAMPLE_POLICY
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, sample_policy
 from humanoid_sim.cli import run_program
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
@@ -26,7 +26,6 @@ from humanoid_sim.simulation.plant import Actuation, timestep_of
 
 __all__ = ["main", "measured_cost"]
 
-_SAMPLE_MOTION = "wave"
 _STEPS = (0.00125, 0.0025, 0.005)
 """s, of the implicit plant, unless others are given."""
 _BRIEF = 2.0
@@ -43,7 +42,7 @@ class PlantsConfig:
     """
 
     policy: str | None = None
-    """ONNX checkpoint. Default: the sample policy."""
+    """ONNX checkpoint. Default: the sample policy for the robot."""
     robot: str = "lite"
     """Shipped robot, YAML file or MJCF."""
     motion: str | None = None
@@ -67,8 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not (math.isfinite(step) and step > 0.0):
             raise InputError(f"--step: is {step}, expected finite numbers > 0")
     description = load_robot(config.robot)
-    path = SAMPLE_POLICY if config.policy is None else Path(config.policy)
-    motion = _SAMPLE_MOTION if config.motion is None and config.policy is None else config.motion
+    path = sample_policy(description.name) if config.policy is None else Path(config.policy)
+    motion = SAMPLE_MOTION if config.motion is None and path == SAMPLE_POLICY else config.motion
     checkpoint = load_checkpoint(path, None, description.joint_names)
     scenario = make_scenario(checkpoint, description, motion)
     period = scenario.contract.policy_dt

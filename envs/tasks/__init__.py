@@ -19,13 +19,20 @@ from humanoid_sim.envs.tasks.motion import MotionTask
 from humanoid_sim.envs.tasks.task import BalanceTask, Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
+from humanoid_sim.envs.tasks.walking import WalkingTask
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["TASKS", "TASK_OPTIONS", "Task", "make_task"]
 
 TASKS: Mapping[str, type[Task]] = MappingProxyType(
-    {"tracking": TrackingTask, "motion": MotionTask, "velocity": VelocityTask, "balance": BalanceTask}
+    {
+        "tracking": TrackingTask,
+        "motion": MotionTask,
+        "velocity": VelocityTask,
+        "walking": WalkingTask,
+        "balance": BalanceTask,
+    }
 )
 """By name."""
 TASK_OPTIONS = ("weights", "episode_seconds", "joint_noise", "velocity_noise", "rewards")

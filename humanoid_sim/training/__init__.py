@@ -1,16 +1,25 @@
-"""How the sample policy and the sample motions are made, and measured: `python -m humanoid_sim.training`."""
+"""How the sample policies and the sample motions are made, and measured: `python -m humanoid_sim.training`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from humanoid_sim.assets import SAMPLE_POLICY
+from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY
 from humanoid_sim.errors import MissingPackageError
 
-__all__ = ["EvaluateConfig", "MotionsConfig", "TraceConfig", "TrainConfig", "main"]
+__all__ = [
+    "EvaluateConfig",
+    "EvaluateWalkingConfig",
+    "MotionsConfig",
+    "TraceConfig",
+    "TraceWalkingConfig",
+    "TrainConfig",
+    "TrainWalkingConfig",
+    "main",
+]
 
 
 @dataclass(frozen=True)
@@ -75,17 +84,72 @@ class TraceConfig:
     """The trace."""
 
 
+@dataclass(frozen=True)
+class TrainWalkingConfig:
+    """Train the walking policy for the Lite's legs with stable-baselines3's PPO, and write it as ONNX."""
+
+    output: str = "lite_biped_velocity.onnx"
+    """The checkpoint; written under a temporary name and renamed at the end."""
+    folder: str = "runs/walking"
+    """For checkpoints of the training: one at the end of each stage, and one every two minutes."""
+    resume: bool = False
+    """Go on from the latest checkpoint in the folder."""
+    seed: int = 0
+    """Of everything random. The same seed gives the same figures, not the same bits: threads share the physics."""
+    threads: int = 1
+    """Of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
+    quick: bool = False
+    """A few updates of each stage: shows that everything runs, the policy is no good."""
+
+
+@dataclass(frozen=True)
+class TraceWalkingConfig:
+    """Write a run of the walking policy as its trainer sees it, for `humanoid_sim.policy stamp --trace`."""
+
+    policy: str | None = None
+    """ONNX checkpoint, as `train-walking` writes it. Default: the sample policy."""
+    output: str = "trace.npz"
+    """The trace."""
+
+
+@dataclass(frozen=True)
+class EvaluateWalkingConfig:
+    """Measure a walking policy: commands held, pushes, friction and mass."""
+
+    policy: str | None = None
+    """ONNX checkpoint. Default: the sample policy."""
+    seeds: int = 20
+    """Robots of each case."""
+    only: str | None = None
+    """Run only the cases whose name contains this text."""
+    actuation: Literal["affine", "implicit"] = "affine"
+    """affine agrees with the reference plant; implicit is what it was trained on."""
+    json: str | None = None
+    """Write the figures to this file too."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `training` with command-line arguments; returns the exit status."""
     import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
 
-    config: MotionsConfig | TrainConfig | TraceConfig | EvaluateConfig = tyro.cli(
+    config: (
+        MotionsConfig
+        | TrainConfig
+        | TraceConfig
+        | EvaluateConfig
+        | TrainWalkingConfig
+        | TraceWalkingConfig
+        | EvaluateWalkingConfig
+    ) = tyro.cli(
         Annotated[MotionsConfig, tyro.conf.subcommand("motions", prefix_name=False)]
         | Annotated[TrainConfig, tyro.conf.subcommand("train", prefix_name=False)]
         | Annotated[TraceConfig, tyro.conf.subcommand("trace", prefix_name=False)]
-        | Annotated[EvaluateConfig, tyro.conf.subcommand("evaluate", prefix_name=False)],
+        | Annotated[EvaluateConfig, tyro.conf.subcommand("evaluate", prefix_name=False)]
+        | Annotated[TrainWalkingConfig, tyro.conf.subcommand("train-walking", prefix_name=False)]
+        | Annotated[TraceWalkingConfig, tyro.conf.subcommand("trace-walking", prefix_name=False)]
+        | Annotated[EvaluateWalkingConfig, tyro.conf.subcommand("evaluate-walking", prefix_name=False)],
         prog="humanoid_sim.training",
-        description="How the sample policy and the sample motions are made, and measured.",
+        description="How the sample policies and the sample motions are made, and measured.",
         args=arguments,
     )
     # Each program imports what it needs: only `train` needs PyTorch.
@@ -111,3 +175,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from humanoid_sim.training.evaluate import evaluate  # noqa: PLC0415
 
             return evaluate(config)
+        case _:
+            return _walking(config)
+
+
+def _walking(config: TrainWalkingConfig | TraceWalkingConfig | EvaluateWalkingConfig) -> int:
+    match config:
+        case TrainWalkingConfig():
+            try:
+                from humanoid_sim.training.walking.train import train_walking  # noqa: PLC0415
+            except ModuleNotFoundError as error:
+                if error.name not in ("torch", "stable_baselines3"):
+                    raise
+                raise MissingPackageError(str(error.name), "rl", "training train-walking") from None
+            return train_walking(config)
+        case TraceWalkingConfig():
+            from humanoid_sim.training.walking.trace import write_walking_trace  # noqa: PLC0415
+
+            path = WALKING_POLICY if config.policy is None else Path(config.policy)
+            return write_walking_trace(path, Path(config.output))
+        case EvaluateWalkingConfig():
+            from humanoid_sim.training.walking.evaluate import evaluate_walking  # noqa: PLC0415
+
+            path = WALKING_POLICY if config.policy is None else Path(config.policy)
+            output = None if config.json is None else Path(config.json)
+            return evaluate_walking(path, config.seeds, config.only, output, config.actuation)

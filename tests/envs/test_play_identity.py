@@ -91,11 +91,11 @@ def test_the_sample_policy_from_a_recording(folder: Path, actuation: Any) -> Non
 
 def test_a_free_standing_robot_from_a_recording(folder: Path) -> None:
     robot = hasty(folder, "lite_biped")
-    weights = np.random.default_rng(0).normal(0.0, 0.02, (51, 14)).astype(np.float32)
+    weights = np.random.default_rng(0).normal(0.0, 0.02, (53, 14)).astype(np.float32)
     graph = helper.make_graph(
         [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
         "policy",
-        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, 51])],
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, 53])],
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 14])],
         [numpy_helper.from_array(weights, "weights")],
     )

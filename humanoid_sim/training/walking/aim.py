@@ -1,0 +1,100 @@
+"""What the trained network has to be told, so that the robot goes as fast as it is asked to.
+
+Training ends with a network that follows a command in proportion, but not exactly; sideways steps turn it. That is
+measured, and the inverse goes into the exported graph before network and gait. What they are told stays within
+the commands that they were trained with: what is asked beyond that is gone for as fast as they can.
+"""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import onnxruntime
+
+from humanoid_sim.envs.scenario import Scenario
+from humanoid_sim.evaluation.rollout import ClosedLoop
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch import BatchSimulation
+
+__all__ = ["NO_AIM", "Aim", "aim_from", "measure_response"]
+
+_ASKED = np.array(
+    [
+        *((x, 0.0, 0.0) for x in (0.2, 0.3, 0.4, -0.2, -0.3, -0.4)),
+        *((0.0, y, 0.0) for y in (0.1, 0.2, -0.1, -0.2)),
+        *((0.0, 0.0, w) for w in (0.25, 0.5, -0.25, -0.5)),
+    ]
+)
+"""m/s, m/s, rad/s."""
+_SETTLE, _MEASURED = 96, 192
+"""Policy steps: three gait cycles, then six."""
+_MOST = 2.0
+"""Of a gain, and of what turning and stepping aside add to each other."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """What is told for what is asked."""
+
+    ahead: float
+    """Factor on a forward command."""
+    back: float
+    """Factor on a backward command."""
+    aside: FloatArray
+    """Shape (2, 2), on sideways command and yaw rate together."""
+    most: FloatArray
+    """Shape (3, 2), the least and the greatest that are told: the ranges of training."""
+
+    def told(self, command: FloatArray) -> FloatArray:
+        """Commands (..., 3) as the network is told."""
+        forward = self.ahead * np.maximum(command[..., :1], 0.0) + self.back * np.minimum(command[..., :1], 0.0)
+        aside = command[..., 1:] @ self.aside.T
+        told: FloatArray = np.clip(np.concatenate([forward, aside], axis=-1), self.most[:, 0], self.most[:, 1])
+        return told
+
+
+_EVERYTHING = np.array([[-1e3, 1e3]] * 3)
+NO_AIM = Aim(1.0, 1.0, np.eye(2), _EVERYTHING)
+"""Tells what is asked."""
+
+
+def measure_response(scenario: Scenario, policy: Path) -> FloatArray:
+    """What the robot does, shape (k, 3), for each of the commands that `aim_from` knows; m/s, m/s, rad/s."""
+    session = onnxruntime.InferenceSession(str(policy), providers=["CPUExecutionProvider"])
+    source, count = session.get_inputs()[0].name, len(_ASKED)
+    simulation = BatchSimulation(
+        scenario.description,
+        count,
+        control_period=scenario.contract.policy_dt,
+        physics_timestep=scenario.physics_timestep,
+        actuation="implicit" if scenario.actuation == "implicit" else "affine",
+    )
+    with closing(simulation):
+        loop, done = ClosedLoop(simulation, scenario.wiring, _ASKED), []
+        for step in range(_SETTLE + _MEASURED):
+            (action,) = session.run(None, {source: loop.observation})
+            loop.act(np.asarray(action))
+            base = simulation.base
+            assert base is not None
+            if step >= _SETTLE:
+                done.append(base.planar_velocity)
+    response: FloatArray = np.mean(done, axis=0)
+    return response
+
+
+def aim_from(response: FloatArray, ranges: FloatArray) -> Aim:
+    """The inverse of a response, as `measure_response` gives it; `ranges` (3, 2) are those of training."""
+    ahead, back = (_gain(response, _ASKED[:, 0] * sign > 0.0) for sign in (1.0, -1.0))
+    turned = _ASKED[:, 0] == 0.0
+    slope, *_ = np.linalg.lstsq(_ASKED[turned, 1:], response[turned, 1:], rcond=None)
+    aside = np.clip(np.linalg.inv(slope.T), -_MOST, _MOST)
+    return Aim(ahead, back, aside, np.array(ranges))
+
+
+def _gain(response: FloatArray, rows: npt.NDArray[np.bool_]) -> float:
+    asked, done = _ASKED[rows, 0], response[rows, 0]
+    return float(np.clip((asked @ asked) / max(float(asked @ done), 1e-6), 1.0 / _MOST, _MOST))

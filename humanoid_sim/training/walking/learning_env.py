@@ -1,0 +1,84 @@
+"""Walking robots as stable-baselines3 trains them: pushed now and then, seen through the gait and its symmetry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.vec_env import VecEnvWrapper
+
+from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.training.walking.gait import ACTIONS, MOST, OBSERVATIONS, from_canonical, gait, to_canonical
+
+__all__ = ["PRIVILEGED", "LearningEnv"]
+
+Float32Array = npt.NDArray[np.float32]
+
+PRIVILEGED = 5
+"""Values after the observation that only the critic sees: base velocity in the heading frame, its height, and the
+vertical velocity."""
+
+
+class LearningEnv(VecEnvWrapper):
+    """The network's view of `PolicyVectorEnv`."""
+
+    def __init__(self, envs: PolicyVectorEnv, push: float, push_interval: float, seed: int) -> None:
+        """Take over `envs`.
+
+        Args:
+            envs: with the task `walking`.
+            push: m/s, the largest by which a push changes the base's velocity, in any horizontal direction.
+            push_interval: s between two pushes of a robot, on average.
+            seed: of the pushes.
+        """
+        wide = np.full(OBSERVATIONS + PRIVILEGED, np.inf, dtype=np.float32)
+        most = np.full(ACTIONS, MOST, dtype=np.float32)
+        super().__init__(
+            StableBaselinesVecEnv(envs),
+            gymnasium.spaces.Box(-wide, wide),
+            gymnasium.spaces.Box(-most, most),
+        )
+        self._robots = envs
+        self._push, self._chance = push, envs.scenario.contract.policy_dt / push_interval
+        self._random = np.random.default_rng(seed)
+        self._canonical = np.zeros((envs.num_envs, OBSERVATIONS), dtype=np.float32)
+        self._mirrored = np.zeros(envs.num_envs, dtype=np.bool_)
+        self.sums: dict[str, float] = {}
+        self.count = 0
+
+    def reset(self) -> Float32Array:
+        """Start an episode in every environment."""
+        return self._seen(np.asarray(self.venv.reset()))
+
+    def step_async(self, actions: Float32Array) -> None:
+        """Say what to add to the gait in the next step."""
+        raw = from_canonical(gait(self._canonical) + actions, self._mirrored)
+        if self._push > 0.0:
+            pushed = np.flatnonzero(self._random.random(self.num_envs) < self._chance)
+            if len(pushed):
+                angle = self._random.uniform(-np.pi, np.pi, len(pushed))
+                speed = self._push * self._random.random(len(pushed))
+                self._robots.simulation.shove(pushed, np.stack([speed * np.cos(angle), speed * np.sin(angle)], axis=1))
+        self.venv.step_async(raw)
+
+    def step_wait(self) -> Any:
+        """Take the step; see `StableBaselinesVecEnv.step_wait`."""
+        observation, reward, over, infos = self.venv.step_wait()
+        for i in np.flatnonzero(over).tolist():
+            final, _ = to_canonical(infos[i]["terminal_observation"])
+            command = final[6:9]
+            infos[i]["terminal_observation"] = np.concatenate([final, command, [0.76, 0.0]]).astype(np.float32)
+        return self._seen(np.asarray(observation)), reward, over, infos
+
+    def _seen(self, observation: Float32Array) -> Float32Array:
+        self._canonical, self._mirrored = to_canonical(observation)
+        base = self._robots.simulation.base
+        assert base is not None
+        told = np.concatenate(
+            [base.planar_velocity, base.height[:, None], base.linear_velocity[:, 2:]], axis=1, dtype=np.float32
+        )
+        told[:, 1:3] *= np.where(self._mirrored, -1.0, 1.0)[:, None]
+        return np.concatenate([self._canonical, told], axis=1, dtype=np.float32)

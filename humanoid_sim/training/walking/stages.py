@@ -1,0 +1,66 @@
+"""The stages in which the walking policy is trained, and what differs between the robots meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+__all__ = ["QUICK", "RANDOMISATION", "STAGES", "TIMESTEP", "Stage"]
+
+TIMESTEP = 0.005
+"""s, of the implicit plant: the longest that divides the policy's period well, four physics steps."""
+
+RANDOMISATION: Mapping[str, Any] = MappingProxyType(
+    {
+        "mass": (0.9, 1.1),
+        "friction": (0.6, 1.8),
+        "joint_friction": (0.5, 1.5),
+        "stiffness": (0.93, 1.07),
+        "damping": (0.9, 1.1),
+        "command_delay": (0.0, 0.01),
+        "joint_position_noise": 0.005,
+        "joint_velocity_noise": 0.08,
+        "angular_velocity_noise": 0.03,
+        "orientation_noise": 0.008,
+    }
+)
+"""Fields of `humanoid_sim.simulation.batch.Randomisation`; the soles' friction is 0.36 to 1.08."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One run of PPO."""
+
+    name: str
+    steps: int
+    """Policy steps of all robots together."""
+    robots: int = 256
+    steps_per_update: int = 24
+    batch: int = 1536
+    epochs: int = 5
+    learning_rate: float = 5e-4
+    entropy: float = 0.001
+    push: float = 0.3
+    """m/s, the largest by which a push changes a robot's velocity."""
+    push_interval: float = 5.0
+    """s, on average."""
+    spread: float | None = None
+    """Standard deviation of the actions that it begins with; None: what the stage before came to."""
+    weights: Mapping[str, float] = field(default_factory=lambda: {"alive": 3.0})
+    """Of reward terms, 1/s, beside the task's own."""
+
+
+_SHARP = {"alive": 3.0, "linear_velocity": 8.0, "yaw_rate": 3.0}
+
+STAGES = (
+    Stage("step", 2_400_000, robots=512, steps_per_update=32, batch=4096, epochs=4, learning_rate=7e-4),
+    Stage("stay up", 2_700_000, learning_rate=6e-4),
+    Stage("go", 2_000_000, entropy=0.002, spread=0.18),
+    Stage("hold a speed", 1_500_000, entropy=0.0, push=0.15, spread=0.15, weights=_SHARP),
+)
+"""What the shipped policy was trained in; the first ones need no speed, they learn not to fall."""
+
+QUICK = tuple(replace(stage, steps=2 * 8 * 4, robots=8, steps_per_update=4, batch=16, epochs=1) for stage in STAGES)
+"""The same with two updates each."""

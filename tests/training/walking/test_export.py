@@ -1,0 +1,46 @@
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.readers.contract_yaml import read_contract_file
+from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.training.walking.aim import Aim
+from humanoid_sim.training.walking.export import export_walking
+from humanoid_sim.training.walking.gait import MOST, OBSERVATIONS, from_canonical, gait, to_canonical
+
+CONTRACT = asset_path("policies", "lite_biped_velocity.contract.yaml")
+
+
+def test_the_graph_is_the_network_between_two_mirrors(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    sizes = (OBSERVATIONS, 8, 14)
+    weights = {}
+    for i, (given, made) in enumerate(pairwise(sizes)):
+        weights[f"network.{i}.weight"] = rng.normal(size=(made, given)).astype(np.float32)
+        weights[f"network.{i}.bias"] = rng.normal(size=made).astype(np.float32)
+    path = tmp_path / "walk.onnx"
+    contract = merge(read_contract_file(CONTRACT), str(CONTRACT), load_robot("lite_biped").joint_names)
+    aim = Aim(1.5, 1.2, np.array([[1.1, -0.2], [0.4, 1.3]]), np.array([[-0.5, 0.8], [-0.4, 0.4], [-0.8, 0.8]]))
+    export_walking(path, weights, contract, aim)
+
+    observations = rng.normal(size=(32, OBSERVATIONS)).astype(np.float32)
+    told = observations.copy()
+    told[:, 6:9] = aim.told(observations[:, 6:9].astype(np.float64))
+    assert bool((told[:, 6] == np.float32(0.8)).any())
+    seen, mirrored = to_canonical(told)
+    hidden = seen @ weights["network.0.weight"].T + weights["network.0.bias"]
+    hidden = np.where(hidden > 0.0, hidden, np.expm1(hidden))
+    added = np.clip(hidden @ weights["network.1.weight"].T + weights["network.1.bias"], -MOST, MOST)
+    assert bool((np.abs(added) == MOST).any())
+    expected = from_canonical(gait(seen) + added, mirrored)
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    (actual,) = session.run(None, {"obs": observations})
+    np.testing.assert_allclose(actual, expected, atol=1e-4)
+    checkpoint = load_checkpoint(path, CONTRACT)
+    assert checkpoint.contract.task_type == "locomotion"
+    np.testing.assert_allclose(checkpoint.policy(observations[0], 0), expected[0], atol=1e-4)

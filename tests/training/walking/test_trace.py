@@ -1,0 +1,26 @@
+from pathlib import Path
+
+import numpy as np
+
+from humanoid_sim.assets import WALKING_POLICY
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.training.walking.trace import walking_run, write_walking_trace
+
+
+def test_a_run_begins_standing_and_then_steps() -> None:
+    run = walking_run(WALKING_POLICY, load_robot("lite_biped"))
+    assert run["obs"].shape == (150, 53)
+    assert run["qpos"].shape == (150, 21)
+    assert not run["obs"][:50, 51:].any()
+    assert run["obs"][50:, 51:].any(axis=1).all()
+    assert float(run["qpos"][:, 2].min()) > 0.6
+
+
+def test_the_shipped_policy_carries_a_trainers_samples(tmp_path: Path) -> None:
+    output = tmp_path / "trace.npz"
+    assert write_walking_trace(WALKING_POLICY, output) == 0
+    with np.load(output) as stored:
+        assert set(stored.files) >= {"obs", "action", "qpos", "qvel", "cmd", "target", "walked", "joint_names"}
+    checkpoint = load_checkpoint(WALKING_POLICY)
+    assert "trainer" in checkpoint.golden
