@@ -19,7 +19,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.external_tensors import check_tensors, why_not_loaded
 
-__all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "read_header"]
+__all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "onnx_runtime", "read_header"]
 
 _ACTIONS = ("actions", "action")
 _TIME_STEP = "time_step"
@@ -62,7 +62,7 @@ class OnnxModel:
             InputError: if the file is no ONNX model, or its external tensors are missing or another model's.
         """
         check_file(path)
-        onnxruntime = _onnxruntime()
+        onnxruntime = onnx_runtime()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
         options.inter_op_num_threads = 1
@@ -102,7 +102,7 @@ class OnnxModel:
         self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]
     ) -> list[npt.NDArray[np.float32]]:
         """ONNX Runtime looks at the flag between two operators, also those within a loop."""
-        options = _onnxruntime().RunOptions()
+        options = onnx_runtime().RunOptions()
         options.log_severity_level = _SILENT
         watch = Timer(self.time_limit, setattr, (options, "terminate", True))
         watch.daemon = True
@@ -132,7 +132,7 @@ _SILENT = 4
 """ONNX Runtime's severity of what it prints: fatal errors only."""
 
 
-def _onnxruntime() -> Any:
+def onnx_runtime() -> Any:
     """ONNX Runtime, imported when it is first needed, because it is heavy and may be missing.
 
     By default it keeps a database in the user's home and reports to its makers from a thread of its own: nothing that
@@ -148,7 +148,7 @@ def _onnxruntime() -> Any:
 def has_onnxruntime() -> bool:
     """Whether ONNX Runtime can be imported on this machine."""
     try:
-        _onnxruntime()
+        onnx_runtime()
     except ImportError:
         return False
     return True

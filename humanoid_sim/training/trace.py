@@ -12,11 +12,11 @@ from typing import Any
 import mujoco
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
 
 from humanoid_sim.assets import SAMPLE_MOTION, motion_path
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.policy.onnx_policy import onnx_runtime
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
@@ -56,7 +56,7 @@ def trainer_run(checkpoint: Path, description: RobotDescription, motion: Path, s
         motion: that it follows.
         seed: of the start.
     """
-    session = onnxruntime.InferenceSession(str(checkpoint), providers=["CPUExecutionProvider"])
+    session = onnx_runtime().InferenceSession(str(checkpoint), providers=["CPUExecutionProvider"])
     model = build_model(description, scene=False)
     data = mujoco.MjData(model)
     joints = joint_addresses(model, description.joint_names)

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
 
 from humanoid_sim.envs.scenario import Scenario
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.onnx_policy import onnx_runtime
 from humanoid_sim.simulation.batch import BatchSimulation
 
 __all__ = ["NO_AIM", "Aim", "aim_from", "measure_response"]
@@ -64,7 +64,7 @@ NO_AIM = Aim(1.0, 1.0, np.eye(2), _EVERYTHING)
 
 def measure_response(scenario: Scenario, policy: Path) -> FloatArray:
     """What the robot does, shape (k, 3), for each of the commands that `aim_from` knows; m/s, m/s, rad/s."""
-    session = onnxruntime.InferenceSession(str(policy), providers=["CPUExecutionProvider"])
+    session = onnx_runtime().InferenceSession(str(policy), providers=["CPUExecutionProvider"])
     source, count = session.get_inputs()[0].name, len(_ASKED)
     simulation = BatchSimulation(
         scenario.description,

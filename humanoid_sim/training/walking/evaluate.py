@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
 
 from humanoid_sim.controllers.policy_step import shown_phase
 from humanoid_sim.envs.scenario import Scenario, make_scenario
@@ -23,6 +22,7 @@ from humanoid_sim.evaluation.feet import Feet, find_feet
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.policy.onnx_policy import onnx_runtime
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
@@ -159,7 +159,7 @@ def run_case(scenario: Scenario, policy: Path, case: WalkingCase, seeds: Sequenc
         case: what they do.
         seeds: of starts; the i-th of n robots is pushed in the direction 2π i / n.
     """
-    session = onnxruntime.InferenceSession(str(policy), providers=["CPUExecutionProvider"])
+    session = onnx_runtime().InferenceSession(str(policy), providers=["CPUExecutionProvider"])
     source = session.get_inputs()[0].name
     description, contract, count = scenario.description, scenario.contract, len(seeds)
     feet = find_feet(description)

@@ -23,7 +23,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
 from humanoid_sim.training.walking.gait import OBSERVATIONS
 from humanoid_sim.training.walking.learning_env import PRIVILEGED, LearningEnv
-from humanoid_sim.training.walking.stages import RANDOMISATION, TIMESTEP, Stage
+from humanoid_sim.training.walking.stages import CONTRACT, RANDOMISATION, TIMESTEP, Stage
 
 __all__ = ["WalkingPolicy", "learn", "network_weights"]
 
@@ -133,7 +133,7 @@ def learn(stages: tuple[Stage, ...], folder: Path, seed: int, show: Callable[[st
 def _environment(stage: Stage, seed: int) -> LearningEnv:
     envs = PolicyVectorEnv(
         stage.robots,
-        "lite_biped_velocity.contract",
+        CONTRACT,
         "lite_biped",
         task="walking",
         actuation="implicit",

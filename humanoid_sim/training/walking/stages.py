@@ -7,8 +7,12 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-__all__ = ["QUICK", "RANDOMISATION", "STAGES", "TIMESTEP", "Stage"]
+from humanoid_sim.assets import asset_path
 
+__all__ = ["CONTRACT", "QUICK", "RANDOMISATION", "STAGES", "TIMESTEP", "Stage"]
+
+CONTRACT = asset_path("policies", "lite_biped_velocity.contract.yaml")
+"""That the policy is trained under."""
 TIMESTEP = 0.005
 """s, of the implicit plant: the longest that divides the policy's period well, four physics steps."""
 

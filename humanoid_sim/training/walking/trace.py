@@ -12,9 +12,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
 
 from humanoid_sim.files import output_file, whole_file
+from humanoid_sim.policy.onnx_policy import onnx_runtime
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
@@ -56,7 +56,7 @@ def walking_run(checkpoint: Path, description: RobotDescription, seed: int = 0) 
         description: of the legs.
         seed: of the start.
     """
-    session = onnxruntime.InferenceSession(str(checkpoint), providers=["CPUExecutionProvider"])
+    session = onnx_runtime().InferenceSession(str(checkpoint), providers=["CPUExecutionProvider"])
     model = build_model(description, scene="floor")
     data = mujoco.MjData(model)
     joints, limit = joint_addresses(model, description.joint_names), np.array(description.effort_limit)

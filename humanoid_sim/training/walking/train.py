@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import HumanoidSimError, InputError
@@ -25,11 +24,10 @@ from humanoid_sim.training.walking.export import export_walking
 from humanoid_sim.training.walking.gait import COMMAND, MOST, OBSERVATIONS, from_canonical, gait, to_canonical
 from humanoid_sim.training.walking.learning import learn, network_weights
 from humanoid_sim.training.walking.learning_env import PRIVILEGED
-from humanoid_sim.training.walking.stages import QUICK, STAGES
+from humanoid_sim.training.walking.stages import CONTRACT, QUICK, STAGES
 
-__all__ = ["CONTRACT", "export_aimed", "train_walking", "walking_contract"]
+__all__ = ["export_aimed", "train_walking", "walking_contract"]
 
-CONTRACT = asset_path("policies", "lite_biped_velocity.contract.yaml")
 _EXPORT_TOLERANCE = 1e-4
 """action: ONNX Runtime adds up in another order than PyTorch."""
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.training import main
@@ -23,7 +24,7 @@ def test_all_stages_run_and_are_resumed(tmp_path: Path, capsys: pytest.CaptureFi
     stages = [path.stem for path in folder.glob("*.zip")]
     assert sorted(stages) == ["go", "hold a speed", "latest", "stay up", "step"]
     assert json.loads((folder / "latest.json").read_text())["stage"] == "hold a speed"
-    contract = Path("assets/policies/lite_biped_velocity.contract.yaml").resolve()
+    contract = asset_path("policies", "lite_biped_velocity.contract.yaml")
     assert load_checkpoint(output, contract).contract.action_count == 14
     capsys.readouterr()
     assert run_program(main, arguments) == 2
