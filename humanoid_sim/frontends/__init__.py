@@ -29,7 +29,7 @@ class FrontEnd:
 
 FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
     {
-        "console": FrontEnd("the browser console", ("viser", "mjviser", "websockets"), "console"),
+        "console": FrontEnd("the browser console", ("viser", "mjviser", "plotly", "websockets"), "console"),
         "dds": FrontEnd("the DDS bridge", ("cyclonedds",), "dds"),
         "foxglove": FrontEnd("a server for Foxglove", ("foxglove",), "foxglove"),
         "gamepad": FrontEnd("a gamepad", ("pygame",), "gamepad"),

@@ -1,4 +1,4 @@
-// Live plots, drawn by uPlot, of what the operator chose. The console sends rows of the charts that are chosen here.
+// Live plots, drawn by Plotly, of what the operator chose. The console sends rows of the charts that are chosen here.
 "use strict";
 
 const plots = (() => {
@@ -8,9 +8,12 @@ const plots = (() => {
   const HEIGHT = 150;
   const COLORS = ["#4aa3e0", "#ffaa3c", "#59c36a", "#ff5449", "#b58cf0", "#5fd3c9", "#f0e15a", "#e88ac2", "#9aa4ae", "#c08a5a"];
   const get = (id) => document.getElementById(id);
-  const shown = new Map(); // by key: { figure, plot, data, isChanged }
+  const shown = new Map(); // by key: { figure, host, series, data, isChanged, isDrawn }
   let charts = []; // [group, name, unit, series], as the console has them
   let wanted = JSON.parse(sessionStorage.getItem("plots") || "[]"); // keys; kept while the tab lives
+
+  let library = null; // Plotly is large: it comes with the first plot, and keeps nothing waiting
+  let turn = 0; // whose turn it is to be drawn
 
   const key = ([group, name]) => `${group}: ${name}`;
 
@@ -55,24 +58,50 @@ const plots = (() => {
     caption.append(`${title}: ${group}, ${unit}`, close);
     figure.append(caption);
     get("charts").append(figure);
-    const axis = { stroke: "#99a1a9", grid: { stroke: "#2b3036", width: 1 }, ticks: { stroke: "#2b3036" }, size: 56, font: "11px system-ui" };
-    const options = {
-      width: figure.clientWidth,
-      height: HEIGHT,
-      scales: { x: { time: false } },
-      axes: [{ ...axis, size: 26 }, axis],
-      series: [{ label: "s" }, ...series.map((label, i) => ({ label, stroke: COLORS[i % COLORS.length], width: 1.5, dash: i >= COLORS.length ? [4, 3] : [] }))],
-      legend: { live: false },
-      cursor: { drag: { x: false, y: false } },
+    const host = document.createElement("div");
+    figure.append(host);
+    shown.set(name, { figure, host, series, data: [[], ...series.map(() => [])], isChanged: true, isDrawn: false });
+    load();
+  }
+
+  function load() {
+    if (library !== null) return;
+    library = document.createElement("script");
+    library.src = "plotly.js";
+    document.head.append(library);
+  }
+
+  function draw(drawn) {
+    const { host, series, data } = drawn;
+    const traces = series.map((name, i) => ({
+      x: data[0],
+      y: data[i + 1],
+      name,
+      mode: "lines",
+      line: { color: COLORS[i % COLORS.length], width: 1.5, dash: i >= COLORS.length ? "dash" : "solid" },
+    }));
+    const axis = { gridcolor: "#2b3036", zeroline: false };
+    const layout = {
+      width: drawn.figure.clientWidth,
+      height: HEIGHT + (series.length > 1 ? 18 * Math.ceil(series.length / 3) : 0),
+      margin: { l: 56, r: 8, t: 6, b: 24 },
+      paper_bgcolor: "rgba(0,0,0,0)",
+      plot_bgcolor: "rgba(0,0,0,0)",
+      font: { color: "#99a1a9", size: 11, family: "system-ui" },
+      xaxis: axis,
+      yaxis: axis,
+      showlegend: series.length > 1,
+      legend: { orientation: "h", y: 1, yanchor: "bottom" },
     };
-    const data = [[], ...series.map(() => [])];
-    shown.set(name, { figure, data, isChanged: false, plot: new uPlot(options, data, figure) });
+    Plotly.react(host, traces, layout, { staticPlot: true });
+    drawn.isChanged = false;
+    drawn.isDrawn = true;
   }
 
   function remove(name) {
-    const { figure, plot } = shown.get(name);
+    const { figure, host, isDrawn } = shown.get(name);
     shown.delete(name);
-    plot.destroy();
+    if (isDrawn) Plotly.purge(host);
     figure.remove();
   }
 
@@ -92,14 +121,16 @@ const plots = (() => {
     drawn.isChanged = true;
   }
 
-  // At a rate of its own: data may come faster, and a page in the background draws nothing.
+  // One plot at a time, so that the page answers between two of them; one in the background draws nothing.
   setInterval(() => {
-    for (const drawn of shown.values()) {
-      const width = drawn.figure.clientWidth;
-      if (width && width !== drawn.plot.width) drawn.plot.setSize({ width, height: HEIGHT });
-      if (!drawn.isChanged || document.hidden) continue;
-      drawn.isChanged = false;
-      drawn.plot.setData(drawn.data);
+    if (document.hidden || !("Plotly" in window)) return;
+    const all = [...shown.values()];
+    for (let i = 0; i < all.length; i++) {
+      const drawn = all[(turn + i) % all.length];
+      if (!drawn.isChanged || !drawn.figure.clientWidth) continue;
+      turn = (turn + i + 1) % all.length;
+      draw(drawn);
+      return;
     }
   }, REDRAW);
   get("add-plot").onchange = (event) => {

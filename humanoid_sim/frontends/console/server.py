@@ -38,11 +38,15 @@ _FILES = {
     "page.js": "page.js",
     "plots.js": "plots.js",
     "showing.js": "showing.js",
-    "uPlot.js": "vendor/uPlot.iife.min.js",
-    "uPlot.css": "vendor/uPlot.min.css",
 }
-"""By path. uPlot, which draws the plots, comes along: nothing is loaded from elsewhere."""
-_OWN_POLICY = "default-src 'self'; connect-src 'self' {socket}; frame-ancestors 'none'; base-uri 'none'"
+"""By path."""
+_PLOTLY = "plotly.js"
+"""What draws the plots, out of the package plotly: nothing is loaded from elsewhere."""
+_OWN_POLICY = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self' {socket}; "
+    "frame-ancestors 'none'; base-uri 'none'"
+)
+"""Plotly gives its drawings styles of their own."""
 _VISER_POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' data: blob: {socket}; "
     "worker-src data: blob:; frame-ancestors 'self'"
@@ -58,6 +62,7 @@ class _Door:
         self._open = 0
         package = resources.files("humanoid_sim.frontends.console")
         self._files = {path: (package / name).read_bytes() for path, name in _FILES.items()}
+        self._files[_PLOTLY] = (resources.files("plotly") / "package_data" / "plotly.min.js").read_bytes()
         self._viser_page = VISER_PAGE.read_bytes()
 
     def check(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -87,7 +92,7 @@ class _Door:
             return _response(200, _TYPES[".html"], self._viser_page, _VISER_POLICY.format(socket=socket))
         if rest not in self._files:
             raise RefusedError(404, "not found")
-        kind = _TYPES[Path(_FILES[rest]).suffix]
+        kind = _TYPES[Path(_FILES.get(rest, rest)).suffix]
         return _response(200, kind, self._files[rest], _OWN_POLICY.format(socket=socket))
 
     async def handle(self, connection: ServerConnection) -> None:

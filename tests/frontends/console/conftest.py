@@ -38,7 +38,7 @@ class Played:
 @pytest.fixture(scope="module")
 def start_play(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Played]]:
     """Starts `play` with a console and further options; all end with the module."""
-    for package in ("viser", "mjviser", "websockets"):
+    for package in ("viser", "mjviser", "plotly", "websockets"):
         pytest.importorskip(package)
     with ExitStack() as stack:
         yield lambda *options: stack.enter_context(_playing(tmp_path_factory.mktemp("run"), options))
