@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import SAMPLE_MOTION, motion_path, sample_policy
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path, sample_policy
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
@@ -71,7 +71,9 @@ def choose_policy(
     Raises:
         InputError: naming the file and what is wrong with it.
     """
-    path = sample_policy(description.name) if config.checkpoint is None else Path(config.checkpoint)
+    # The one for the legs is a simulated robot's: on hardware nobody gets it without naming it.
+    sample = SAMPLE_POLICY if config.hardware is not None else sample_policy(description.name)
+    path = sample if config.checkpoint is None else Path(config.checkpoint)
     contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
     if config.checkpoint == PLACEHOLDER:

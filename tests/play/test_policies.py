@@ -177,3 +177,10 @@ def test_a_failure_that_regress_found_is_played_again(folder: Path, quick: str, 
     assert result.status == 0
     assert "LOCOMOTION" in result.modes
     assert parse_motion(open_recording(folder / "r.mcap").header.attachments["motion.mcap"], "motion").duration == 7.0
+
+
+def test_the_walking_policy_is_the_default_of_simulated_legs_only() -> None:
+    legs = load_robot("lite_biped")
+    assert choose_policy(PlayConfig(robot="lite_biped"), legs).checkpoint.source.endswith("lite_biped_velocity.onnx")
+    on_motors = choose_policy(PlayConfig(robot="lite_biped", hardware="virtual:legs"), legs)
+    assert on_motors.checkpoint.source.endswith("lite_tracking.onnx")  # which `play` refuses: its joints are the arms'
