@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examples import tracker
+from doctor_examples import tracker
 
 from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, breadth_first, load_examined, robot_facts

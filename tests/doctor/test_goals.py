@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import JOINTS, tracker
+from doctor_examples import JOINTS, tracker
 
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.doctor.goals import MotionGoal, Quality, Strain, UprightGoal, VelocityGoal

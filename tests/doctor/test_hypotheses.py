@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from examples import BREADTH_FIRST, CONTRACTS, FACTS, JOINTS, tracker, walker
+from doctor_examples import BREADTH_FIRST, CONTRACTS, FACTS, JOINTS, tracker, walker
 from mistakes import action_scale_one, fields, gravity_flipped, scales_one, term
 
 from humanoid_sim.controllers.contract import PolicyContract

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from examples import FACTS, tracker, walker
+from doctor_examples import FACTS, tracker, walker
 from published import POLICIES, needs_policies
 from published_policies import CHECKPOINTS, load_examined
 

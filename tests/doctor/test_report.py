@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from examples import FACTS, tracker
+from doctor_examples import FACTS, tracker
 from rich.console import Console
 
 from humanoid_sim.doctor.goals import Quality

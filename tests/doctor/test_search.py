@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from examples import FACTS, tracker, walker
+from doctor_examples import FACTS, tracker, walker
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import search as module
