@@ -51,12 +51,18 @@ def _session() -> SessionInfo | None:
         return None
 
 
+def _mode(feed: Feed) -> int | None:
+    """None before the first tick."""
+    sample = feed.latest()
+    return None if sample is None else int(feed.decode(sample)["mode"])
+
+
 def _latencies(feed: Feed, joined: stranger.Client) -> list[int]:
     """Of each command that was seen at the motors, ns: each has an effort of its own."""
     joints = load_robot("lite").joint_names
     writer = joined.writer("rt/remote_policy_controller/command")
     until(writer.get_matched_subscriptions, "the bridge", 60.0)
-    until(lambda: feed.decode(feed.latest())["mode"] == Mode.REMOTE, "REMOTE", 60.0)  # type: ignore[arg-type]
+    until(lambda: _mode(feed) == Mode.REMOTE, "REMOTE", 60.0)
     sent: dict[int, int] = {}
     seen: dict[int, int] = {}
     begun, number = monotonic_ns(), feed.newest()
