@@ -154,7 +154,9 @@ def test_on_hardware_motors_and_buses_are_listed(browser: Any, start_play: Calla
     played = start_play("--hardware", "virtual:console")
     with opened(browser, played.control) as page:
         page.wait_for_selector("#motors tbody tr:nth-child(14)")
-        page.wait_for_function("/virtual:console [1-9][0-9]* %/.test(document.getElementById('buses').textContent)")
+        page.wait_for_function(
+            "() => /virtual:console [1-9][0-9]* %/.test(document.getElementById('buses').textContent)"
+        )
         cells = page.locator("#motors tbody tr").first.locator("td").all_inner_texts()
         assert cells[0] == "left_shoulder_pitch"
         assert 10.0 < float(cells[1]) < 60.0

@@ -68,7 +68,7 @@ def session_of(played: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session
 def walked(start_play: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Of the Lite's legs, with a policy that takes a velocity command, and does nothing about it."""
     folder = tmp_path_factory.mktemp("legs")
-    terms, actions = 3 + 3 + 3 + 3 * 14, 14
+    terms, actions = 3 + 3 + 3 + 3 * 14 + 2, 14
     graph = helper.make_graph(
         [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
         "legs",
