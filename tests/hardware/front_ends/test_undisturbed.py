@@ -219,13 +219,14 @@ def bounds(treated: Side, control: Side) -> tuple[float, float]:
 def test_front_ends_and_a_browser_do_not_disturb_the_loop(
     folder: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
-    """60 s of each with --complete, else a sample."""
+    """60 s of each with --complete, which the ratio is judged by; else a sample, of missed deadlines."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     for package in ("viser", "foxglove", "pygame"):
         pytest.importorskip(package)
     if CHROMIUM is None:
         pytest.skip("there is no chromium here (apt-get install chromium)")
-    rounds, seconds = (6, 10.0) if request.config.getoption("--complete") else (2, 5.0)
+    is_complete = request.config.getoption("--complete")
+    rounds, seconds = (6, 10.0) if is_complete else (2, 5.0)
     treated, control = Side(), Side()
     with playwright.sync_playwright() as driver:
         for _ in range(rounds):
@@ -241,4 +242,5 @@ def test_front_ends_and_a_browser_do_not_disturb_the_loop(
     print(f"\nwith front ends: {treated}\nwithout: {control}")
     print(f"99 % tick time: ratio {ratio:.2f}, 95 % between {low:.2f} and {high:.2f}; accepted up to {LARGEST_RATIO:g}")
     assert treated.missed == 0
-    assert low <= LARGEST_RATIO, "the ratio is above it, whatever chance did"
+    if is_complete:  # the five slowest of 500 ticks are no measure
+        assert low <= LARGEST_RATIO, "the ratio is above it, whatever chance did"
