@@ -1,0 +1,136 @@
+"""Random songs: to train a piano policy on, and, from seeds of their own, to test it on songs that it never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.policy.song import KEY_COUNT, Note, Song
+
+__all__ = ["APART", "LEAD_IN", "NOTES_PER_SECOND", "held_out_songs", "most_onsets", "random_song"]
+
+NOTES_PER_SECOND = 3
+"""Most notes of a song, all voices together, that begin within any one second."""
+LEAD_IN = 1.0
+"""s before the first note: time for the hands to come over the keys."""
+APART = 5
+"""Semitones between the keys of two voices at least: hands need room."""
+
+_SCALES = ((0, 2, 4, 5, 7, 9, 11), (0, 2, 3, 5, 7, 8, 10), (0, 2, 4, 7, 9), tuple(range(12)))
+"""Pitch classes from the tonic: major, minor, pentatonic, all."""
+_SHORTEST = 0.12
+"""s that a note lasts at least."""
+_RELEASED = 0.08
+"""s between two notes of a voice, at least: one finger leaves a key before it strikes the next."""
+_WINDOW = 1.0 - 1e-9
+"""s: notes that begin exactly one second apart are not within it."""
+_HELD_OUT = 88
+"""Keeps songs to test on apart from those to train on, whatever the seed."""
+
+
+def random_song(
+    rng: np.random.Generator,
+    hands: Sequence[Sequence[int]],
+    *,
+    seconds: float = 20.0,
+    notes_per_second: int = NOTES_PER_SECOND,
+    lead_in: float = LEAD_IN,
+    apart: int = APART,
+) -> Song:
+    """A song with one voice for each hand; notes of a voice do not overlap, and voices do not cross.
+
+    Each voice keeps to a scale. It walks, leaps, repeats and rests; notes are long or short, together or by turns.
+
+    Args:
+        rng: everything random.
+        hands: the keys of each voice, from the lowest voice up.
+        seconds: until the last note's end, at most.
+        notes_per_second: of all voices together, within any second.
+        lead_in: s before the first note.
+        apart: semitones between two voices that sound at the same time, at least.
+
+    Raises:
+        FieldError: a hand has no keys, or a number is out of its range.
+    """
+    for i, keys in enumerate(hands):
+        if not keys or not all(0 <= key < KEY_COUNT for key in keys):
+            raise FieldError(f"hands[{i}]: is {list(keys)}, expected keys of 0 to {KEY_COUNT - 1}")
+    if not hands or notes_per_second < 1 or not seconds > lead_in + 1.0:
+        raise FieldError(
+            f"random_song: {len(hands)} hands, {notes_per_second} notes a second and {seconds} s, expected at least "
+            f"one of each, and {lead_in + 1.0:g} s"
+        )
+    beat = rng.uniform(1.0, 2.0) / notes_per_second
+    scale, tonic = _SCALES[rng.integers(len(_SCALES))], rng.integers(12)
+    voices = [
+        _voice(rng, sorted(keys), _in_scale(keys, scale, int(tonic)), beat, lead_in, seconds, track)
+        for track, keys in enumerate(hands)
+    ]
+    kept: list[Note] = []
+    for note in sorted((note for voice in voices for note in voice), key=lambda note: (note.start, rng.random())):
+        recent = [other for other in kept if note.start - other.start < _WINDOW]
+        if len(recent) < notes_per_second and all(_has_room(note, other, apart) for other in kept):
+            kept.append(note)
+    names = tuple(f"voice {i + 1}" for i in range(len(hands)))
+    if not kept:  # every voice rested: one note, so that there is a song
+        key = int(rng.choice(np.asarray(hands[0])))
+        kept.append(Note(key, lead_in, lead_in + beat, track=0))
+    return Song(tuple(sorted(kept, key=lambda note: (note.start, note.key))), names)
+
+
+def held_out_songs(hands: Sequence[Sequence[int]], count: int, seed: int = 0, *, seconds: float = 20.0) -> list[Song]:
+    """Songs that no training with `random_song` sees, whatever its seed; arguments as there."""
+    return [random_song(np.random.default_rng([_HELD_OUT, seed, i]), hands, seconds=seconds) for i in range(count)]
+
+
+def most_onsets(song: Song, window: float = 1.0) -> int:
+    """Most notes that begin within any `window` (s)."""
+    starts = np.sort([note.start for note in song.notes])
+    ends = np.searchsorted(starts, starts + window - 1e-9)
+    return int((ends - np.arange(len(starts))).max(initial=0))
+
+
+def _in_scale(keys: Sequence[int], scale: Sequence[int], tonic: int) -> list[int]:
+    """The keys of a hand that are in the scale; all of them where that leaves too few to move."""
+    chosen = sorted(key for key in keys if (key - tonic) % 12 in scale)
+    return chosen if len(chosen) >= 3 else sorted(keys)
+
+
+def _voice(
+    rng: np.random.Generator,
+    reach: Sequence[int],
+    keys: Sequence[int],
+    beat: float,
+    begin: float,
+    end: float,
+    track: int,
+) -> list[Note]:
+    """The notes of one voice; `reach` is all that its hand has, for the notes that leave the scale."""
+    rest, repeat, leap = rng.uniform(0.0, 0.3), rng.uniform(0.0, 0.4), rng.uniform(0.0, 0.3)
+    held = rng.uniform(0.4, 1.0)
+    lengths, weights = np.array([1.0, 2.0, 3.0, 4.0]), rng.dirichlet([3.0, 2.0, 0.6, 0.6])
+    place = int(rng.integers(len(keys)))
+    time = begin + beat * float(rng.choice([0.0, 0.0, 1.0, 2.0]))
+    notes: list[Note] = []
+    while time + beat <= end:
+        length = min(float(rng.choice(lengths, p=weights)) * beat, end - time)
+        if rng.random() >= rest:
+            if rng.random() < leap:
+                place = int(rng.integers(len(keys)))
+            elif rng.random() >= repeat:
+                place = int(np.clip(place + rng.choice([-2, -1, -1, 1, 1, 2]), 0, len(keys) - 1))
+            key = int(rng.choice(np.asarray(reach))) if rng.random() < 0.05 else keys[place]
+            sounding = max(_SHORTEST, min(held * length * rng.uniform(0.8, 1.0), length - _RELEASED))
+            notes.append(Note(key, time, time + sounding, int(rng.integers(40, 100)), track))
+        time += length
+    return notes
+
+
+def _has_room(note: Note, other: Note, apart: int) -> bool:
+    """Whether two notes of different voices leave their hands room; where one ends as the other begins they need it."""
+    if note.track == other.track or note.start >= other.end + _RELEASED:
+        return True
+    high, low = (note, other) if note.track > other.track else (other, note)
+    return high.key - low.key >= apart
