@@ -71,6 +71,15 @@ class ObservationLayout:
 
     def locate(self, index: int) -> str:
         """The value at `index` of the whole observation in words: `joint_pos[3]`, `joint_pos[3] of history step 1`."""
+        term, value, step = self._place(index)
+        return f"{term.name}[{value}]" + (f" of history step {step}" if term.term.history > 1 else "")
+
+    def term_at(self, index: int) -> ObservationTerm:
+        """The term that the value at `index` of the whole observation belongs to."""
+        return self._place(index)[0]
+
+    def _place(self, index: int) -> tuple[ObservationTerm, int, int]:
+        """Term, number of the value within it, and step of its history."""
         if self.history_layout == "per_step":
             step, index = divmod(index, self.step_width)
             term = next(term for term in self.terms if index < term.stop)
@@ -82,7 +91,7 @@ class ObservationLayout:
                     break
                 begin += term.width
             step, value = divmod(index - begin, term.stop - term.start)
-        return f"{term.name}[{value}]" + (f" of history step {step}" if term.term.history > 1 else "")
+        return term, value, step
 
 
 def resolve_observation(

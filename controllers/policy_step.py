@@ -137,7 +137,9 @@ class PolicyWiring:
         if finite.all():
             return ""
         i = int(np.argmin(finite))
-        return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number"
+        kind = self.contract.kind(self.layout.term_at(i).term)
+        why = f": {kind.silent}" if kind.silent else ""
+        return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
     def accepts(self, action: Float32Array) -> npt.NDArray[np.bool_]:
         """Shape (...): whether every value of a raw action, shape (..., m), is finite and within the limit."""

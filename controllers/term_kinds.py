@@ -17,7 +17,14 @@ import numpy.typing as npt
 from humanoid_sim.controllers import term_values as values
 from humanoid_sim.controllers.term_values import Bounds, Limits, Request, Resolve, Source
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, VELOCITY_COMMAND, point_velocity
+from humanoid_sim.mit import (
+    ANCHOR_POSE,
+    BASE_LINEAR_VELOCITY,
+    EXTERN_WIDTHS,
+    KEY_PRESSED,
+    VELOCITY_COMMAND,
+    point_velocity,
+)
 
 if TYPE_CHECKING:  # contracts hold terms, and terms are named by this table
     from humanoid_sim.controllers.contract import PolicyContract
@@ -60,6 +67,8 @@ class TermKind:
     """Field of the contract without which it means nothing."""
     scales: tuple[float, ...] = (1.0,)
     """Seen in the wild."""
+    silent: str = ""
+    """What it means that values are no numbers; empty: nothing that is known."""
     value_names: Callable[[Term, PolicyContract], tuple[str, ...]] = _unnamed
     """Joint of each value, where each has one."""
 
@@ -142,7 +151,7 @@ def _live_bounds(request: Request, _limits: Limits) -> tuple[npt.ArrayLike, npt.
 def _keys(request: Request) -> tuple[int, Source]:
     if request.kind.name not in request.extern:
         raise request.missing("a source of live key states")
-    return values.live(request)
+    return values.heard(request)
 
 
 _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations that most others descend from
@@ -311,7 +320,13 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         requires="lookahead_steps",
     ),
     TermKind("progress", "how far into the motion, 0 to 1", values.progress),
-    TermKind("key_pressed", "keys that are down, 0 or 1", _keys, reads="key_pressed"),
+    TermKind(
+        "key_pressed",
+        "keys that are down, 0 or 1",
+        _keys,
+        reads=KEY_PRESSED,
+        silent="no key state has come, or the last one is too old",
+    ),
 )
 
 TERM_KINDS: Mapping[str, TermKind] = MappingProxyType({kind.name: kind for kind in _KINDS})

@@ -215,9 +215,15 @@ def live(request: Request) -> tuple[int, Source]:
 
 def declared(request: Request) -> tuple[int, Source]:
     """A live input of the width that its term declares; not a number where it is missing or too old."""
-    name, width = request.kind.name, request.extern[request.kind.name]
+    width = request.extern[request.kind.name]
     if width != request.term.width:
         raise FieldError(f"observation term '{request.term.name}': width is {request.term.width}, expected {width}")
+    return heard(request)
+
+
+def heard(request: Request) -> tuple[int, Source]:
+    """A live input as it is; not a number where it is missing or too old."""
+    name, width = request.kind.name, request.extern[request.kind.name]
     return width, lambda context: _nan_when_stale(context.state, name, width)
 
 

@@ -24,6 +24,7 @@ __all__ = [
     "COMMAND_FIELDS",
     "EXTERN_WIDTHS",
     "IMU",
+    "KEY_PRESSED",
     "VELOCITY_COMMAND",
     "Extern",
     "FloatArray",
@@ -119,6 +120,8 @@ BASE, IMU = "base", "imu"
 """Points of a robot by what they are; any other point is named by its site."""
 ANCHOR_POSE = "anchor_pose"
 """Extern: x, y, z in m and w, x, y, z of the contract's anchor body, world frame."""
+KEY_PRESSED = "key_pressed"
+"""Extern: 1 for each of a piano's keys that is down, else 0, the lowest key first."""
 
 EXTERN_WIDTHS: Mapping[str, int] = MappingProxyType({VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7})
 

@@ -16,10 +16,9 @@ import tyro
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import KEY_PRESSED
 
 __all__ = ["Performance", "Score", "main", "read_performance"]
-
-_KEYS = "key_pressed"
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def read_performance(recording: Path, song: Path | None = None) -> Performance:
         raise InputError(f"{song or recording}: its motion is for task_type {motion.task_type}, expected a song")
     shown: dict[int, npt.NDArray[Any]] = {}
     for tick in run.ticks():
-        step, keys = tick.output.policy_step, tick.input.state.extern.get(_KEYS)
+        step, keys = tick.output.policy_step, tick.input.state.extern.get(KEY_PRESSED)
         if step is not None and keys is not None:
             shown.setdefault(step.frame, keys.value)
     frames = sorted(frame for frame in shown if frame < len(motion.frames))

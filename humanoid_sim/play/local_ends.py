@@ -51,7 +51,6 @@ class LocalEnds:
         self.shadow_figures: Callable[[], Mapping[str, Any]] | None = None
         """What is told of a shadow policy; None without one."""
         description, policy = plan.description, plan.policy
-        contract = policy.loaded.contract
         with ExitStack() as stack:
             registration = Registration()
             stack.callback(registration.close)
@@ -64,13 +63,13 @@ class LocalEnds:
                 1e-3 * description.remote_policy_controller.stale_command_timeout_ms,
                 clock=plan.clock,
                 velocity=plan.velocity if policy.walks else None,
-                live=contract.live_inputs,
+                live=plan.taken,
                 tell=note,
             )
             stack.callback(self.data.close)
             width = 0 if plan.shadow is None else shadow_width(policy.loaded)
             blobs = {MODEL_BLOB: model_bytes(plan.setup.model())}
-            self.feed = FeedWriter(header, blobs, contract.live_inputs, shadow_width=width)
+            self.feed = FeedWriter(header, blobs, plan.taken, shadow_width=width)
             stack.callback(self.feed.close)
             self.front_ends = FrontEnds(
                 plan.front_ends, self.feed, show=show, note=note, status=self._status, is_ending=is_ending

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.frontends import Wanted
 from humanoid_sim.messages import Intent
-from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.mit import EXTERN_WIDTHS, KEY_PRESSED, VELOCITY_COMMAND
 from humanoid_sim.play.branch import Branch, open_branch, reach
 from humanoid_sim.play.conflicts import (
     Outputs,
@@ -75,6 +75,8 @@ class Plan:
     """Of a policy that only looks on; the supervisor has none then."""
     steps: Sequence[ScriptStep] | None
     """What drives the FSM if no operator does; None: only operators do."""
+    taken: Mapping[str, int]
+    """Name and width of the live inputs that come from other programs."""
     velocity: VelocityCommand
     branch: Branch | None
     """The recorded instant in which it begins; None for a beginning of its own."""
@@ -114,7 +116,8 @@ def make_plan(config: PlayConfig) -> Plan:
         control_period, notice = point.control_period, ""
     setup = _robot(config, description, control_period, contract if point is None else point.contract)
     try:
-        live = {**contract.live_inputs, **setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
+        taken = policy.loaded.taken(setup.live)
+        live = {**taken, **setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
         limit, shadow = config.action_limit, None
         if is_shadow:  # without a policy and REMOTE, the FSM itself keeps the robot in DAMPING and STANDBY
             supervisor = build_supervisor(description, control_period, None)
@@ -136,7 +139,7 @@ def make_plan(config: PlayConfig) -> Plan:
         if branch is not None:
             branch.inputs.velocity = velocity
         golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""
-        drivers = (*_who_drives(config, steps, walks=policy.walks), *_who_feeds(config, steps, contract))
+        drivers = (*_who_drives(config, steps, walks=policy.walks), *_who_feeds(config, steps, taken))
         drivers = drivers if branch is None or config.manual else ()
         texts = (
             *(() if branch is None else branch.notices),
@@ -158,6 +161,7 @@ def make_plan(config: PlayConfig) -> Plan:
             supervisor=supervisor,
             shadow=shadow,
             steps=steps,
+            taken=taken,
             velocity=velocity,
             branch=branch,
             injector=injector,
@@ -253,14 +257,16 @@ def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks
     return ("waits for an operator in another terminal: python -m humanoid_sim.mode damp, load_a, start_locomotion",)
 
 
-def _who_feeds(config: PlayConfig, steps: Sequence[ScriptStep] | None, contract: PolicyContract) -> tuple[str, ...]:
+def _who_feeds(config: PlayConfig, steps: Sequence[ScriptStep] | None, taken: Iterable[str]) -> tuple[str, ...]:
     """What has to come from other programs, and does not come from one that this run starts."""
     notices = []
     if config.remote == "none" and any(step.intent is Intent.START_REMOTE for step in steps or ()):
         notices.append("nothing that this run starts sends commands for REMOTE: it damps until a producer attaches")
-    if contract.live_inputs:
-        names = ", ".join(contract.live_inputs)
+    names = ", ".join(name for name in taken if name != KEY_PRESSED)
+    if names:
         notices.append(f"the policy observes {names}, which a program has to send: docs/front-ends.md says how")
+    if KEY_PRESSED in taken:
+        notices.append("which keys are down has to come from a program: a MIDI keyboard's, or another one's")
     return tuple(notices)
 
 

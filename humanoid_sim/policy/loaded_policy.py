@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +12,10 @@ from humanoid_sim.controllers.observation import ObservationLayout, resolve_obse
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
 
 __all__ = ["LoadedPolicy", "contract_layout", "load_policy"]
-
-_LIVE_KEYS = "key_pressed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +31,20 @@ class LoadedPolicy:
         """Name and width of a simulation's live inputs: command, estimates, and pressed keys, as many as goal keys."""
         keys = self.reference.terms.get("target_keys")
         widths = self.contract.extern_widths
-        return widths if keys is None else {**widths, _LIVE_KEYS: keys.shape[1]}
+        return widths if keys is None else {**widths, KEY_PRESSED: keys.shape[1]}
+
+    def taken(self, reported: Container[str]) -> Mapping[str, int]:
+        """Name and width of the live inputs that a session takes from outside: declared ones, and a piano's keys.
+
+        The keys also where the policy does not observe them: whoever scores the run needs them.
+
+        Args:
+            reported: names of those that the robot reports itself.
+        """
+        live = self.contract.live_inputs
+        if "target_keys" in self.reference.terms:
+            live = {**live, KEY_PRESSED: self.extern[KEY_PRESSED]}
+        return {name: width for name, width in live.items() if name not in reported}
 
     @property
     def layout(self) -> ObservationLayout:
@@ -137,5 +149,5 @@ def _layout(contract: PolicyContract, keys: int) -> ObservationLayout:
         "target_keys_future": keys * len(contract.lookahead_steps),
     }
     reference = MotionReference(1, {name: np.zeros((1, width), dtype=np.float32) for name, width in widths.items()})
-    extern = {**contract.extern_widths, _LIVE_KEYS: keys}
+    extern = {**contract.extern_widths, KEY_PRESSED: keys}
     return resolve_observation(contract, contract.joint_names, reference, extern)

@@ -20,7 +20,7 @@ from humanoid_sim.messages import (
     StandbyState,
     TickRecord,
 )
-from humanoid_sim.mit import MITState
+from humanoid_sim.mit import KEY_PRESSED, Extern, MITState
 from humanoid_sim.recording.body import RecordedBody
 from humanoid_sim.recording.labels import Labels, read_labels
 from humanoid_sim.ros2.definitions import (
@@ -62,13 +62,10 @@ from humanoid_sim.ros2.topics import (
 )
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["KEY_PRESSED", "PolicyTopics", "TopicMessage", "ViewerTopics", "topic_prefix"]
+__all__ = ["PolicyTopics", "TopicMessage", "ViewerTopics", "topic_prefix"]
 
 VIEWER_PERIOD = 0.02
 """s between two messages of a topic that has something new in every tick."""
-
-KEY_PRESSED = "key_pressed"
-"""The live input that `/piano/key_state` is."""
 
 
 class TopicMessage(NamedTuple):
@@ -146,7 +143,7 @@ class ViewerTopics:
         self._standby: tuple[str, StandbyState | None] = ("", None)
         self._safety: dict[str, SafetyStatus] = {}
         self._remote: RemoteCommand | None = None
-        self._keys_arrival: float | None = None
+        self._keys: Extern | None = None
         self._policy = PolicyTopics("/rl_policy_controller", header.observation_terms, read_labels(header))
         self._body = RecordedBody.of(header)
         self._is_described = self._body is None
@@ -183,7 +180,7 @@ class ViewerTopics:
         if output.policy_step is not None:
             yield from self._policy.messages(output.policy_step, time_ns)
         if state.extern:
-            yield from self._key_state(state)
+            yield from self._key_state(state, is_due)
 
     def _standby_state(
         self, controller: str, standby: StandbyState, time_ns: int, is_due: bool
@@ -230,10 +227,15 @@ class ViewerTopics:
         if body.floating and body.knows_base(record):
             yield TopicMessage("/base_pose", POSE_STAMPED, encode_pose(time_ns, "world", self._poses[count]))
 
-    def _key_state(self, state: MITState) -> Iterator[TopicMessage]:
-        keys = state.extern.get(KEY_PRESSED)
-        if keys is not None and keys.arrival_time != self._keys_arrival:
-            self._keys_arrival = keys.arrival_time
+    def _key_state(self, state: MITState, is_due: bool) -> Iterator[TopicMessage]:
+        """On change at once; else at most 50 a second, as long as new ones arrive."""
+        keys, last = state.extern.get(KEY_PRESSED), self._keys
+        if keys is None:
+            return
+        is_news = last is None or not np.array_equal(keys.value, last.value)
+        is_new = last is None or keys.arrival_time != last.arrival_time
+        if is_news or (is_due and is_new):
+            self._keys = keys
             yield TopicMessage(
                 KEY_STATE_TOPIC, FLOAT32_MULTI_ARRAY, encode_float32_array(keys.value.astype(np.float32))
             )

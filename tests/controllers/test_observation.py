@@ -11,6 +11,7 @@ from rig import JOINTS, contract, reference, state
 from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.observation import pack, resolve_observation
 from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import build_reference, no_reference
 from humanoid_sim.controllers.term_values import ObservationContext
 from humanoid_sim.controllers.terms import Term
@@ -101,6 +102,26 @@ def test_orientation_and_key_terms():
     live = state(1.0, extern={"key_pressed": Extern([0.0, 1.0], 1.0)})
     packed = pack(resolved, ObservationContext(live, np.zeros(2, np.float32), song, 0))
     assert packed.tolist() == [0, 1, 1, 0, 1, 1, 0, 1]
+
+
+def test_keys_that_are_missing_or_too_old_are_not_taken_for_released():
+    piano = contract(task_type="piano", observation=("target_keys", "key_pressed"))
+    song = build_reference(piano, [[0, 1], [1, 0]])
+    wiring = PolicyWiring(JOINTS, piano, song, {"key_pressed": 2})
+    keys = Extern([1.0, 0.0], 1.0, timeout=0.5)
+    for now, extern in ((1.5, {"key_pressed": keys}), (1.502, {"key_pressed": keys}), (1.0, {})):
+        live = state(now, extern=extern)
+        observation, _ = wiring.observe(wiring.activate(live), live)
+        if extern and now == 1.5:
+            assert observation.tolist() == [0.0, 1.0, 1.0, 0.0]
+            assert wiring.observation_problem(observation) == ""
+        else:
+            assert observation[:2].tolist() == [0.0, 1.0]
+            assert np.isnan(observation[2:]).all()
+            assert wiring.observation_problem(observation) == (
+                "observation key_pressed[0] is nan, expected a finite number: "
+                "no key state has come, or the last one is too old"
+            )
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ from humanoid_sim.messages import (
     TickInput,
     TickRecord,
 )
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.mit import Extern, MITCommand
 from humanoid_sim.recording import recorder as recorder_module
 from humanoid_sim.recording.codec import TickEncoder
 from humanoid_sim.recording.reader import open_recording
@@ -63,6 +64,26 @@ def test_all_ticks_and_the_header_come_back(tmp_path):
     assert recording.is_complete
     assert recording.damage == ""
     assert recording.topics["/humanoid_sim/tick"].messages == 120
+
+
+def test_keys_are_in_the_topic_at_once_when_they_change_and_else_50_times_a_second(tmp_path):
+    def with_keys(record, keys):
+        time = float(record.input.state.time)
+        state = replace(record.input.state, extern={"key_pressed": Extern(keys, time)})
+        return replace(record, input=replace(record.input, state=state))
+
+    pressed = {5: [1.0, 0.0], 6: [1.0, 1.0], 7: [1.0, 1.0]}
+    ticks = [with_keys(make_tick(index), pressed.get(index, [0.0, 0.0])) for index in range(16)]
+    write_recording(tmp_path / "run.mcap", ticks)
+    found = read_topics(tmp_path / "run.mcap")["/piano/key_state"]
+    assert [((time - START_NS) // 5_000_000, message.data.tolist()) for time, message in found] == [
+        (0, [0.0, 0.0]),
+        (4, [0.0, 0.0]),
+        (5, [1.0, 0.0]),
+        (6, [1.0, 1.0]),
+        (8, [0.0, 0.0]),
+        (12, [0.0, 0.0]),
+    ]
 
 
 def test_an_independent_reader_sees_the_topics(tmp_path):

@@ -14,8 +14,7 @@ from contextlib import ExitStack
 
 from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import MITCommand
-from humanoid_sim.recording.topics import KEY_PRESSED
+from humanoid_sim.mit import KEY_PRESSED, MITCommand
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.dds.endpoints import Reader, Received
 from humanoid_sim.ros2.messages import decode_float32_array, decode_mit_command

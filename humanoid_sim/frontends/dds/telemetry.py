@@ -8,7 +8,8 @@ from dataclasses import replace
 from humanoid_sim.client import Sample
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.messages import TickRecord
-from humanoid_sim.recording.topics import KEY_PRESSED, TopicMessage, ViewerTopics, topic_prefix
+from humanoid_sim.mit import KEY_PRESSED
+from humanoid_sim.recording.topics import TopicMessage, ViewerTopics, topic_prefix
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Writer
 from humanoid_sim.ros2.definitions import CLOCK, JOINT_STATE

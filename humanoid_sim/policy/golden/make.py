@@ -15,7 +15,14 @@ from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, act
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, FloatArray, point_velocity
+from humanoid_sim.mit import (
+    ANCHOR_POSE,
+    BASE_LINEAR_VELOCITY,
+    KEY_PRESSED,
+    VELOCITY_COMMAND,
+    FloatArray,
+    point_velocity,
+)
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GoldenSamples
 from humanoid_sim.policy.golden.trace import Recorded, Trace
@@ -179,9 +186,9 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
     }
     for point in contract.velocity_points:
         live[point_velocity(point)] = rng.normal(0.0, 0.5, (steps, 3))
-    keys = loaded.extern.get("key_pressed")
+    keys = loaded.extern.get(KEY_PRESSED)
     if keys is not None:
-        live["key_pressed"] = rng.integers(0, 2, (steps, keys)).astype(np.float64)
+        live[KEY_PRESSED] = rng.integers(0, 2, (steps, keys)).astype(np.float64)
     actions = rng.normal(0.0, 0.5, (steps, contract.action_count)).astype(np.float32)
     return Recorded(contract.joint_names, arrays, live, actions)
 

@@ -20,6 +20,7 @@ from humanoid_sim.mit import (
     ANCHOR_POSE,
     BASE_LINEAR_VELOCITY,
     IMU,
+    KEY_PRESSED,
     VELOCITY_COMMAND,
     FloatArray,
     MITState,
@@ -35,7 +36,7 @@ BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, Fl
 
 _SAME = {"observation": "obs", "action": "actions", VELOCITY_COMMAND: "cmd"}
 _MEMORY = ("last_action", "frame", "walked", "history", "alignment")
-_LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, "key_pressed")
+_LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, KEY_PRESSED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +170,7 @@ class _Reader:
         widths = {VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7, "imu_linear_acceleration": 3}
         widths |= dict.fromkeys(self.points, 3)
         tables = {name: self.optional(name, width) for name, width in widths.items()}
-        tables["key_pressed"] = self.optional("key_pressed")
+        tables[KEY_PRESSED] = self.optional(KEY_PRESSED)
         return {name: table for name, table in tables.items() if table is not None}
 
     def check_needs(self, known: Mapping[str, FloatArray]) -> None:
