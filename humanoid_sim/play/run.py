@@ -172,6 +172,8 @@ def _finish_video(console: Console, video: VideoSink, problems: list[str]) -> No
             notice = f"   {report.notice}" if report.notice else ""
             with _printing(problems):
                 console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
+                if report.sound is not None:
+                    console.print(f"sound      {report.sound}   no AAC encoder for the video", markup=False)
     except KeyboardInterrupt:
         with _printing(problems):
             console.print("video      skipped", markup=False)

@@ -17,6 +17,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
+from pathlib import Path
 from typing import IO, cast
 
 import av
@@ -25,14 +26,18 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.rendering.piano_sound import RATE, PianoSound, Samples, Stroke, write_wav
 
 __all__ = ["Job", "Moment", "draw_video"]
 
 _H264 = ("libx264", "libopenh264")
+_AAC, _AAC_BITS = "aac", 128_000
+"""What every browser plays beside H.264, and bits per second."""
 _NICENESS = 5
 """The robot that is being simulated goes first."""
 
@@ -48,6 +53,8 @@ class Job:
     camera: str | None
     fps: Fraction
     ghost: ReferenceGhost | None = None
+    wav: str = ""
+    """Path of the sound where this machine has no encoder for it; empty where the run has no piano, and no sound."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,10 +70,15 @@ class Moment:
     """Of the reference, while a policy follows it."""
     anchor: FloatArray | None = None
     """Pose (7,), m and w x y z, of the anchor body when the policy was shown frame 0; None where there is none."""
+    strokes: tuple[Stroke, ...] = ()
+    """Of a piano's keys since the moment before, at their times as `time`."""
 
 
-def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], None]) -> str:
-    """Write an MP4 (H.264) with a picture of every moment, shown at its time; return what drew it.
+def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], None]) -> tuple[str, bool]:
+    """Write an MP4 (H.264) with a picture of every moment, shown at its time, and with the sound (AAC) of a piano.
+
+    Returns:
+        What drew it, and whether the sound is in a file of its own.
 
     Raises:
         InputError: the model has no such camera.
@@ -85,14 +97,55 @@ def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], No
         stream.width, stream.height = job.size
         stream.pix_fmt = "yuv420p"
         stream.time_base = stream.codec_context.time_base = 1 / job.fps
+        sound = _Sound(container, job) if job.wav else None
         for count, moment in enumerate(chain([first], moments), start=1):
             frame = av.VideoFrame.from_ndarray(_picture(job, pictures, moment), format="rgb24")
             # As moments are chosen: rounding would give two of them, half a frame off, one place.
             frame.pts, frame.time_base = math.floor(moment.time * job.fps), 1 / job.fps
             container.mux(stream.encode(frame))
+            if sound is not None:
+                sound.add(moment)
             progress(count)
         container.mux(stream.encode(None))
-        return pictures.backend
+        if sound is not None:
+            sound.finish()
+        return pictures.backend, sound is not None and sound.is_beside
+
+
+class _Sound:
+    """The sound track of a video, or, without an encoder for one, a WAV beside it."""
+
+    def __init__(self, container: av.container.OutputContainer, job: Job) -> None:
+        self._container, self._wav = container, job.wav
+        self._piano = PianoSound()
+        self._stream: av.AudioStream | None = None
+        self._kept: list[Samples] = []
+        self._count = 0
+        if _AAC in av.codecs_available:
+            self._stream = cast("av.AudioStream", container.add_stream(_AAC, rate=RATE, layout="mono"))
+            self._stream.bit_rate = _AAC_BITS
+
+    @property
+    def is_beside(self) -> bool:
+        return self._stream is None
+
+    def add(self, moment: Moment) -> None:
+        self._piano.strike(moment.strokes)
+        samples = self._piano.until(moment.time)
+        if self._stream is None:
+            self._kept.append(samples)
+        elif len(samples):
+            frame = av.AudioFrame.from_ndarray(samples[None], format="fltp", layout="mono")
+            frame.sample_rate, frame.pts, frame.time_base = RATE, self._count, Fraction(1, RATE)
+            self._count += len(samples)
+            self._container.mux(self._stream.encode(frame))
+
+    def finish(self) -> None:
+        if self._stream is not None:
+            self._container.mux(self._stream.encode(None))
+            return
+        with whole_file(Path(self._wav)) as file:
+            write_wav(file, np.concatenate(self._kept))
 
 
 def _picture(job: Job, pictures: PoseRenderer, moment: Moment) -> npt.NDArray[np.uint8]:
@@ -121,7 +174,7 @@ def main() -> int:
 
     job: Job = pickle.load(sys.stdin.buffer)
     try:
-        backend = draw_video(job, _moments(sys.stdin.buffer), lambda count: tell(frames=count))
+        backend, is_beside = draw_video(job, _moments(sys.stdin.buffer), lambda count: tell(frames=count))
     except EOFError:  # who wanted it is gone
         with suppress(OSError):
             os.unlink(job.path)
@@ -132,7 +185,7 @@ def main() -> int:
     except InputError as error:
         tell(error=str(error))
         return 1
-    tell(backend=backend)
+    tell(backend=backend, wav=is_beside)
     return 0
 
 

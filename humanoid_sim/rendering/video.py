@@ -16,16 +16,19 @@ from fractions import Fraction
 from pathlib import Path
 
 import mujoco
+import numpy as np
+import numpy.typing as npt
 from PIL import Image
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.messages import TickRecord
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.drawing import Job, Moment
 from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference
 from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.rendering.piano_sound import Stroke, strokes_between
 from humanoid_sim.session.sinks import Sink
 
 __all__ = ["VideoReport", "VideoSink", "save_snapshot"]
@@ -53,6 +56,8 @@ class VideoReport:
     """What drew it, and why."""
     notice: str = ""
     """What is not as it was asked for."""
+    sound: Path | None = None
+    """Of its sound, where this machine has no encoder to put it into the video."""
 
 
 class VideoSink(Sink):
@@ -101,6 +106,8 @@ class VideoSink(Sink):
         """Frames so far."""
         self._duration = 0.0
         self._drawing: _Drawing | None = None
+        self._keys: npt.NDArray[np.bool_] | None = None
+        self._strokes: list[Stroke] = []
 
     def tick(self, record: TickRecord) -> None:
         """Hand over the pose, if a frame is due."""
@@ -111,12 +118,14 @@ class VideoSink(Sink):
         self._last_time = time
         if self._ghost is not None:
             self._shown.look(record)
+        self._listen(record)
         if self._clock * self._rate < self._next_frame:
             return
         if self._drawing is None:
             self._drawing = _Drawing(self.path, self._job)
-        shown = self._shown
-        self._drawing.add(Moment(self._clock, record.qpos, Caption.of(record), shown.frame, shown.anchor))
+        shown, strokes = self._shown, tuple(self._strokes)
+        self._strokes.clear()
+        self._drawing.add(Moment(self._clock, record.qpos, Caption.of(record), shown.frame, shown.anchor, strokes))
         shown.anchor = None  # said once
         self.frame_count += 1
         self._duration = self._clock
@@ -124,6 +133,16 @@ class VideoSink(Sink):
             self._thin_at += self._max_frames
             self._rate /= 2
         self._next_frame = math.floor(self._clock * self._rate) + 1
+
+    def _listen(self, record: TickRecord) -> None:
+        """Note which keys of a piano went down or up in this tick: a key may do both between two frames."""
+        live = record.input.state.extern.get(KEY_PRESSED)
+        if live is None:
+            return
+        down = live.value > 0.5
+        before = np.zeros_like(down) if self._keys is None else self._keys
+        self._strokes.extend(strokes_between(before, down, self._clock))
+        self._keys = down
 
     @property
     def process_id(self) -> int | None:
@@ -141,10 +160,10 @@ class VideoSink(Sink):
         """
         if self._drawing is None:
             raise InputError(f"video '{self.path}': nothing to show: no tick came from a simulated robot")
-        backend = self._drawing.finish(lambda done: progress and progress(done, self.frame_count))
+        backend, has_wav = self._drawing.finish(lambda done: progress and progress(done, self.frame_count))
         thinned = f"a long run: towards its end {float(self._rate):g} instead of {float(self._fps):g} frames per second"
         notice = "" if self._rate == self._fps else thinned
-        return VideoReport(self.path, self.frame_count, self._duration, backend, notice)
+        return VideoReport(self.path, self.frame_count, self._duration, backend, notice, self._wav if has_wav else None)
 
     def abandon(self) -> None:
         """Nobody wants the video: end the drawing, and leave no file. May be called at any time."""
@@ -152,7 +171,12 @@ class VideoSink(Sink):
             self._drawing.abandon()
 
     def _job(self, path: str) -> Job:
-        return Job(path, self._model_factory(), self._size, self._camera, self._fps, self._ghost)
+        wav = "" if self._keys is None else str(self._wav)
+        return Job(path, self._model_factory(), self._size, self._camera, self._fps, self._ghost, wav)
+
+    @property
+    def _wav(self) -> Path:
+        return self.path.with_suffix(".wav")
 
 
 class _Drawing:
@@ -164,7 +188,7 @@ class _Drawing:
         self._file = self._left.enter_context(whole_file(path))
         self._items: queue.SimpleQueue[Moment | None] = queue.SimpleQueue()
         self._process: subprocess.Popen[bytes] | None = None
-        self._done, self._backend = 0, ""
+        self._done, self._backend, self._has_wav = 0, "", False
         self._error: Exception | None = None
         self._is_abandoned = False
         self._feeder = threading.Thread(target=self._feed, args=(job,), name="video", daemon=True)
@@ -177,8 +201,8 @@ class _Drawing:
     def add(self, moment: Moment) -> None:
         self._items.put(moment)
 
-    def finish(self, progress: Callable[[int], object]) -> str:
-        """Wait for the process; what drew."""
+    def finish(self, progress: Callable[[int], object]) -> tuple[str, bool]:
+        """Wait for the process; what drew, and whether the sound is in a file of its own."""
         self._items.put(None)
         with self._left:  # the file takes its name, or vanishes with the exception
             try:
@@ -190,7 +214,7 @@ class _Drawing:
                 raise
             if self._error is not None:
                 raise self._error
-            return self._backend
+            return self._backend, self._has_wav
 
     def abandon(self) -> None:
         self._is_abandoned = True
@@ -235,7 +259,7 @@ class _Drawing:
         for line in self._process.stdout:
             answer = json.loads(line)
             self._done = answer.get("frames", self._done)
-            self._backend = answer.get("backend", "")
+            self._backend, self._has_wav = answer.get("backend", ""), answer.get("wav", False)
             if "error" in answer:
                 self._error = InputError(f"{self._path}: {answer['error']}")
 

@@ -4,8 +4,11 @@ import os
 import resource
 import signal
 import threading
+import wave
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -16,7 +19,10 @@ from PIL import Image
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.mit import Extern
 from humanoid_sim.rendering.caption import Caption, draw_caption
+from humanoid_sim.rendering.drawing import Job, Moment, draw_video
+from humanoid_sim.rendering.piano_sound import Stroke
 from humanoid_sim.rendering.video import VideoSink, save_snapshot
 
 MakeTick = Callable[..., TickRecord]
@@ -213,3 +219,65 @@ def test_the_caption_says_who_is_in_control() -> None:
     assert np.abs(strip(Mode.DAMPING, "") - strip(Mode.LOCOMOTION, "")).max() > 60
     assert np.abs(strip(Mode.DAMPING, "") - strip(Mode.DAMPING, "LOAD_A refused")).max() > 60
     np.testing.assert_array_equal(strip(Mode.DAMPING, "m" * 500)[:, -4:], strip(Mode.DAMPING, "")[:, -4:])
+
+
+def with_keys(tick: TickRecord, *keys: int) -> TickRecord:
+    pressed = np.zeros(88)
+    pressed[list(keys)] = 1.0
+    state = replace(tick.input.state, extern={"key_pressed": Extern(pressed, float(tick.input.state.time))})
+    return replace(tick, input=replace(tick.input, state=state))
+
+
+def played(sink: VideoSink, make_tick: MakeTick) -> None:
+    """Key C4 from 0.5 to 1 s, and A5, which is down and up between two frames' times, at 2 s."""
+    for index in range(501):
+        keys = [39] * (100 <= index < 200) + [60] * (401 <= index < 406)
+        sink.tick(with_keys(make_tick(index, 7.0 + index / 200, [index / 100]), *keys))
+
+
+def loudest(samples: np.ndarray, begin: float, end: float) -> float:
+    """Hz."""
+    part = samples[round(begin * 44100) : round(end * 44100)]
+    return float(np.argmax(np.abs(np.fft.rfft(part * np.hanning(len(part)), 1 << 17))) * 44100 / (1 << 17))
+
+
+def test_keys_that_were_pressed_are_heard(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
+    played(sink, make_tick)
+    report = sink.finish()
+    assert (report.sound, report.frame_count) == (None, 26)
+    with av.open(str(tmp_path / "run.mp4")) as container:
+        assert [stream.codec_context.name for stream in container.streams] == ["h264", "aac"]
+        samples = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(audio=0)])
+    assert len(samples) == pytest.approx(2.5 * 44100, abs=2048)
+    assert np.abs(samples[: round(0.47 * 44100)]).max() < 1e-3
+    assert loudest(samples, 0.55, 0.95) == pytest.approx(261.63, rel=0.01)
+    assert np.abs(samples[round(1.6 * 44100) : round(1.97 * 44100)]).max() < 1e-3
+    assert loudest(samples, 2.01, 2.1) == pytest.approx(880.0, rel=0.02)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.mp4"]
+
+
+def test_without_an_encoder_the_sound_is_beside_the_video(
+    tmp_path: Path, pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(av, "codecs_available", av.codecs_available - {"aac"})
+    job = Job(str(tmp_path / "run.mp4"), pendulum, SIZE, None, Fraction(10), wav=str(tmp_path / "run.wav"))
+    caption = Caption(0.0, Mode.LOCOMOTION, "rl_policy_controller")
+    struck = (Stroke(0.0, 48, True),)
+    moments = [Moment(i / 10, np.zeros(1), caption, strokes=struck if i == 0 else ()) for i in range(6)]
+    assert draw_video(job, iter(moments), lambda _: None) == ("software painter (MUJOCO_GL=off)", True)
+    with wave.open(str(tmp_path / "run.wav")) as sound:
+        samples = np.frombuffer(sound.readframes(44100), "<i2").astype(float)
+    assert len(samples) == 22050
+    assert loudest(samples, 0.05, 0.45) == pytest.approx(440.0, rel=0.01)
+    with av.open(str(tmp_path / "run.mp4")) as container:
+        assert [stream.type for stream in container.streams] == ["video"]
+
+
+def test_a_run_without_keys_has_no_sound(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+    sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
+    for index in range(20):
+        sink.tick(make_tick(index, index / 10, [0.0]))
+    sink.finish()
+    with av.open(str(tmp_path / "run.mp4")) as container:
+        assert [stream.type for stream in container.streams] == ["video"]
