@@ -134,6 +134,8 @@ class Played:
     folder: Path
     feed: Feed
     operator: Intake
+    domain: int
+    """Of DDS, that nobody else is in."""
 
     @property
     def said(self) -> str:
@@ -154,7 +156,7 @@ class Played:
 
     def until_owned(self, what: str, name: str) -> None:
         """Wait until REMOTE or the velocity belongs to a producer."""
-        until(lambda: str(self.feed.status().get("owners", {}).get(what, "")).startswith(f"{name} ("))
+        until(lambda: str(self.feed.status().get("owners", {}).get(what, "")).startswith(f"{name} "))
 
     def strike(self, names: Sequence[str], blow: signal.Signals) -> None:
         """Stop or kill children, and mark the moment."""
@@ -172,7 +174,8 @@ class Played:
 @contextmanager
 def playing(folder: Path, *options: str, screen: str = "") -> Iterator[Played]:
     """A run, once it can be reached; killed if it is not over at the end."""
-    environment = {**os.environ, "NO_COLOR": "1", "ROS_DOMAIN_ID": str(free_domain())}
+    domain = free_domain()
+    environment = {**os.environ, "NO_COLOR": "1", "ROS_DOMAIN_ID": str(domain)}
     environment.pop("DISPLAY", None)
     if screen:
         environment["DISPLAY"] = screen
@@ -188,7 +191,7 @@ def playing(folder: Path, *options: str, screen: str = "") -> Iterator[Played]:
         stack.callback(process.kill)
         session = until(lambda: _session(process, folder))
         feed = stack.enter_context(Feed(session))
-        yield Played(process, folder, feed, stack.enter_context(Intake(session, "test")))
+        yield Played(process, folder, feed, stack.enter_context(Intake(session, "test")), domain)
 
 
 def _session(process: subprocess.Popen[bytes], folder: Path) -> SessionInfo | None:
@@ -278,61 +281,6 @@ class Log:
             fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping, tick.qpos)
             found.append((control.mode, control.controller_name, *(np.asarray(field).tobytes() for field in fields)))
         return found
-
-
-CLIENT = """
-import sys, time
-from humanoid_sim.client import *
-session = find_session(int(sys.argv[1]))
-with Feed(session) as feed, Intake(session, "client") as intake:
-    names, number = feed.joint_names, 0
-    zeros = [0.0] * len(names)
-    print("ready", flush=True)
-    while feed.is_running():
-        sample = feed.wait(number, 0.5)
-        if sample is None:
-            continue
-        number = sample.number
-        try:
-            {send}
-        except SessionError:
-            break
-"""
-SENDS = {
-    "remote": "intake.remote(names, zeros, zeros, [0.125] * len(names), zeros, [1.0] * len(names), stamp=sample.stamp)",
-    "velocity": "intake.velocity(0.5, 0.0, 0.0, deliberate=True)",
-}
-"""What a program does in every tick that has no more than the client module."""
-
-
-@contextmanager
-def client(play: Played, kind: str) -> Iterator[subprocess.Popen[str]]:
-    """That program, once it is attached."""
-    command = [sys.executable, "-c", CLIENT.format(send=SENDS[kind]), str(play.process.pid)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-            yield process
-        finally:
-            process.kill()
-
-
-@contextmanager
-def virtual_pad(play: Played) -> Iterator[subprocess.Popen[str]]:
-    """The gamepad's program with a pad of SDL's, once that drives."""
-    command = [sys.executable, str(Path(__file__).with_name("pad_program.py")), "--session", str(play.process.pid)]
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
-    ) as process:
-        try:
-            assert process.stdout is not None
-            while not process.stdout.readline().strip().endswith("drives"):
-                assert process.poll() is None
-            yield process
-        finally:
-            process.kill()
 
 
 CONTRACT = """

@@ -8,8 +8,9 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from fates import BLOWS, ROWS, Log, Played, available, client, display, playing, script, walking_lite
+from fates import BLOWS, ROWS, Log, Played, available, display, playing, script, walking_lite
 from play_fixtures import quick_robot
+from producers import PRODUCERS, client, skip_unless_installed
 
 from humanoid_sim.frontends import FRONT_ENDS
 from humanoid_sim.messages import Mode, TickRecord
@@ -150,29 +151,20 @@ def velocity(tick: TickRecord) -> FloatArray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("blow", BLOWS)
-@pytest.mark.parametrize("name", [*(name for name in ROWS if ROWS[name].remote), "client"])
+@pytest.mark.parametrize("name", PRODUCERS)
 def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
     name: str, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
 ) -> None:
-    """A front end of this package, and a program that has the client module alone."""
-    if (name == "client") is (blow == "killed") and not request.config.getoption("--complete"):
+    is_sampled = (blow == "stopped") is PRODUCERS[name].loses_program
+    if not is_sampled and not request.config.getoption("--complete"):
         pytest.skip("a sample without --complete")
-
-    def strike_program(play: Played) -> None:
-        with client(play, "remote") as process:
-            play.until_owned("REMOTE", "client")
-            process.send_signal(BLOWS[blow])
-            play.operator.ask("mark blow")
-            play.process.wait()
-
-    def strike_child(play: Played) -> None:
-        play.until_owned("REMOTE", name)
-        play.strike([name], BLOWS[blow])
-
-    if name == "client":
-        log = struck(folder, Mode.REMOTE, [], strike_program)
-    else:
-        log = struck(folder, Mode.REMOTE, [name], strike_child)
+    skip_unless_installed(PRODUCERS[name])
+    log = struck(
+        folder,
+        Mode.REMOTE,
+        [PRODUCERS[name].front_end] if PRODUCERS[name].front_end else [],
+        lambda play: PRODUCERS[name].lose(play, BLOWS[blow]),
+    )
     took = log.silence()
     assert 0.1 - PERIOD <= took <= 0.1 + PERIOD + 1e-6
     assert log.is_exact()

@@ -5,11 +5,13 @@ from __future__ import annotations
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from fates import BLOWS, ROWS, Log, Played, available, display, playing, script, virtual_pad
+from fates import BLOWS, ROWS, Log, Played, available, display, playing, script
 from play_fixtures import quick_robot
+from producers import PRODUCERS, skip_unless_installed, virtual_pad
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.messages import Intent, Mode
@@ -50,11 +52,13 @@ def on_motors(folder: Path, mode: Mode, *options: str, lead: float = 0.3) -> tup
     return *hardware, *given, *options
 
 
-def struck(folder: Path, mode: Mode, names: list[str], blow: Callable[[Played], None]) -> Log:
+def struck(
+    folder: Path, mode: Mode, names: list[str], blow: Callable[[Played], None], *, on_display: bool = True
+) -> Log:
     """A run with these front ends on a machine that was in time, which was in that mode when the blow fell."""
     asked = [option for name in names for option in ROWS[name].options]
     problem = ""
-    with display() as (_, screen):
+    with display() if on_display else nullcontext((None, "")) as (_, screen):
         for _ in range(ATTEMPTS):
             with playing(folder, *on_motors(folder, mode, *asked), screen=screen) as play:
                 play.reach(mode)
@@ -104,17 +108,35 @@ def test_those_who_look_on_change_neither_mode_nor_controller_nor_frames(
 
 
 @pytest.mark.parametrize("blow", BLOWS)
-@pytest.mark.parametrize("name", [name for name in ROWS if ROWS[name].remote])
+@pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
+@pytest.mark.parametrize("name", [name for name in ROWS if ROWS[name].instead])
+def test_nor_does_one_that_is_there_instead_of_the_window(
+    name: str, mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
+) -> None:
+    skip_unless((mode, blow) == (Mode.LOCOMOTION, "killed"), request)
+    if not available([name]):
+        pytest.skip(f"the packages of {name} are not installed")
+    log = struck(folder, mode, [name], lambda play: play.strike([name], BLOWS[blow]), on_display=False)
+    assert log.ended == ({name: "-9"} if blow == "killed" else {})
+    assert log.course == course(mode)
+    check_frames(log)
+    assert log.is_exact()
+    rows.append((name, blow, mode.name, "motors", f"{14 * len(log.ticks)} frames, none missing"))
+
+
+@pytest.mark.parametrize("blow", BLOWS)
+@pytest.mark.parametrize("name", PRODUCERS)
 def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
     name: str, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
 ) -> None:
-    skip_unless(blow == "killed", request)
-
-    def strike(play: Played) -> None:
-        play.until_owned("REMOTE", name)
-        play.strike([name], BLOWS[blow])
-
-    log = struck(folder, Mode.REMOTE, [name], strike)
+    skip_unless((name, blow) in {("gravity", "killed"), ("DDS bridge", "stopped")}, request)
+    skip_unless_installed(PRODUCERS[name])
+    log = struck(
+        folder,
+        Mode.REMOTE,
+        [PRODUCERS[name].front_end] if PRODUCERS[name].front_end else [],
+        lambda play: PRODUCERS[name].lose(play, BLOWS[blow]),
+    )
     took = log.silence()
     assert 0.1 - PERIOD <= took <= 0.1 + PERIOD + 1e-3
     assert log.course == course(Mode.REMOTE), "passive is REMOTE still"

@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fates import Log, Played, playing, until, virtual_pad
+from fates import Log, Played, playing, until
 from load import burning, descendants, processor_time
+from producers import virtual_pad
 
 from humanoid_sim.messages import Mode
 
@@ -216,6 +217,7 @@ def bounds(treated: Side, control: Side) -> tuple[float, float]:
     return float(np.percentile(ratios, 2.5)), float(np.percentile(ratios, 97.5))
 
 
+@pytest.mark.timeout(1200)
 def test_front_ends_and_a_browser_do_not_disturb_the_loop(
     folder: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
