@@ -148,6 +148,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             "render_fps": round(1.0 / scenario.contract.policy_dt),
             "autoreset_mode": self.autoreset_mode,
         }
+        self.wrench: FloatArray | None = None
+        """Shape (N, 6), N and N·m, on the base in all following steps, as `BatchSimulation.step` takes it."""
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
         self._pictures = make_pictures(scenario.description, width, height, camera)
@@ -301,7 +303,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         action = raw if moving.all() else np.where(moving[:, None], raw, 0.0).astype(np.float32)
         self._steps = self._steps + moving
         velocity = task.command(self._commands, self._steps).copy()
-        loop.act(action, velocity=velocity, where=None if moving.all() else moving)
+        loop.act(action, velocity=velocity, wrench=self.wrench, where=None if moving.all() else moving)
         observation = loop.observation
         inside = (observation >= self._low) & (observation <= self._high)
         tripped = moving & loop.tripped

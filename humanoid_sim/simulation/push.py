@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["PUSH_DURATION", "Push", "Pushes", "parse_pushes"]
+__all__ = ["PUSH_DURATION", "Push", "Pushes", "parse_pushes", "push_wrench"]
 
 PUSH_DURATION = 0.1
 """s"""
@@ -53,6 +55,19 @@ def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
     return tuple(pushes)
 
 
+def push_wrench(velocity: npt.ArrayLike, mass: float) -> FloatArray:
+    """What acts on the base meanwhile, shape (..., 6), N and N·m, at its centre of mass, world frame.
+
+    Args:
+        velocity: shape (..., 2), m/s, world frame, by which the push speeds the whole robot up.
+        mass: kg, of the whole robot.
+    """
+    sped = np.asarray(velocity, dtype=np.float64)
+    wrench = np.zeros((*sped.shape[:-1], 6))
+    wrench[..., :2] = mass * sped / PUSH_DURATION
+    return wrench
+
+
 class Pushes:
     """Applies pushes to the floating base of a robot, control period by control period."""
 
@@ -81,4 +96,4 @@ class Pushes:
         for push in self._pushes:
             if -1e-9 <= time - push.time < PUSH_DURATION - 1e-9:
                 velocity += push.vx, push.vy
-        data.xfrc_applied[self._body, :2] = self._mass * velocity / PUSH_DURATION
+        data.xfrc_applied[self._body] = push_wrench(velocity, self._mass)

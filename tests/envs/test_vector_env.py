@@ -340,6 +340,23 @@ def test_what_is_returned_belongs_to_the_caller() -> None:
     native.close()
 
 
+def test_a_wrench_pushes_as_long_as_it_is_set() -> None:
+    env = PolicyVectorEnv(2, "lite_biped_velocity", "lite_biped", actuation="implicit")
+    env.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
+    env.wrench = np.zeros((2, 6))
+    env.wrench[1, 1] = 50.0  # N, to the left
+    still = np.zeros((2, 14), dtype=np.float32)
+    for _ in range(5):
+        env.step(still)
+    left = env.simulation.qvel[:, 1].copy()
+    assert abs(left[0]) < 0.1
+    assert left[1] > 0.4
+    env.wrench = None
+    env.step(still)
+    assert env.simulation.qvel[1, 1] < left[1]
+    env.close()
+
+
 def test_specs_are_picklable() -> None:
     native = gymnasium.make_vec(LITE, num_envs=2, threads=1)
     spec = pickle.loads(pickle.dumps(native.unwrapped.spec))

@@ -19,7 +19,7 @@ from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usabl
 from humanoid_sim.simulation.batch.randomisation import Randomisation, vary_models
 from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.delay import delay_steps
-from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation, timestep_of
 from humanoid_sim.simulation.stability import DampingStability
@@ -277,13 +277,6 @@ class BatchSimulation:
         )
         self._effort = np.where(moved[:, None], torque, self._effort)
         self._step = self._step + moved
-        self._truth = self._report = self._measured = None
-
-    def shove(self, indices: IndexArray, velocity: FloatArray) -> None:
-        """Speed the base of some robots up at once, shape (k, 2), m/s, world frame: a push that takes no time."""
-        assert self.description.is_floating
-        dof = base_addresses(self._pool.nominal, self.description)[2]
-        self._physics.qvel[indices, dof.start : dof.start + 2] += velocity
         self._truth = self._report = self._measured = None
 
     def snapshot(self) -> dict[str, Any]:

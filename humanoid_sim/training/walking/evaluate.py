@@ -27,7 +27,7 @@ from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.plant import BatchActuation
-from humanoid_sim.simulation.push import PUSH_DURATION
+from humanoid_sim.simulation.push import PUSH_DURATION, push_wrench
 
 __all__ = ["CASES", "CaseResult", "WalkingCase", "evaluate_walking", "run_case"]
 
@@ -206,9 +206,7 @@ def _push(case: WalkingCase, simulation: BatchSimulation, mass: float) -> FloatA
     if not case.push:
         return None
     angle = 2.0 * np.pi * np.arange(simulation.count) / simulation.count
-    wrench = np.zeros((simulation.count, 6))
-    wrench[:, 0], wrench[:, 1] = np.cos(angle), np.sin(angle)
-    return wrench * (case.mass * mass * case.push / PUSH_DURATION)
+    return push_wrench(case.push * np.stack([np.cos(angle), np.sin(angle)], axis=-1), case.mass * mass)
 
 
 def _take(record: _Record, scenario: Scenario, loop: ClosedLoop, simulation: BatchSimulation, feet: Feet) -> None:

@@ -11,6 +11,8 @@ from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.push import PUSH_DURATION, push_wrench
 from humanoid_sim.training.walking.gait import ACTIONS, MOST, OBSERVATIONS, from_canonical, gait, to_canonical
 
 __all__ = ["PRIVILEGED", "LearningEnv"]
@@ -30,7 +32,7 @@ class LearningEnv(VecEnvWrapper):
 
         Args:
             envs: with the task `walking`.
-            push: m/s, the largest by which a push changes the base's velocity, in any horizontal direction.
+            push: m/s by which the strongest push speeds the whole robot up, in any horizontal direction.
             push_interval: s between two pushes of a robot, on average.
             seed: of the pushes.
         """
@@ -44,6 +46,11 @@ class LearningEnv(VecEnvWrapper):
         self._robots = envs
         self._push, self._chance = push, envs.scenario.contract.policy_dt / push_interval
         self._random = np.random.default_rng(seed)
+        model, body = envs.simulation.model(0), envs.scenario.description.base.body
+        self._mass = float(model.body_subtreemass[model.body(body).id])
+        self._push_steps = round(PUSH_DURATION / envs.scenario.contract.policy_dt)
+        self._left = np.zeros(envs.num_envs, dtype=np.int64)
+        self._wrench = np.zeros((envs.num_envs, 6))
         self._canonical = np.zeros((envs.num_envs, OBSERVATIONS), dtype=np.float32)
         self._mirrored = np.zeros(envs.num_envs, dtype=np.bool_)
         self.sums: dict[str, float] = {}
@@ -56,13 +63,21 @@ class LearningEnv(VecEnvWrapper):
     def step_async(self, actions: Float32Array) -> None:
         """Say what to add to the gait in the next step."""
         raw = from_canonical(gait(self._canonical) + actions, self._mirrored)
-        if self._push > 0.0:
-            pushed = np.flatnonzero(self._random.random(self.num_envs) < self._chance)
-            if len(pushed):
-                angle = self._random.uniform(-np.pi, np.pi, len(pushed))
-                speed = self._push * self._random.random(len(pushed))
-                self._robots.simulation.shove(pushed, np.stack([speed * np.cos(angle), speed * np.sin(angle)], axis=1))
+        self._robots.wrench = self._pushes()
         self.venv.step_async(raw)
+
+    def _pushes(self) -> FloatArray | None:
+        """The wrenches of the next step, shape (N, 6); a push lasts as long as `play`'s."""
+        if self._push <= 0.0:
+            return None
+        self._left = np.maximum(self._left - 1, 0)
+        begins = np.flatnonzero((self._random.random(self.num_envs) < self._chance) & (self._left == 0))
+        angle = self._random.uniform(-np.pi, np.pi, len(begins))
+        speed = self._push * self._random.random(len(begins))
+        self._left[begins] = self._push_steps
+        velocity = np.stack([speed * np.cos(angle), speed * np.sin(angle)], axis=1)
+        self._wrench[begins] = push_wrench(velocity, self._mass)
+        return np.where(self._left[:, None] > 0, self._wrench, 0.0)
 
     def step_wait(self) -> Any:
         """Take the step; see `StableBaselinesVecEnv.step_wait`."""

@@ -47,7 +47,7 @@ class Stage:
     learning_rate: float = 5e-4
     entropy: float = 0.001
     push: float = 0.3
-    """m/s, the largest by which a push changes a robot's velocity."""
+    """m/s by which the strongest push speeds the whole robot up."""
     push_interval: float = 5.0
     """s, on average."""
     spread: float | None = None

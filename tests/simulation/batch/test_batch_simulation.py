@@ -17,6 +17,8 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.plant import BatchActuation
+from humanoid_sim.simulation.push import Push, push_wrench
 
 PERIOD = 0.02
 
@@ -293,6 +295,29 @@ def test_a_push_moves_what_it_pushes() -> None:
     assert not np.allclose(foot.qvel[0], batch.qvel[1], atol=1e-3)
     batch.close()
     foot.close()
+
+
+@pytest.mark.parametrize("actuation", ["affine", "implicit"])
+def test_a_push_on_the_base_does_what_it_does_in_play(actuation: BatchActuation) -> None:
+    robot = load_robot("lite_biped")
+    velocities = np.array([[0.4, 0.0], [-0.1, 0.3], [0.0, 0.0]])
+    batch = BatchSimulation(robot, 3, control_period=PERIOD, actuation=actuation, threads=1)
+    singles = [
+        MujocoRobot(robot, control_period=PERIOD, actuation=actuation, support=False, pushes=[Push(*velocity, 0.04)])
+        for velocity in velocities.tolist()
+    ]
+    wrench = push_wrench(velocities, float(batch.model(0).body_mass.sum()))
+    assert wrench[0].tolist() == pytest.approx([45.92, 0.0, 0.0, 0.0, 0.0, 0.0])  # 11.48 kg
+    still = commands(robot, 3, 0.0)
+    for step in range(12):
+        batch.step(still, wrench=wrench if 2 <= step < 7 else None)  # 0.1 s
+        for i, single in enumerate(singles):
+            single.write(row(still, i))
+        np.testing.assert_allclose(batch.qpos, [single.qpos for single in singles], rtol=0, atol=1e-9)
+    # It turns the robot as well: the pelvis is above the centre of mass.
+    assert batch.qvel[0, 0] > 0.4
+    assert batch.qvel[0, 4] > 0.05
+    batch.close()
 
 
 def test_body_poses_in_world_and_base() -> None:
