@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from pathlib import Path
 
@@ -11,12 +12,24 @@ from humanoid_sim.files import is_file
 if __name__ != "humanoid_sim.assets":
     raise ImportError("import this package as 'humanoid_sim.assets', not as 'assets'")
 
-__all__ = ["ASSETS", "SAMPLE_MOTION", "SAMPLE_POLICY", "WALKING_POLICY", "asset_path", "motion_path", "sample_policy"]
+__all__ = [
+    "ASSETS",
+    "SAMPLE_MOTION",
+    "SAMPLE_POLICY",
+    "SAMPLE_SONG",
+    "WALKING_POLICY",
+    "asset_path",
+    "motion_path",
+    "sample_policy",
+    "sample_songs",
+    "song_path",
+]
 
 ASSETS = Path(__file__).parent
 SAMPLE_POLICY = ASSETS / "policies" / "lite_tracking.onnx"
 WALKING_POLICY = ASSETS / "policies" / "lite_biped_velocity.onnx"
 SAMPLE_MOTION = "wave"
+SAMPLE_SONG = "ode_to_joy"
 
 
 def sample_policy(robot: str) -> Path:
@@ -43,3 +56,25 @@ def motion_path(name: str) -> Path:
         known = ", ".join(sorted(file.stem for file in asset_path("motions").glob("*.mcap")))
         raise InputError(f"--motion: '{name}' is neither a file nor a sample motion; samples: {known}")
     return path
+
+
+def sample_songs() -> tuple[str, ...]:
+    """Names of the sample songs."""
+    return tuple(sorted(file.stem for file in asset_path("songs").glob("*.mid")))
+
+
+def song_path(name: str) -> Path:
+    """A sample song by name, else a MIDI file by path.
+
+    Raises:
+        InputError: if it is neither.
+    """
+    songs = sample_songs()
+    if name in songs:
+        return asset_path("songs", f"{name}.mid")
+    if not os.path.exists(name):
+        close = difflib.get_close_matches(name.lower(), songs, n=1, cutoff=0.5)
+        hint = f"; did you mean {close[0]}?" if close else ";"
+        known = ", ".join(songs)
+        raise InputError(f"--song: '{name}' is neither a MIDI file nor a sample song{hint} samples: {known}")
+    return Path(name)

@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LINKED = ("controllers", "envs", "hardware", "assets")
-SUFFIXES = {".py", ".yaml", ".xml", ".html", ".css", ".js", ".onnx", ".mcap"}
+SUFFIXES = {".py", ".yaml", ".xml", ".html", ".css", ".js", ".onnx", ".mcap", ".mid"}
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +54,7 @@ def test_the_wheel_holds_every_file_of_the_package_as_an_ordinary_file(wheel: Pa
         "humanoid_sim/assets/mjcf/lite.xml",
         "humanoid_sim/assets/policies/lite_tracking.onnx",
         "humanoid_sim/assets/motions/wave.mcap",
+        "humanoid_sim/assets/songs/twinkle.mid",
     ):
         assert held[name].file_size or name.endswith("py.typed")
 

@@ -13,11 +13,12 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import mido
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.bounds import MIDI_BYTES, MOTION_VALUES
-from humanoid_sim.errors import InputError, MissingPackageError, reason_of
+from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
 
 __all__ = [
@@ -100,10 +101,6 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
     Raises:
         InputError: no MIDI file, one without notes, no such track, or a time division in frames.
     """
-    try:
-        import mido  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise MissingPackageError("mido", "midi", "a song") from None
     path = regular_file(path, "a MIDI file (.mid)", MIDI_BYTES)
     try:
         file = mido.MidiFile(path)
@@ -119,7 +116,7 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
         if not 0 <= track < len(names):
             listed = ", ".join(f"{i} {name!r}" for i, name in enumerate(names))
             raise InputError(f"{path}: has no track {track}; tracks: {listed}")
-    clock = _Clock(file, mido)
+    clock = _Clock(file)
     notes = [note for i in chosen for note in _track_notes(file.tracks[i], i, clock, sustain)]
     if not notes:
         raise InputError(f"{path}: has no notes in {'it' if tracks is None else 'the chosen tracks'}")
@@ -129,7 +126,7 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
 class _Clock:
     """Seconds of ticks, through all changes of tempo."""
 
-    def __init__(self, file: Any, mido: Any) -> None:
+    def __init__(self, file: Any) -> None:
         changes = {0: 500_000}
         for track in file.tracks:
             tick = 0

@@ -14,6 +14,7 @@ __all__ = [
     "EvaluateConfig",
     "EvaluateWalkingConfig",
     "MotionsConfig",
+    "SongsConfig",
     "TraceConfig",
     "TraceWalkingConfig",
     "TrainConfig",
@@ -28,6 +29,14 @@ class MotionsConfig:
 
     output: str = "motions"
     """Folder for the .mcap files; made if it is missing."""
+
+
+@dataclass(frozen=True)
+class SongsConfig:
+    """Make the sample songs."""
+
+    output: str = "songs"
+    """Folder for the .mid files; made if it is missing."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     config: (
         MotionsConfig
+        | SongsConfig
         | TrainConfig
         | TraceConfig
         | EvaluateConfig
@@ -142,6 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         | EvaluateWalkingConfig
     ) = tyro.cli(
         Annotated[MotionsConfig, tyro.conf.subcommand("motions", prefix_name=False)]
+        | Annotated[SongsConfig, tyro.conf.subcommand("songs", prefix_name=False)]
         | Annotated[TrainConfig, tyro.conf.subcommand("train", prefix_name=False)]
         | Annotated[TraceConfig, tyro.conf.subcommand("trace", prefix_name=False)]
         | Annotated[EvaluateConfig, tyro.conf.subcommand("evaluate", prefix_name=False)]
@@ -158,6 +169,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from humanoid_sim.training.motions import write_samples  # noqa: PLC0415
 
             write_samples(Path(config.output))
+            return 0
+        case SongsConfig():
+            from humanoid_sim.training.songs import write_songs  # noqa: PLC0415
+
+            write_songs(Path(config.output))
             return 0
         case TrainConfig():
             try:

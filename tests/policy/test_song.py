@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
+import mido
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.song import Note, Song, goals, key_name, key_number, read_song, thin_out, transpose
 
-mido = pytest.importorskip("mido")
 Message, MetaMessage = mido.Message, mido.MetaMessage
 BEAT = 480
 """Ticks; half a second at the tempo that a file has without one."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import mido
 import numpy as np
 import pytest
 from PIL import Image
@@ -15,8 +16,6 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.policy.motion import read_motion
 
 POLICY = asset_path("policies", "lite_tracking.onnx")
-
-mido = pytest.importorskip("mido")
 
 
 @pytest.fixture
