@@ -1,16 +1,9 @@
-"""What the bench tools share: motors on a bench, one of them enabled for a moment, and how figures are shown."""
+"""Motors on a bench: opening their channels, asking one, and what to say where none answers."""
 
 from __future__ import annotations
 
 import contextlib
-import sys
-from collections.abc import Collection, Iterator, Sequence
-from typing import Self
-
-import numpy as np
-from rich import box
-from rich.console import Console
-from rich.table import Table
+from collections.abc import Iterator, Sequence
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
@@ -24,30 +17,22 @@ from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList, Verdict
 from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
-from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, OperationControl, Status
-from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, Parameter
+from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, Status
+from humanoid_sim.hardware.robstride.parameters import Parameter
 from humanoid_sim.hardware.robstride.requests import Unreadable
-from humanoid_sim.mit import MITCommand, bounded_position
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 __all__ = [
-    "EnabledMotor",
     "SilentMotorError",
     "advice_for_silence",
     "channel_trouble",
     "command_motor",
-    "confirm",
-    "make_console",
-    "make_table",
     "motor_bench",
     "open_bench",
     "read_device_id",
     "read_value",
     "require_up",
-    "shown",
     "silence",
     "some_motors",
     "write_value",
@@ -55,14 +40,10 @@ __all__ = [
 
 _ANY_MODEL = MOTORS["rs-00"]
 """Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
-_PERIOD = 0.01
-"""s between commands to an enabled motor."""
 _TROUBLE = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
 """What explains that nothing comes back, the most telling first."""
 _EMULATED = frozenset({"virtual", "udp_multicast"})
 """Interfaces on which no real motor can be."""
-_UNLIMITED = 200
-"""Characters a line where no terminal says how many fit."""
 
 
 class SilentMotorError(HumanoidSimError):
@@ -143,29 +124,6 @@ def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[Robstride
     address = parse_address(channel)
     with open_bench([address], host_id, some_motors([(0, motor_id)], [str(address)])) as channels:
         yield channels
-
-
-def confirm(question: str, yes: bool, otherwise: str) -> None:
-    """Go on only if an operator types yes.
-
-    Args:
-        question: what is asked.
-        yes: whether that was answered beforehand.
-        otherwise: what to say when it was not, such as `not moved`.
-
-    Raises:
-        InputError: nobody can be asked, or the answer is another one.
-    """
-    if yes:
-        return
-    if not sys.stdin.isatty():
-        raise InputError("--yes: is needed where standard input is no terminal")
-    try:
-        answer = input(f"{question} Type yes: ")
-    except EOFError:
-        answer = ""
-    if answer.strip().lower() != "yes":
-        raise InputError(f"{otherwise}: not confirmed")
 
 
 def channel_trouble(channels: RobstrideLink, index: int) -> str:
@@ -279,140 +237,3 @@ def _known(channels: RobstrideLink, found: float | Unreadable, motor: int) -> fl
     if found.is_silent:
         raise silence(channels, motor)
     return None
-
-
-class EnabledMotor:
-    """A context in which a motor executes commands; it is limp at first, and stopped at the end whatever happens."""
-
-    def __init__(
-        self,
-        channels: RobstrideLink,
-        motor: int = 0,
-        *,
-        torque: float | None = None,
-        period: float = _PERIOD,
-        accepted_firmware: Collection[str] = (),
-    ) -> None:
-        """Nothing is sent yet; the channels must know the motor's model.
-
-        Args:
-            channels: open.
-            motor: its index.
-            torque: N·m that it may exert: its torque limit meanwhile, and the bound of what commands ask for. None: no
-                torque will be asked for, see `identify`.
-            period: s between commands.
-            accepted_firmware: versions that no document mentions and the operator accepts all the same.
-        """
-        self._channels = channels
-        self._motor = motor
-        self._torque = torque
-        self._period = period
-        self._accepted_firmware = accepted_firmware
-        self._motor_id = channels.motors.motor_id[motor]
-        self._who = channels.motors.names[motor]
-        self._old: dict[str, float | None] = {}
-        self.warnings: tuple[str, ...] = ()
-        """What was found that did not keep it from being enabled, one line each."""
-        self.status: Status | None = None
-        """The latest."""
-
-    def __enter__(self) -> Self:
-        """Enable the motor, after every check that a session makes.
-
-        Raises:
-            SilentMotorError: it does not answer.
-            RobotError: another host drives it, it is another motor than expected or in another run mode, has no CAN
-                timeout, or reports a fault.
-        """
-        channels, joints, checks = self._channels, [self._motor], CheckList(answered=self._accepted_firmware)
-        examine(channels, joints, checks, takes_over=False, is_limp=self._torque is None)
-        checks.refuse_questions()
-        for name in ("canTimeout",) if self._torque is None else ("canTimeout", "limit_torque"):
-            self._old[name] = read_value(channels, PARAMETERS[name], self._motor)
-        try:
-            make_ready(channels, joints, CAN_TIMEOUT, checks, takes_over=False, torque=self._torque)
-            channels.check(checks)
-            checks.refuse()
-            enable_motors(channels.requests, joints, CAN_TIMEOUT, checks)
-            checks.refuse()
-        except BaseException:
-            self._stop()
-            raise
-        self.warnings = checks.warnings
-        sample = channels.table.slots[self._motor].sample
-        self.status = None if sample is None else sample.status
-        return self
-
-    def command(self, position: float, velocity: float, stiffness: float, damping: float) -> Status:
-        """Send a command in the motor frame: rad, rad/s, N·m/rad, N·m·s/rad; the status that follows.
-
-        As the adapter does with a robot's, it moves a position that would ask for more torque than allowed.
-
-        Raises:
-            SilentMotorError: none follows.
-            RobotError: the motor is no longer enabled, reports a fault, or another host commands it too.
-        """
-        command = OperationControl(
-            self._motor_id, self._bounded(position, velocity, stiffness, damping), velocity, 0.0, stiffness, damping
-        )
-        self.status = status = command_motor(self._channels, command, self._motor)
-        checks = CheckList()
-        self._channels.check(checks)
-        if status.faults:
-            checks.problem(self._who, f"reports {', '.join(flag_names(status.faults))}")
-        elif status.mode is not MotorMode.RUN:
-            checks.problem(self._who, f"is in mode {status.mode.name.lower()}, expected run")
-        checks.refuse()
-        return status
-
-    def _bounded(self, position: float, velocity: float, stiffness: float, damping: float) -> float:
-        """The position, moved towards the motor's where the MIT law would ask for more than the torque allowed."""
-        status = self.status
-        if self._torque is None:
-            assert stiffness == damping == 0.0, "no torque was asked for"
-            return position
-        if status is None:
-            return position
-        command = MITCommand(*(np.array([value]) for value in (position, velocity, 0.0, stiffness, damping)))
-        here, speed = np.array([status.position]), np.array([status.velocity])
-        return float(bounded_position(command, here, speed, np.array([self._torque]), 2.0 * self._period)[0])
-
-    def _stop(self) -> None:
-        """Stop the motor, verify it, and give it its own CAN timeout and torque limit back."""
-        if stop_motors(self._channels.requests, [self._motor]):
-            raise RobotError(
-                f"{self._who}: does not confirm that it stopped; without commands it stops by itself after "
-                f"{1000.0 * CAN_TIMEOUT:g} ms; if it does not, switch its power off"
-            )
-        for name, value in self._old.items():
-            if value is not None:
-                write_value(self._channels, PARAMETERS[name], value, self._motor)
-
-    def __exit__(self, *_: object) -> None:
-        self._stop()
-
-
-# --- what is shown
-
-
-def shown(parameter: Parameter, value: float | None) -> str:
-    """A value for a person."""
-    if value is None:
-        return "not there"
-    if parameter.name == "canTimeout":
-        return f"{int(value)} ({1000.0 * CanTimeout.to_seconds(int(value)):g} ms)" if value else "0 (off)"
-    return f"{value:g} {parameter.unit}".rstrip() if parameter.type.is_float else str(int(value))
-
-
-def make_console() -> Console:
-    """Standard output; `:b:` in a channel's name is no emoji."""
-    console = Console(highlight=False, emoji=False)
-    return console if console.is_terminal else Console(highlight=False, emoji=False, width=_UNLIMITED)
-
-
-def make_table(*headings: str, right: tuple[str, ...] = (), title: str | None = None) -> Table:
-    """A table with these columns, of which those named in `right` hold numbers."""
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    for heading in headings:
-        table.add_column(heading, justify="right" if heading in right else "left", overflow="fold")
-    return table

@@ -13,8 +13,8 @@ from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.hardware.bus.address import can_interfaces, parse_addresses
 from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.tools.bench import confirm
 from humanoid_sim.hardware.tools.options import BringUp
+from humanoid_sim.hardware.tools.terminal import confirm
 
 __all__ = ["Adapter", "bring_up", "network_files"]
 

@@ -18,8 +18,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, bus_hints, parse_addresses
 from humanoid_sim.hardware.bus.frame import FRAME_BITS
 from humanoid_sim.hardware.robstride.parameters import report_interval
-from humanoid_sim.hardware.tools.bench import make_console, make_table
 from humanoid_sim.hardware.tools.options import Budget
+from humanoid_sim.hardware.tools.terminal import make_console, make_table
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import FAMILIES
 from humanoid_sim.robots.schema import RobotDescription

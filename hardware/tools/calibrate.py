@@ -35,9 +35,10 @@ from humanoid_sim.hardware.calibration import (
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.sito.session import SitoSession
-from humanoid_sim.hardware.tools.bench import confirm, make_console, make_table, open_bench, require_up, silence
+from humanoid_sim.hardware.tools.bench import open_bench, require_up, silence
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.hardware.tools.sito_bench import limp_sito
+from humanoid_sim.hardware.tools.terminal import confirm, make_console, make_table
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
 __all__ = ["JointTrack", "JointTracks", "calibrate"]

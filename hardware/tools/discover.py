@@ -16,16 +16,9 @@ from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.sito.listening import LISTENING, NO_QUESTION, SitoEar
-from humanoid_sim.hardware.tools.bench import (
-    advice_for_silence,
-    channel_trouble,
-    make_console,
-    make_table,
-    open_bench,
-    require_up,
-    some_motors,
-)
+from humanoid_sim.hardware.tools.bench import advice_for_silence, channel_trouble, open_bench, require_up, some_motors
 from humanoid_sim.hardware.tools.options import Discover
+from humanoid_sim.hardware.tools.terminal import make_console, make_table
 from humanoid_sim.robots.description import load_robot
 
 __all__ = ["discover"]

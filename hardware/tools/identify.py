@@ -18,9 +18,11 @@ from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import Unreadable
-from humanoid_sim.hardware.tools.bench import EnabledMotor, confirm, open_bench, read_device_id
+from humanoid_sim.hardware.tools.bench import open_bench, read_device_id
+from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
 from humanoid_sim.hardware.tools.options import Identify
 from humanoid_sim.hardware.tools.sito_bench import MovedSito, limp_sito
+from humanoid_sim.hardware.tools.terminal import confirm
 from humanoid_sim.robots.description import load_robot
 
 __all__ = ["identify"]

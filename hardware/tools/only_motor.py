@@ -31,9 +31,9 @@ from humanoid_sim.hardware.tools.bench import (
     read_device_id,
     read_value,
     require_up,
-    shown,
     some_motors,
 )
+from humanoid_sim.hardware.tools.terminal import shown
 
 __all__ = ["OnlyMotor", "only_motor", "save", "warn_of_saving"]
 

@@ -21,16 +21,9 @@ from humanoid_sim.hardware.robstride.parameters import (
     function_codes,
     is_function_code,
 )
-from humanoid_sim.hardware.tools.bench import (
-    command_motor,
-    make_console,
-    make_table,
-    motor_bench,
-    read_value,
-    shown,
-    write_value,
-)
+from humanoid_sim.hardware.tools.bench import command_motor, motor_bench, read_value, write_value
 from humanoid_sim.hardware.tools.options import Get, Param, Save, Set
+from humanoid_sim.hardware.tools.terminal import make_console, make_table, shown
 from humanoid_sim.robots.motors import MotorModel, motor_model
 
 __all__ = ["param"]

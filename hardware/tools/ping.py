@@ -16,17 +16,17 @@ from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
 from humanoid_sim.hardware.sito.listening import NO_QUESTION, SitoEar
 from humanoid_sim.hardware.tools.bench import (
-    EnabledMotor,
     SilentMotorError,
     motor_bench,
     open_bench,
     read_device_id,
     read_value,
     require_up,
-    shown,
     some_motors,
 )
+from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
 from humanoid_sim.hardware.tools.options import Ping
+from humanoid_sim.hardware.tools.terminal import shown
 from humanoid_sim.robots.motors import motor_model
 
 __all__ = ["ping"]

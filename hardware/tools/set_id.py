@@ -7,9 +7,10 @@ from dataclasses import replace
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.messages import SetDeviceId
-from humanoid_sim.hardware.tools.bench import confirm, some_motors
+from humanoid_sim.hardware.tools.bench import some_motors
 from humanoid_sim.hardware.tools.only_motor import OnlyMotor, only_motor, save, warn_of_saving
 from humanoid_sim.hardware.tools.options import SetId
+from humanoid_sim.hardware.tools.terminal import confirm
 
 __all__ = ["set_id"]
 

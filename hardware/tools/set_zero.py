@@ -7,9 +7,10 @@ import time
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.robstride.messages import SetZero as SetZeroCommand
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, RunMode
-from humanoid_sim.hardware.tools.bench import command_motor, confirm, read_value
+from humanoid_sim.hardware.tools.bench import command_motor, read_value
 from humanoid_sim.hardware.tools.only_motor import OnlyMotor, only_motor, save, warn_of_saving
 from humanoid_sim.hardware.tools.options import SetZero
+from humanoid_sim.hardware.tools.terminal import confirm
 
 __all__ = ["set_zero"]
 

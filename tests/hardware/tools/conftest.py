@@ -11,10 +11,14 @@ import pytest
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
+from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.tools import only_motor, set_id
+from humanoid_sim.hardware.tools.bench import open_bench, some_motors
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
 
 # importlib mode leaves sys.path alone.
 sys.path.append(str(Path(__file__).parent))
@@ -73,3 +77,20 @@ def quick_search(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(only_motor, "_PACE", 0.0003)
     for module, name in ((only_motor, "_QUIET"), (only_motor, "_LISTENING"), (set_id, "_QUIET")):
         monkeypatch.setattr(module, name, 0.04)
+
+
+BENCH = "virtual:bench-client"
+"""Of the motors of `bench` alone."""
+
+
+@pytest.fixture
+def motors() -> Iterator[VirtualMotors]:
+    with VirtualMotors(load_robot("lite"), [parse_address(BENCH)]) as motors:
+        yield motors
+
+
+@pytest.fixture
+def bench(motors: VirtualMotors) -> Iterator[RobstrideLink]:
+    group = some_motors([(0, 15)], [str(parse_address(BENCH))], MOTORS["rs-05"])
+    with open_bench([parse_address(BENCH)], 0xFD, group, open_channel=motors.open_bus) as channels:
+        yield channels

@@ -14,7 +14,7 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools import bench
+from humanoid_sim.hardware.tools import enabled_motor
 from humanoid_sim.hardware.tools import identify as tool
 from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
 from humanoid_sim.robots.description import load_robot
@@ -29,7 +29,7 @@ _WRIST = ("identify", _CHANNEL, "left_wrist_yaw", "--yes")
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tool, "_RAMP", 0.12)
     monkeypatch.setattr(tool, "_HOLD", 0.05)
-    monkeypatch.setattr(bench, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
+    monkeypatch.setattr(enabled_motor, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
 
 
 def _is_stopped_as_before(motor_id: int) -> bool:

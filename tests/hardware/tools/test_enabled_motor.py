@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import pytest
+
+from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus.address import parse_address
+from humanoid_sim.hardware.emulation import firmware, motor_state
+from humanoid_sim.hardware.emulation.faults import Fault
+from humanoid_sim.hardware.emulation.motor_state import MotorState
+from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.fields import MotorMode
+from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.messages import OperationControl
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.tools.bench import open_bench, read_value, some_motors
+from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import MOTORS
+
+Inject = Callable[[VirtualMotors, Fault], None]
+
+_ADDRESS = parse_address("virtual:bench-client")
+
+
+def test_a_motor_is_enabled_within_the_context_only(bench: RobstrideLink) -> None:
+    with EnabledMotor(bench, torque=2.0) as motor:
+        assert motor.status is not None
+        assert motor.status.mode is MotorMode.RUN
+        position = motor.command(0.0, 0.0, 0.0, 0.0).position
+        assert motor.command(position, 0.0, 5.0, 0.5).mode is MotorMode.RUN
+        assert read_value(bench, PARAMETERS["canTimeout"]) == 2000
+        assert read_value(bench, PARAMETERS["limit_torque"]) == 2.0
+    assert read_value(bench, PARAMETERS["canTimeout"]) == 0
+    assert read_value(bench, PARAMETERS["limit_torque"]) == 5.5
+    with pytest.raises(RobotError, match="motor 15 on virtual:bench-client: is in mode reset, expected run"):
+        motor.command(position, 0.0, 5.0, 0.5)
+
+
+def test_what_a_motor_is_told_stays_within_the_torque_that_was_allowed(
+    bench: RobstrideLink, motors: VirtualMotors
+) -> None:
+    """Also where its own torque limit were none, which no document rules out for these commands."""
+    told: list[OperationControl | None] = []
+    with EnabledMotor(bench, torque=0.5) as motor:
+        assert motor.status is not None
+        here = motor.status.position
+        motor.command(here + 1.0, 0.0, 10.0, 0.1)
+        motors.call(lambda emulator: told.append(emulator.motors.states[4].command))
+    command = told[0]
+    assert command is not None
+    assert here < command.position < here + 0.07, "0.5 N·m at 10 N·m/rad"
+
+
+def test_a_motor_without_a_torque_limit_is_not_enabled_with_torque(
+    bench: RobstrideLink, motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = motor_state.written_parameters
+    index = PARAMETERS["limit_torque"].index
+    monkeypatch.setattr(
+        firmware,
+        "written_parameters",
+        lambda state, i, payload: state.parameters if i == index else known(state, i, payload),
+    )
+    with pytest.raises(RobotError, match=r"limit_torque reads 5\.5 N·m after 0\.5 was written"):  # noqa: SIM117
+        with EnabledMotor(bench, torque=0.5):
+            pass
+    assert _nothing_runs(motors)
+
+
+def test_firmware_that_nobody_knows_is_a_question_to_the_operator() -> None:
+    settings = EmulationSettings(firmware={"left_wrist_yaw": "0.5.3.9"})
+    group = some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"])
+    with (
+        VirtualMotors(load_robot("lite"), [_ADDRESS], settings=settings) as motors,
+        open_bench([_ADDRESS], 0xFD, group, open_channel=motors.open_bus) as channels,
+    ):
+        with pytest.raises(RobotError, match=r"0\.5\.3\.9 is in no document .* add --accept-firmware 0\.5\.3\.9$"):  # noqa: SIM117
+            with EnabledMotor(channels, torque=1.0):
+                pass
+        assert _nothing_was_written(motors)
+        with EnabledMotor(channels, torque=1.0, accepted_firmware=["0.5.3.9"]) as motor:
+            assert len(motor.warnings) == 1
+            assert "its firmware 0.5.3.9 is in no document" in motor.warnings[0]
+
+
+def test_a_motor_that_does_not_confirm_its_stop_is_said(
+    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
+) -> None:
+    motor = EnabledMotor(bench)
+    with pytest.raises(RobotError, match="does not confirm that it stopped; without commands it stops by itself"):  # noqa: SIM117
+        with motor:
+            inject(motors, Fault("silent", ("left_wrist_yaw",)))
+
+
+def test_a_motor_that_loses_its_mode_is_noticed(bench: RobstrideLink, motors: VirtualMotors, inject: Inject) -> None:
+    with EnabledMotor(bench) as motor:
+        inject(motors, Fault("reset", ("left_wrist_yaw",)))
+        with pytest.raises(RobotError, match="is in mode reset, expected run"):
+            motor.command(0.0, 0.0, 0.0, 0.0)
+
+
+def _nothing_runs(motors: VirtualMotors) -> bool:
+    states: list[MotorState] = []
+    motors.call(lambda emulator: states.extend(emulator.motors.states))
+    return all(not state.is_running for state in states)
+
+
+def _nothing_was_written(motors: VirtualMotors) -> bool:
+    states: list[MotorState] = []
+    motors.call(lambda emulator: states.extend(emulator.motors.states))
+    timeout = PARAMETERS["canTimeout"].index
+    return all(state.parameters[timeout] == 0 and not state.is_running for state in states)
+
+
+@pytest.mark.parametrize(
+    ("motor_id", "model", "version", "refusal"),
+    [
+        (15, "rs-02", "0.5.3.9", "its firmware 0.5.3.9 is an rs-05's, the robot description has an rs-02 here"),
+        (11, "rs-02", "0.2.3.5", "its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it"),
+    ],
+)
+def test_a_motor_that_would_scale_commands_wrongly_is_not_enabled(
+    motor_id: int, model: str, version: str, refusal: str
+) -> None:
+    lite = load_robot("lite")
+    names = {joint.motor.can_id: joint.name for joint in lite.joints if joint.motor is not None}
+    settings = EmulationSettings(firmware={names[motor_id]: version})
+    group = some_motors([(0, motor_id)], [str(_ADDRESS)], MOTORS[model])
+    with VirtualMotors(lite, [_ADDRESS], settings=settings) as motors:
+        with (
+            open_bench([_ADDRESS], 0xFD, group, open_channel=motors.open_bus) as channels,
+            pytest.raises(RobotError) as refused,
+            EnabledMotor(channels, torque=1.0),
+        ):
+            pass
+        assert str(refused.value) == f"motor {motor_id} on virtual:bench-client: {refusal}"
+        assert _nothing_was_written(motors)
+
+
+def test_a_motor_that_another_master_drives_is_not_touched(
+    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
+) -> None:
+    inject(motors, Fault("other_master"))
+    with pytest.raises(RobotError, match="another master drives these motors: another host sends"), EnabledMotor(bench):
+        pass
+    assert _nothing_was_written(motors)
+
+
+def test_overvoltage_which_no_status_shows_keeps_a_motor_from_being_enabled(
+    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
+) -> None:
+    inject(motors, Fault("over_voltage", ("left_wrist_yaw",)))
+    time.sleep(0.02)
+    with (
+        pytest.raises(RobotError, match=r"^motor 15 on virtual:bench-client: reports overvoltage$"),
+        EnabledMotor(bench),
+    ):
+        pass
+    assert _nothing_was_written(motors)
