@@ -16,7 +16,7 @@ from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE, VELOCITY_COMMAND, point_velocity
+from humanoid_sim.mit import ANCHOR_POSE, BASE, KEY_PRESSED, VELOCITY_COMMAND, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -24,6 +24,7 @@ from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
+from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.plant import Actuation, check_actuation, timestep_of
@@ -123,6 +124,8 @@ def make_scenario(
     points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
     told = {VELOCITY_COMMAND, *points, *([ANCHOR_POSE] if read.anchor_body else [])}
     extern = {name: width for name, width in read.extern_widths.items() if name in told}
+    if description.piano is not None:
+        extern[KEY_PRESSED] = KEY_COUNT
     try:
         fed = LiveInputs(read, {} if live is None else dict(live))
         extern |= fed.widths

@@ -37,7 +37,8 @@ class PlayConfig:
     it sees, answers and would command is recorded. Nothing of it reaches a motor, and no other policy runs; --contract,
     --motion and --command are its."""
     robot: str = DEFAULT_ROBOT
-    """A shipped robot (lite, lite_neck, lite_biped, lite_sito), or the path of a robot's YAML file or of an MJCF."""
+    """A shipped robot (lite, lite_neck, lite_biped, lite_piano, lite_sito), or the path of a robot's YAML file
+    or of an MJCF."""
     imu_site: str | None = None
     """Site or body of the robot's MJCF that is its IMU, in simulation. Default: the robot's; of an MJCF its gyro's."""
     command: str = "0,0,0"

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from humanoid_sim.bounds import MIDI_BYTES, MOTION_VALUES
 from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
+from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 
 __all__ = [
     "FIRST_NOTE",
@@ -34,9 +35,6 @@ __all__ = [
     "transpose",
 ]
 
-KEY_COUNT = 88
-FIRST_NOTE = 21
-"""MIDI number of the lowest key, A0."""
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
 _SUSTAIN, _PEDAL_DOWN = 64, 64
 """Number of the sustain pedal's controller, and the least value at which it is down."""

@@ -10,6 +10,7 @@ import msgspec
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
+from humanoid_sim.robots.piano import PIANOS
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import Accepted, MotorDescription, RobotDescription, StandbySettings
 
@@ -39,6 +40,11 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         values = getattr(robot, name).damping
         if values:
             yield from _length(f"{name}.damping", values, robot.joint_count)
+    if robot.piano is not None:
+        if robot.piano.figures not in PIANOS:
+            yield f"piano.figures: {known_names('piano', robot.piano.figures, PIANOS)}"
+        if len(robot.piano.fingers) != 2:
+            yield f"piano.fingers: has {len(robot.piano.fingers)} sites, expected 2, the left hand's first"
     speed = robot.guards.speed
     if speed is not None and speed.limit:
         yield from _length("guards.speed.limit", speed.limit, robot.joint_count)

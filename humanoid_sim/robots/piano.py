@@ -12,13 +12,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-__all__ = ["KEY_COUNT", "PIANOS", "TRIGGER", "Box", "Key", "PianoFigures", "key_joint_names", "piano_mjcf"]
+__all__ = [
+    "FIRST_NOTE",
+    "KEY_COUNT",
+    "PIANOS",
+    "TRIGGER",
+    "Box",
+    "Key",
+    "PianoFigures",
+    "key_joint_names",
+    "piano_mjcf",
+]
 
 KEY_COUNT = 88
+FIRST_NOTE = 21
+"""MIDI number of the lowest key, A0."""
 TRIGGER = 0.70
 """Share of its travel beyond which a key sounds, strictly."""
-_FIRST_NOTE = 21
-"""MIDI number of key 0."""
 _WHITE = frozenset({0, 2, 4, 5, 7, 9, 11})
 """Pitch classes of the white keys."""
 _A_SHARP = 1
@@ -131,7 +141,7 @@ class PianoFigures:
     @property
     def keys(self) -> tuple[Key, ...]:
         """All 88, from the lowest."""
-        whites = [(i + _FIRST_NOTE) % 12 in _WHITE for i in range(KEY_COUNT)]
+        whites = [(i + FIRST_NOTE) % 12 in _WHITE for i in range(KEY_COUNT)]
         left = 0.5 * (sum(whites) * self.pitch - self.spacing)
         made = []
         for i, is_white in enumerate(whites):
@@ -212,7 +222,8 @@ def piano_mjcf(figures: PianoFigures, name: str) -> str:
             *(_number(rear.position[i]) for i in (0, 2))
         ),
         *(
-            f'  <geom name="piano_{part}" class="piano_base" pos="{_numbers(box.position)}" size="{_numbers(box.size)}"/>'
+            f'  <geom name="piano_{part}" class="piano_base" pos="{_numbers(box.position)}" '
+            f'size="{_numbers(box.size)}"/>'
             for part, box in (("rear", rear), ("under", under))
         ),
     ]
@@ -220,9 +231,10 @@ def piano_mjcf(figures: PianoFigures, name: str) -> str:
         colour, hinge = "white" if key.is_white else "black", key.hinge - key.box.position[0]
         lines += [
             f'  <body name="{key.name}" pos="{_numbers(key.box.position)}">',
-            f'    <joint name="{key.joint}" class="{colour}_key" pos="{_number(hinge)} 0 0" range="0 {_number(key.upper)}" '
-            f'stiffness="{_number(figures.stiffness)}" damping="{_number(figures.damping)}" '
-            f'springref="{_number(figures.spring_reference)}" armature="{_number(figures.armature)}"/>',
+            f'    <joint name="{key.joint}" class="{colour}_key" pos="{_number(hinge)} 0 0" '
+            f'range="0 {_number(key.upper)}" stiffness="{_number(figures.stiffness)}" '
+            f'damping="{_number(figures.damping)}" springref="{_number(figures.spring_reference)}" '
+            f'armature="{_number(figures.armature)}"/>',
             f'    <geom name="{key.name}" class="{colour}_key" size="{_numbers(key.box.size)}" '
             f'mass="{_number(key.mass)}"/>',
             "  </body>",

@@ -28,6 +28,7 @@ __all__ = [
     "JointDescription",
     "LimitGuard",
     "MotorDescription",
+    "PianoSettings",
     "RemoteSettings",
     "RobotDescription",
     "SimulationSettings",
@@ -206,6 +207,19 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     speed: SpeedGuard | None = SpeedGuard()
 
 
+class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The piano in front of the robot, whose keys are passive joints of its MJCF, and what the robot plays it with."""
+
+    figures: Text
+    """A key of `humanoid_sim.robots.piano.PIANOS`: what it is built from."""
+    fingers: tuple[str, ...]
+    """MJCF sites, in the middle of the round tips that strike keys: one a hand, the left hand's first."""
+    finger_radius: Positive
+    """m, of those tips."""
+    key_force_limit: Positive
+    """N, with which no key may be touched."""
+
+
 class _OfJoints:
     """A field of every joint as an array of shape (n,), read-only, in the order of `joints`."""
 
@@ -239,6 +253,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     standby_controller_b: StandbySettings
     remote_policy_controller: RemoteSettings = RemoteSettings()
     guards: GuardSettings = GuardSettings()
+    piano: PianoSettings | None = None
+    """Of a robot that plays one."""
     folder: str = ""
     """Where the description was read; empty: the folder of the shipped robots. Not part of the file."""
 
@@ -287,6 +303,8 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
             del document["guards"]
         if not self.topic_prefix:  # likewise
             del document["topic_prefix"]
+        if self.piano is None:  # likewise
+            del document["piano"]
         return msgspec.json.encode(document).decode()
 
     @classmethod

@@ -9,12 +9,30 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 
-__all__ = ["InverseKinematics"]
+__all__ = ["InverseKinematics", "damped_step"]
 
 _LENGTH = 0.3
 """m per rad: how an orientation error is weighed against a position error; about the length of a forearm with hand."""
 _LARGEST_STEP = 0.3
 """rad per iteration and joint, so that a far target does not throw the arm across a singularity."""
+
+
+def damped_step(jacobian: FloatArray, error: FloatArray, damping: float, pull: FloatArray | None = None) -> FloatArray:
+    """One step of damped least squares, shape (n,), rad.
+
+    Args:
+        jacobian: shape (m, n), of the error.
+        error: shape (m,), that the step should take away.
+        damping: in the jacobian's unit; larger is steadier near singular poses.
+        pull: shape (n,), rad, that is followed in the directions in which it changes no error; None for none.
+    """
+    normal = jacobian.T @ jacobian + damping**2 * np.eye(jacobian.shape[1])
+    step = np.linalg.solve(normal, jacobian.T @ error)
+    if pull is not None:
+        # What the damped inverse leaves of the pull lies (almost) in the null space.
+        step += pull - np.linalg.solve(normal, jacobian.T @ (jacobian @ pull))
+    bounded: FloatArray = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+    return bounded
 
 
 class InverseKinematics:
@@ -63,16 +81,9 @@ class InverseKinematics:
         world_position = self._base_position + position @ self._base_rotation.T
         world_rotation = self._base_rotation @ rotation
         q = np.clip(start, self._lower, self._upper)
-        identity = np.eye(len(q))
         for _ in range(iterations):
             error, jacobian = self._linearise(q, world_position, world_rotation)
-            normal = jacobian.T @ jacobian + self._damping**2 * identity
-            step = np.linalg.solve(normal, jacobian.T @ error)
-            if posture is not None:
-                # What the damped inverse leaves of a pull towards the posture lies (almost) in the null space.
-                pull = posture - q
-                step += 0.2 * (pull - np.linalg.solve(normal, jacobian.T @ (jacobian @ pull)))
-            step = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+            step = damped_step(jacobian, error, self._damping, None if posture is None else 0.2 * (posture - q))
             q = np.clip(q + step, self._lower, self._upper)
             if np.abs(step).max() < 1e-6:
                 break

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
+from humanoid_sim.robots.piano import key_joint_names
 from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
 
@@ -150,6 +151,15 @@ def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
         raise InputError(f"{path}: imu of '{description.name}': {known}")
     if description.is_floating:
         _check_base(description, spec)
+    if description.piano is not None:
+        for i, name in enumerate(key_joint_names()):
+            if name not in joints:
+                raise InputError(f"{path}: has no joint '{name}', key {i} of the piano of '{description.name}'")
+        for i, name in enumerate(description.piano.fingers):
+            if name not in sites:
+                raise InputError(
+                    f"{path}: piano.fingers[{i}] of '{description.name}': {known_names('site', name, sites)}"
+                )
 
 
 def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:

@@ -14,9 +14,19 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, EXTERN_WIDTHS, IMU, FloatArray, point_velocity
+from humanoid_sim.mit import (
+    ANCHOR_POSE,
+    BASE_LINEAR_VELOCITY,
+    EXTERN_WIDTHS,
+    IMU,
+    KEY_PRESSED,
+    FloatArray,
+    point_velocity,
+)
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.floating_base import base_addresses
+from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import body_ids
 
 __all__ = ["BodySample", "BodySensors", "Imu", "ImuSample", "live_inputs"]
@@ -127,7 +137,8 @@ def live_inputs(
         except InputError as error:
             raise InputError(f"anchor body: {error}") from None
     points = [point_velocity(point) for point in velocity_at] if description.is_floating else []
-    return MappingProxyType({**{name: EXTERN_WIDTHS[name] for name in names}, **dict.fromkeys(points, 3)})
+    keys = {KEY_PRESSED: KEY_COUNT} if description.piano is not None else {}
+    return MappingProxyType({**{name: EXTERN_WIDTHS[name] for name in names}, **dict.fromkeys(points, 3), **keys})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +151,7 @@ class BodySample:
 
 
 class BodySensors:
-    """Reads the IMU, velocities of a floating base, and the pose of an anchor body. Not thread-safe."""
+    """Reads the IMU, velocities of a floating base, the pose of an anchor body, a piano's keys. Not thread-safe."""
 
     def __init__(
         self,
@@ -172,6 +183,7 @@ class BodySensors:
             else {}
         )
         self._twist = np.empty(6)
+        self._keys = PianoKeys(model) if description.piano is not None else None
 
     def read(self, data: mujoco.MjData, acceleration: FloatArray | None = None) -> BodySample:
         """The reading at the data's present `qpos` and `qvel`; the acceleration is as `Imu.read` takes it."""
@@ -190,4 +202,6 @@ class BodySensors:
             live[name] = self._twist[3:].copy()
         if self._anchor is not None:
             live[ANCHOR_POSE] = np.concatenate([own.xpos[self._anchor], own.xquat[self._anchor]])
+        if self._keys is not None:
+            live[KEY_PRESSED] = self._keys.pressed(data.qpos)
         return BodySample(self._imu.read(data, acceleration), live)

@@ -49,10 +49,14 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("--motion", "text.onnx"), "text.onnx: not an MCAP file"),
     (("--motion", "empty"), "empty: the file is empty"),
     (("--motion", "sub"), "sub: is a directory, expected a motion file (.mcap)"),
-    (("--robot", "atlas"), "unknown robot 'atlas': neither a file nor one of: lite, lite_biped, lite_neck, lite_sito"),
+    (
+        ("--robot", "atlas"),
+        "unknown robot 'atlas': neither a file nor one of: lite, lite_biped, lite_neck, lite_piano, lite_pia",
+    ),
     (
         ("--robot", "sub"),
-        "sub: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck, lite_sito",
+        "sub: is a folder, expected a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck, "
+        "lite_piano, lite_piano_nikomaku, lite_sito",
     ),
     (("--robot", "empty"), "empty: is empty, expected a robot description"),
     (

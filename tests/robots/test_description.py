@@ -257,19 +257,20 @@ def test_a_binary_file(tmp_path: Path) -> None:
 def test_a_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         load_robot(tmp_path)
-    accepted = "a robot's YAML file, an MJCF or one of: lite, lite_biped, lite_neck, lite_sito"
+    known = "lite, lite_biped, lite_neck, lite_piano, lite_piano_nikomaku, lite_sito"
+    accepted = f"a robot's YAML file, an MJCF or one of: {known}"
     assert str(caught.value) == f"{tmp_path}: is a folder, expected {accepted}"
 
 
 def test_an_unknown_name_lists_the_shipped_robots() -> None:
     with pytest.raises(InputError) as caught:
         load_robot("lit")
-    known = "lite, lite_biped, lite_neck, lite_sito, robot_descriptions:…"
+    known = "lite, lite_biped, lite_neck, lite_piano, lite_piano_nikomaku, lite_sito, robot_descriptions:…"
     assert str(caught.value) == f"unknown robot 'lit': neither a file nor one of: {known}"
 
 
 def test_shipped_robots() -> None:
-    assert shipped_robots() == ("lite", "lite_biped", "lite_neck", "lite_sito")
+    assert shipped_robots() == ("lite", "lite_biped", "lite_neck", "lite_piano", "lite_piano_nikomaku", "lite_sito")
 
 
 def test_a_path_is_a_robot_of_the_same_form(tmp_path: Path, document: Document) -> None:

@@ -10,12 +10,22 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import multiply, seen_from
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, IMU, Extern, FloatArray, MITState, point_velocity
+from humanoid_sim.mit import (
+    ANCHOR_POSE,
+    BASE_LINEAR_VELOCITY,
+    IMU,
+    KEY_PRESSED,
+    Extern,
+    FloatArray,
+    MITState,
+    point_velocity,
+)
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.counter_random import Words, normals
 from humanoid_sim.simulation.batch.physics import BatchPhysics
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import JointAddresses, body_ids, build_model
 from humanoid_sim.simulation.sensors import Imu, live_inputs
 
@@ -66,6 +76,7 @@ class BatchSensors:
         self._noise = randomisation
         self._physics = physics
         self._is_anchored = bool(anchor_body)
+        self._keys = PianoKeys(physics.model) if description.piano is not None else None
         self.widths = live_inputs(physics.model, description, anchor_body, velocity_at)
         """Names and widths of the live inputs."""
         body_ids(physics.model, bodies)
@@ -105,6 +116,8 @@ class BatchSensors:
         first = measured.shape[1] - 3 * len(self._points)
         for i, name in enumerate(self._points):
             live[name] = Extern(measured[:, first + 3 * i : first + 3 * i + 3], 0.0)
+        if self._keys is not None:
+            live[KEY_PRESSED] = Extern(self._keys.pressed(physics.qpos), 0.0)
         imu = measured[:, :10]
         if self._constant is not None:
             imu = np.broadcast_to(self._constant, imu.shape)

@@ -1,0 +1,202 @@
+"""A robot's two fingers over a piano: where keys are struck, the poses that strike them, and which can be reached."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.piano import PIANOS, Key
+from humanoid_sim.simulation.inverse_kinematics import damped_step
+from humanoid_sim.simulation.model import build_model, joint_addresses
+
+__all__ = ["HANDS", "HOVER", "Fingers"]
+
+HANDS = ("left", "right")
+"""In the order of `PianoSettings.fingers`."""
+HOVER = 0.03
+"""m between a finger and the key below it, before it strikes."""
+_FROM_EDGE = {True: 0.012, False: 0.010}
+"""m from the front edge at which white keys are struck, and black ones: over white keys is then only the tip."""
+_DIRECTION = np.array([0.6, 0.0, -0.8])
+"""World frame, from the wrist to the tip: steep, so that a finger touches no neighbour of its key."""
+_TURN, _DRIFT = 0.2, 0.06
+"""How strongly the directions in which the tip stays are used for that, and for coming back to the ready pose."""
+_DAMPING = 0.01
+"""m/rad"""
+_ITERATIONS = 100
+_CONVERGED = 1e-4
+"""rad"""
+_MISS = 1e-3
+"""m by which a tip may miss."""
+_STEEP = 0.4
+"""Least share of the finger's length that points down."""
+_STOP_MARGIN = 0.03
+"""rad that joints keep from their limits."""
+_OVERLAP = 5e-4
+"""m by which shapes may overlap."""
+
+
+class Fingers:
+    """The poses in which each hand strikes each key. Keeps one model and its buffers; one instance per thread.
+
+    A pose is a function of where the tip is, whatever was before: from the ready pose, the last one of
+    `standby_controller_a`, the arm goes to the nearest pose in which the finger points down as far as it can.
+    """
+
+    def __init__(self, description: RobotDescription) -> None:
+        """Build the model.
+
+        Raises:
+            InputError: the robot has no piano.
+        """
+        if description.piano is None:
+            raise InputError(f"{description.name}: has no piano, expected a robot with one, such as lite_piano")
+        self.description = description
+        self.settings = description.piano
+        self.keys = PIANOS[self.settings.figures].keys
+        self._model = model = build_model(description, scene=False)
+        self._data = mujoco.MjData(model)
+        self._joints = joint_addresses(model, description.joint_names)
+        self._key_qpos = joint_addresses(model, tuple(key.joint for key in self.keys)).qpos
+        self.ready: FloatArray = np.array(description.standby_controller_a.pose_segments[-1])
+        """Shape (n,), rad: both hands over the keys."""
+        self._sites = [model.site(name).id for name in self.settings.fingers]
+        self._wrists = [int(model.site_bodyid[site]) for site in self._sites]
+        self.arms = tuple(self._arm(wrist) for wrist in self._wrists)
+        """Of each hand, the places of its joints in the robot's order."""
+        mujoco.mj_kinematics(model, self._data)
+        piano = model.body("piano").id
+        self._origin = self._data.xpos[piano].copy()
+        self._axes = self._data.xmat[piano].reshape(3, 3).copy()
+        self._jacobians = np.empty((3, model.nv)), np.empty((3, model.nv))
+
+    def _arm(self, body: int) -> npt.NDArray[np.intp]:
+        chain = []
+        while body:
+            chain.append(body)
+            body = int(self._model.body_parentid[body])
+        owners = self._model.dof_bodyid[self._joints.dof]
+        return np.flatnonzero(np.isin(owners, chain))
+
+    def strike_point(self, key: Key, pressed: float = 0.0) -> FloatArray:
+        """Where on a key's surface its finger strikes: shape (3,), m, world frame.
+
+        Args:
+            key: of `keys`.
+            pressed: share of the key's travel.
+        """
+        x = key.box.position[0] + key.box.size[0] - _FROM_EDGE[key.is_white]
+        drop = (x - key.hinge) * math.tan(pressed * key.upper)
+        place: FloatArray = self._origin + self._axes @ [x, key.box.position[1], key.top - drop]
+        return place
+
+    def tip_above(self, key: Key, height: float, pressed: float = 0.0) -> FloatArray:
+        """Where the middle of the round tip is, `height` m above the key's surface: shape (3,), m, world frame."""
+        tip = self.strike_point(key, pressed)
+        tip[2] += self.settings.finger_radius + height
+        return tip
+
+    def solve(self, hand: int, tip: FloatArray, start: FloatArray | None = None) -> FloatArray:
+        """The arm's pose, shape (7,), rad, that brings the middle of the tip as near to a place as it gets.
+
+        Args:
+            hand: of `HANDS`.
+            tip: shape (3,), m, world frame.
+            start: shape (7,), rad, of the same arm, to begin near the solution; None for the ready pose.
+        """
+        arm = self.arms[hand]
+        ready = self.ready[arm]
+        lower, upper = self.description.lower[arm], self.description.upper[arm]
+        q = ready.copy() if start is None else start.copy()
+        position, rotation = self._jacobians
+        dof = self._joints.dof[arm]
+        for _ in range(_ITERATIONS):
+            place, direction = self.place(hand, q)
+            mujoco.mj_jacSite(self._model, self._data, position, rotation, self._sites[hand])
+            pull = _TURN * rotation[:, dof].T @ _cross(direction, _DIRECTION) + _DRIFT * (ready - q)
+            step = damped_step(position[:, dof], tip - place, _DAMPING, pull)
+            before = q
+            q = np.clip(q + step, lower, upper)
+            if np.abs(q - before).max() < _CONVERGED:
+                break
+        return q
+
+    def place(self, hand: int, arm_position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of an arm's pose, shape (7,), rad: the middle of the tip, m, and the finger's direction, both (3,), world."""
+        data = self._data
+        data.qpos[self._joints.qpos[self.arms[hand]]] = arm_position
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_comPos(self._model, data)
+        tip: FloatArray = data.site_xpos[self._sites[hand]].copy()
+        along = tip - data.xpos[self._wrists[hand]]
+        return tip, along / np.sqrt((along * along).sum())
+
+    def holding_torque(self, hand: int, arm_position: FloatArray, force: float) -> FloatArray:
+        """Shape (7,), N·m: what holds the arm in a pose while its tip presses down with `force` N."""
+        data, model = self._data, self._model
+        self.place(hand, arm_position)
+        bias = np.empty(model.nv)
+        data.qvel[:] = 0.0
+        mujoco.mj_rne(model, data, 0, bias)
+        mujoco.mj_jacSite(model, data, self._jacobians[0], None, self._sites[hand])
+        dof = self._joints.dof[self.arms[hand]]
+        torque: FloatArray = bias[dof] - force * self._jacobians[0][2, dof]
+        return torque
+
+    def can_strike(self, hand: int, key: Key) -> bool:
+        """Whether a hand reaches a key, above it and pressed, without touching anything else."""
+        above = self.solve(hand, self.tip_above(key, HOVER))
+        pressed = self.solve(hand, self.tip_above(key, 0.0, 1.0), above)
+        return all(
+            self._is_clean(hand, pose, tip, key, share)
+            for pose, tip, share in (
+                (above, self.tip_above(key, HOVER), 0.0),
+                (pressed, self.tip_above(key, 0.0, 1.0), 1.0),
+            )
+        )
+
+    def reachable(self, hand: int) -> tuple[int, ...]:
+        """The keys that a hand can strike: of all that it can, the longest run without a gap."""
+        longest: list[int] = []
+        run: list[int] = []
+        for key in self.keys:
+            run = [*run, key.index] if self.can_strike(hand, key) else []
+            longest = run if len(run) > len(longest) else longest
+        return tuple(longest)
+
+    def _is_clean(self, hand: int, pose: FloatArray, tip: FloatArray, key: Key, share: float) -> bool:
+        arm = self.arms[hand]
+        place, direction = self.place(hand, pose)
+        lower, upper = self.description.lower[arm], self.description.upper[arm]
+        inside = np.minimum(pose - lower, upper - pose).min() >= _STOP_MARGIN
+        is_there = np.abs(place - tip).max() < _MISS and -direction[2] >= _STEEP
+        return bool(inside and is_there and not self.touched(hand, pose, key, share))
+
+    def touched(self, hand: int, pose: FloatArray, key: Key, share: float = 0.0) -> list[str]:
+        """What an arm in a pose overlaps with, beside the finger with its key, pressed by a share of its travel.
+
+        The other arm is in its ready pose.
+        """
+        model, data = self._model, self._data
+        data.qpos[self._joints.qpos] = self.ready
+        data.qpos[self._joints.qpos[self.arms[hand]]] = pose
+        data.qpos[self._key_qpos] = 0.0
+        data.qpos[self._key_qpos[key.index]] = share * key.upper
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        data.qpos[self._key_qpos] = 0.0
+        own = {self._wrists[hand], model.body(key.name).id}
+        pairs = model.geom_bodyid[data.contact.geom[data.contact.dist < -_OVERLAP]].tolist() if data.ncon else []
+        return [f"{model.body(a).name} and {model.body(b).name}" for a, b in pairs if {a, b} != own]
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """As `numpy.cross`, of which a single product takes as long as all else in an iteration."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

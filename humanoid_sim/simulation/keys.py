@@ -1,0 +1,69 @@
+"""A simulated piano's keys: which are pressed, and how hard."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.piano import TRIGGER, key_joint_names
+from humanoid_sim.simulation.model import joint_addresses
+
+__all__ = ["PianoKeys"]
+
+
+class PianoKeys:
+    """The 88 keys of a model, the lowest first. Keeps nothing of a simulation: any thread may ask."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Find the keys.
+
+        Raises:
+            InputError: the model is of a robot without a piano.
+        """
+        try:
+            addresses = joint_addresses(model, key_joint_names())
+        except InputError as error:
+            raise InputError(f"piano: {error}") from None
+        self.qpos: npt.NDArray[np.intp] = addresses.qpos
+        """Shape (88,), indices into MuJoCo's generalised position."""
+        ids = [model.joint(name).id for name in key_joint_names()]
+        self.upper: FloatArray = model.jnt_range[ids, 1].copy()
+        """Shape (88,), rad: their whole travel."""
+        self._trigger = TRIGGER * self.upper
+        self._key_of_geom = np.full(model.ngeom, -1)
+        for i, body in enumerate(model.jnt_bodyid[ids].tolist()):
+            self._key_of_geom[model.geom_bodyid == body] = i
+
+    def pressed(self, qpos: FloatArray) -> FloatArray:
+        """Which keys sound: 1 where one is beyond 0.70 of its travel, strictly, else 0.
+
+        Args:
+            qpos: shape (..., nq), MuJoCo's generalised position.
+
+        Returns:
+            Shape (..., 88).
+        """
+        pressed: FloatArray = (qpos[..., self.qpos] > self._trigger).astype(np.float64)
+        return pressed
+
+    def force(self, model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
+        """With which force each key is touched, of the latest physics step.
+
+        Args:
+            model: that was given.
+            data: of the model, after a physics step.
+
+        Returns:
+            Shape (88,), N, normal to the surfaces, summed over a key's contacts.
+        """
+        force = np.zeros(len(self.qpos))
+        if data.ncon:
+            touched = self._key_of_geom[data.contact.geom].max(axis=1)
+            wrench = np.empty(6)
+            for contact in np.flatnonzero(touched >= 0).tolist():
+                mujoco.mj_contactForce(model, data, contact, wrench)
+                force[touched[contact]] += wrench[0]
+        return force

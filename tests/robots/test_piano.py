@@ -1,0 +1,82 @@
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from humanoid_sim.assets import asset_path
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.piano import PIANOS, TRIGGER, key_joint_names, piano_mjcf
+
+FIGURES: dict[str, Any] = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
+
+
+@pytest.mark.parametrize("name", ["dep20", "nikomaku"])
+def test_keys_and_body_are_the_data_s(name: str) -> None:
+    figures, data = PIANOS[name], FIGURES[name]
+    assert len(figures.keys) == len(data["keys"]) == 88
+    for key, expected in zip(figures.keys, data["keys"], strict=True):
+        assert (key.name, key.joint) == (expected["body"], expected["joint"])
+        assert key.box.position == pytest.approx(expected["pos"], abs=1e-11)
+        assert key.box.size == pytest.approx(expected["size"], abs=1e-11)
+        assert key.hinge - key.box.position[0] == pytest.approx(expected["joint_pos"][0], abs=1e-11)
+        assert [0.0, key.upper] == pytest.approx(expected["range"], abs=1e-11)
+        assert TRIGGER * key.upper == pytest.approx(expected["trigger_angle"], abs=1e-11)
+        assert key.mass == expected["mass"]
+        assert (figures.stiffness, figures.damping) == (expected["stiffness"], expected["damping"])
+        assert (figures.spring_reference, figures.armature) == (expected["springref"], expected["armature"])
+    for box, expected in zip(figures.boxes, data["boxes"], strict=True):
+        assert box.position == pytest.approx(expected["pos"], abs=1e-12)
+        assert box.size == pytest.approx(expected["size"], abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["dep20", "nikomaku"])
+def test_the_shipped_mjcf_is_what_the_figures_make(name: str) -> None:
+    assert asset_path("mjcf", f"piano_{name}.xml").read_text() == piano_mjcf(PIANOS[name], name)
+
+
+def test_keys_of_all_pianos_are_called_alike() -> None:
+    assert key_joint_names()[:3] == ("white_joint_0", "black_joint_1", "white_joint_2")
+    assert all(tuple(key.joint for key in figures.keys) == key_joint_names() for figures in PIANOS.values())
+
+
+@pytest.mark.parametrize(("name", "figures"), [("lite_piano", "dep20"), ("lite_piano_nikomaku", "nikomaku")])
+def test_the_robot_is_the_lite_with_a_piano(name: str, figures: str) -> None:
+    lite, robot = load_robot("lite"), load_robot(name)
+    assert robot.joints == lite.joints
+    assert robot.piano is not None
+    assert robot.piano.figures == figures
+    again = RobotDescription.from_json(robot.to_json(), folder=robot.folder)
+    assert again == robot
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("figures: dep20", "figures: grand", "figures: unknown piano 'grand'; known: dep20, nikomaku"),
+        ("_tip, right_finger2_tip]", "_tip]", "fingers: has 1 sites, expected 2, the left hand's first"),
+        ("key_force_limit: 7.1", "key_force_limit: 0", "key_force_limit: is 0.0, expected a finite number > 0"),
+    ],
+)
+def test_a_wrong_piano_is_refused(tmp_path: Path, old: str, new: str, problem: str) -> None:
+    text = asset_path("robots", "lite_piano.yaml").read_text()
+    assert text.count(old) == 1
+    path = tmp_path / "robot.yaml"
+    path.write_text(text.replace(old, new).replace("../mjcf", str(asset_path("mjcf"))))
+    with pytest.raises(InputError, match=re.escape(f"robot.yaml: piano.{problem}")):
+        load_robot(path)
+
+
+def test_the_keys_force_limit_follows_from_motor_and_keys() -> None:
+    """What the wrist's motor can hold at the finger's tip, and well above what the stiffest key needs."""
+    robot = load_robot("lite_piano")
+    assert robot.piano is not None
+    assert robot.piano.key_force_limit == pytest.approx(1.6 / 0.225, abs=0.05)
+    needed = max(
+        kind["static_force_to_trigger_at_front_edge_N"]
+        for v in FIGURES.values()
+        for kind in v["rest_and_force"].values()
+    )
+    assert robot.piano.key_force_limit > 3.0 * needed

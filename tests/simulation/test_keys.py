@@ -1,0 +1,94 @@
+"""Keys of the simulated piano against the figures of the data: at rest, pressed, released, and touched by a finger."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import KEY_PRESSED
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.keys import PianoKeys
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+
+FIGURES: dict[str, Any] = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
+ROBOTS = {"dep20": "lite_piano", "nikomaku": "lite_piano_nikomaku"}
+ROBOT = load_robot("lite_piano")
+STEPS = [(0.0005, False), (0.0025, True)]
+
+
+def settled(model: mujoco.MjModel, data: mujoco.MjData, torque: np.ndarray | None = None, seconds: float = 1.0) -> Any:
+    keys = PianoKeys(model)
+    data.qfrc_applied[model.nv - 88 :] = 0.0 if torque is None else torque
+    for _ in range(round(seconds / model.opt.timestep)):
+        data.qpos[:14] = ROBOT.initial_position  # the arms hang
+        data.qvel[:14] = 0.0
+        mujoco.mj_step(model, data)
+    return data.qpos[keys.qpos].copy()
+
+
+@pytest.mark.parametrize("figures", ["dep20", "nikomaku"])
+@pytest.mark.parametrize(("timestep", "implicit"), STEPS)
+def test_rest_travel_force_and_return_are_the_data_s(figures: str, timestep: float, implicit: bool) -> None:
+    robot, data_of = load_robot(ROBOTS[figures]), FIGURES[figures]["rest_and_force"]
+    model = build_model(robot, physics_timestep=timestep, implicit=implicit, scene=False)
+    data, keys = mujoco.MjData(model), PianoKeys(model)
+    white = np.array([key["body"].startswith("white") for key in FIGURES[figures]["keys"]])
+    rest = settled(model, data)
+    for colour, chosen in (("white", white), ("black", ~white)):
+        assert rest[chosen] == pytest.approx(data_of[colour]["rest_angle_rad"], abs=2e-6)
+        assert rest[chosen] / keys.upper[chosen] == pytest.approx(data_of[colour]["rest_fraction_of_travel"], abs=2e-4)
+        lever = data_of[colour]["front_edge_distance_from_hinge_m"]
+        assert np.tan(keys.upper[chosen]) * lever == pytest.approx(data_of[colour]["travel_at_front_edge_m"])
+    assert not keys.pressed(data.qpos).any()
+
+    # Two hundredths less than the force of the data at the front edge triggers no key, two hundredths more all.
+    torque = np.where(
+        white,
+        *(
+            data_of[colour]["static_force_to_trigger_at_front_edge_N"]
+            * data_of[colour]["front_edge_distance_from_hinge_m"]
+            for colour in ("white", "black")
+        ),
+    )
+    settled(model, data, 0.98 * torque)
+    assert keys.pressed(data.qpos).sum() == 0
+    settled(model, data, 1.02 * torque)
+    assert keys.pressed(data.qpos).sum() == 88
+    assert settled(model, data) == pytest.approx(rest, abs=2e-6)  # none sticks
+    assert np.abs(data.qvel[14:]).max() < 1e-6
+
+
+def test_a_key_sounds_strictly_beyond_its_trigger() -> None:
+    model = build_model(ROBOT, scene=False)
+    keys = PianoKeys(model)
+    qpos = np.zeros((3, model.nq))
+    trigger = 0.7 * keys.upper[40]
+    qpos[:, keys.qpos[40]] = [trigger, np.nextafter(trigger, 1.0), keys.upper[40]]
+    assert keys.pressed(qpos)[:, 40].tolist() == [0.0, 1.0, 1.0]
+    assert keys.pressed(qpos).sum() == 2.0
+    assert keys.qpos.tolist() == list(range(14, 102))
+
+
+def test_a_robot_without_a_piano_has_no_keys() -> None:
+    with pytest.raises(InputError, match=r"^piano: unknown joint 'white_joint_0'; known: left_shoulder_pitch"):
+        PianoKeys(build_model(load_robot("lite"), scene=False))
+
+
+def test_one_robot_and_a_batch_report_the_same_keys() -> None:
+    robot, batch = MujocoRobot(ROBOT), BatchSimulation(ROBOT, 2)
+    assert dict(robot.extern) == dict(batch.extern) == {"key_pressed": 88}
+    qpos = np.tile(robot.qpos, (2, 1))
+    qpos[1, 14 + 39] = 0.06
+    batch.reset(qpos=qpos)
+    robot.data.qpos[:] = qpos[1]
+    robot.begin_at(0.0, np.array(ROBOT.initial_position), np.zeros(14), np.array([1.0, 0.0, 0.0, 0.0]))
+    assert np.flatnonzero(batch.state().extern[KEY_PRESSED].value[1]).tolist() == [39]
+    assert not batch.state().extern[KEY_PRESSED].value[0].any()
+    assert not robot.read()[0].extern[KEY_PRESSED].value.any()  # activation releases them
+    batch.close()
