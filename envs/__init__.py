@@ -4,6 +4,8 @@
 |---|---|
 | `tasks` | where an episode starts, its reward and its end; functions of arrays, for one robot or many |
 | `scenario` | robot, contract, motion and task, brought together from what a user names |
+| `curriculum` | how much of randomisation and commands counts while training goes on |
+| `randomised_robot` | one robot with what is drawn for its episodes, as of a batch |
 | `policy_env` | one robot: `LiteTracking-v0`, `BipedVelocity-v0`, `Policy-v0` |
 | `vector_env` | many robots at once, stepped natively: the same ids through `gymnasium.make_vec` |
 | `modes_env` | the whole control stack: `LiteModes-v0` |

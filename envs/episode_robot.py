@@ -100,11 +100,7 @@ class EpisodeRobot(MujocoRobot):
 
     def started(self, start: Start) -> PlantState:
         """Where a task's start says, on its feet or on its stand."""
-        return PlantState(
-            *self._start_pose.arrays(
-                joint_position=start.joint_position, joint_velocity=start.joint_velocity, base_yaw=start.base_yaw
-            )
-        )
+        return PlantState(*self._start_pose.arrays(**start.pose))
 
     def place(self, start: PlantState) -> None:
         """As `relaunch`, but in a state of the caller's choice.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 import gymnasium
 import numpy as np
@@ -16,8 +16,10 @@ from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.copying import CopyableEnv
+from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, recorded_start
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
+from humanoid_sim.envs.randomised_robot import RandomisedRobot
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
 from humanoid_sim.envs.resets import velocity_option
 from humanoid_sim.envs.scenario import Named, make_scenario
@@ -28,8 +30,9 @@ from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.batch import Randomisation
 from humanoid_sim.simulation.mujoco_robot import StateSampling
-from humanoid_sim.simulation.plant import Actuation
+from humanoid_sim.simulation.plant import Actuation, BatchActuation, check_actuation
 
 __all__ = ["PolicyEnv"]
 
@@ -56,7 +59,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
     - `state`, `memory`: a `PlantState`, and the policy controller's memory that belongs to it.
     """
 
-    KEPT = ("_observation", "_commands", "_steps")
+    KEPT = ("_observation", "_commands", "_steps", "_progress", "_drawn_from")
     metadata = {"render_modes": RENDER_MODES, "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
@@ -71,6 +74,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         command_delay: float = 0.0,
         state_delay: float = 0.0,
         state_sampling: StateSampling = "now",
+        randomisation: Randomisation | Mapping[str, Any] | None = None,
+        curriculum: Curriculum | None = None,
         action_limit: float | None = None,
         render_mode: str | None = None,
         width: int = 480,
@@ -95,6 +100,9 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             command_delay: s from a step's beginning to its command's arrival.
             state_delay: s from a state to its being observed.
             state_sampling: `now` or `on_command`; see `MujocoRobot`.
+            randomisation: how the episodes' robots differ, or its fields by name, as `PolicyVectorEnv` takes it; None:
+                not at all. The delays are then part of it, and the plant is one that a batch can have.
+            curriculum: how much of it, and of the commands, counts at the `progress` that is set; None: all.
             action_limit: largest magnitude of a raw action; None: the contract's, or 100.
             render_mode: `rgb_array`, `human` or None.
             width: pixels of a picture.
@@ -123,19 +131,10 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             guards=guards,
             **task_options,
         )
-        self.robot = EpisodeRobot(
-            scenario.description,
-            control_period=scenario.contract.policy_dt,
-            physics_timestep=scenario.physics_timestep,
-            actuation=actuation,
-            command_delay=command_delay,
-            state_delay=state_delay,
-            state_sampling=state_sampling,
-            support=False,
-            anchor_body=scenario.contract.anchor_body,
-            velocity_at=scenario.velocity_points,
-            bodies=scenario.bodies,
-        )
+        self.robot = self._make_robot(randomisation, command_delay, state_delay, state_sampling)
+        self._curriculum, self._progress = curriculum, 0.0
+        amounts_at(curriculum, self._progress)
+        self._drawn_from: int | None = None
         self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None
         """What the critic sees; None for nothing more than the policy."""
         bounds = observation_space(scenario.wiring, scenario.description)
@@ -154,6 +153,42 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         self._commands: FloatArray = np.zeros((1, 3))
         self._steps = 0
 
+    def _make_robot(
+        self,
+        randomisation: Randomisation | Mapping[str, Any] | None,
+        command_delay: float,
+        state_delay: float,
+        state_sampling: StateSampling,
+    ) -> EpisodeRobot | RandomisedRobot:
+        scenario = self.scenario
+        options: dict[str, Any] = {
+            "control_period": scenario.contract.policy_dt,
+            "physics_timestep": scenario.physics_timestep,
+            "actuation": scenario.actuation,
+            "anchor_body": scenario.contract.anchor_body,
+            "velocity_at": scenario.velocity_points,
+            "bodies": scenario.bodies,
+        }
+        if randomisation is None:
+            options |= {"command_delay": command_delay, "state_delay": state_delay, "state_sampling": state_sampling}
+            return EpisodeRobot(scenario.description, support=False, **options)
+        for name, value in (("command_delay", command_delay), ("state_delay", state_delay)):
+            if value:
+                raise InputError(f"{name}: is {value:g} s beside a randomisation, expected it as a field of that")
+        if state_sampling != "now":
+            raise InputError(f"state_sampling: is {state_sampling!r} beside a randomisation, expected now")
+        check_actuation(scenario.actuation, get_args(BatchActuation))
+        return RandomisedRobot(scenario.description, randomisation=Randomisation.of(randomisation), **options)
+
+    @property
+    def progress(self) -> float:
+        """How far training has come, in [0, 1], which whoever trains sets: the curriculum of the next episodes."""
+        return self._progress
+
+    @progress.setter
+    def progress(self, progress: float) -> None:
+        self._progress = checked_progress(progress)
+
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
@@ -163,7 +198,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             InputError: an option is unknown, or does not hold what it should.
         """
         super().reset(seed=seed)
-        plant, memory = self._begin({} if options is None else dict(options))
+        plant, memory = self._begin({} if options is None else dict(options), is_seeded=seed is not None)
         self.robot.place(plant)
         self._steps = 0
         velocity = self.scenario.task.command(self._commands, 0)
@@ -177,11 +212,15 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         self._show(loop.state, MITCommand.zeros(len(self.robot.joints)))
         return self._observation.copy(), {"frame": int(loop.memory.frame), **self._true(loop)}
 
-    def _begin(self, options: dict[str, Any]) -> tuple[PlantState, PolicyMemory | None]:
+    def _begin(self, options: dict[str, Any], *, is_seeded: bool) -> tuple[PlantState, PolicyMemory | None]:
         """Where the robot begins, with the policy's memory if it is not a fresh one; sets the episode's commands."""
-        scenario = self.scenario
+        scenario, amounts = self.scenario, amounts_at(self._curriculum, self._progress)
         start = scenario.task.start(self.np_random.random(scenario.task.draws))
-        plant, self._commands = self.robot.started(start), start.commands
+        if isinstance(self.robot, RandomisedRobot):
+            is_new = is_seeded or self._drawn_from != self.np_random_seed
+            self._drawn_from = self.np_random_seed
+            self.robot.draw(self.np_random_seed % 2**64 if is_new else None, amounts.randomisation)
+        plant, self._commands = self.robot.started(start), amounts.commands * start.commands
         if "recording" in options:
             plant, recorded = recorded_start(options.pop("recording"), scenario.description)
             live = recorded.extern.get(VELOCITY_COMMAND)

@@ -14,6 +14,7 @@ from gymnasium.vector.utils import batch_space
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.live_inputs import LiveInput
 from humanoid_sim.envs.copying import CopyableEnv
+from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
@@ -43,8 +44,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
     starts, states equal to 1e-9 per step, the same faults. A fault ends the episode of its environment and touches no
     other. `info` is that of `PolicyEnv` as Gymnasium's vector environments merge it, each key with a mask `_key`.
 
-    What may differ between environments is a `Randomisation`; an environment's differences are drawn when it is seeded.
-    Observations are then late and noisy as it says, rewards and terminations are those of the true state.
+    What may differ between environments is a `Randomisation`, drawn again for every episode. Observations are then late
+    and noisy as it says, rewards and terminations are those of the true state.
 
     `reset` takes a seed (environment i gets `seed + i`), or one per environment, and these options:
 
@@ -52,7 +53,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
     - `reset_mask`: shape (N,), the environments to reset, as `SyncVectorEnv` takes it.
     """
 
-    KEPT = ("_observation", "_commands", "_steps", "_is_over", "_numbers", "single_action_space", "closed")
+    KEPT = ("_observation", "_commands", "_steps", "_is_over", "_numbers", "single_action_space", "closed", "_progress")
 
     def __init__(
         self,
@@ -66,6 +67,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         physics_timestep: float | None = None,
         action_limit: float | None = None,
         randomisation: Randomisation | Mapping[str, Any] | None = None,
+        curriculum: Curriculum | None = None,
         threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
@@ -90,6 +92,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             physics_timestep: s; None for what suits robot and plant.
             action_limit: largest magnitude of a raw action; None: the contract's, or 100.
             randomisation: how the environments differ, or its fields by name; None: not at all.
+            curriculum: how much of it, and of the commands, counts at the `progress` that is set; None: all.
             threads: that step physics; None for one per processor that this process may use.
             autoreset_mode: what happens after an episode's end, as Gymnasium defines it.
             max_episode_steps: policy steps after which an episode is truncated, whatever the task says; None: any.
@@ -163,6 +166,17 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         self._commands: FloatArray = scenario.task.start(np.zeros((num_envs, scenario.task.draws))).commands
         self._steps = np.zeros(num_envs, dtype=np.int64)
         self._is_over = np.zeros(num_envs, dtype=np.bool_)
+        self._curriculum, self._progress = curriculum, 0.0
+        amounts_at(curriculum, self._progress)
+
+    @property
+    def progress(self) -> float:
+        """How far training has come, in [0, 1], which whoever trains sets: the curriculum of the next episodes."""
+        return self._progress
+
+    @progress.setter
+    def progress(self, progress: float) -> None:
+        self._progress = checked_progress(progress)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -180,8 +194,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             raise gymnasium.error.ResetNeeded("reset_mask: the first reset is of all environments")
         super().reset(seed=seeds[0])
         chosen = np.flatnonzero(mask)
-        self._seed(chosen, [seeds[i] for i in chosen.tolist()])
-        loop = self._begin(chosen, command)
+        is_new = self._seed(chosen, [seeds[i] for i in chosen.tolist()])
+        loop = self._begin(chosen, command, is_new)
         info = VectorInfo(self.num_envs)
         info.add("frame", np.asarray(loop.memory.frame), mask)
         self._add_true(info, loop, mask)
@@ -208,25 +222,33 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             raise InputError(f"episode_steps: has shape {values.shape}, expected ({self.num_envs},) numbers >= 0")
         self._steps = values.astype(np.int64)
 
-    def _seed(self, chosen: IndexArray, seeds: Sequence[int | None]) -> None:
+    def _seed(self, chosen: IndexArray, seeds: Sequence[int | None]) -> BoolArray:
+        """Seed some environments; which of all have new seeds, shape (N,)."""
         before = self._numbers.seeds.copy()
         self._numbers.seed(chosen, seeds)
-        is_new = self._numbers.seeds != before
+        is_new: BoolArray = self._numbers.seeds != before
         is_new[chosen] |= [seed is not None for seed in seeds]
-        if is_new.any():
-            self.simulation.reseed(self._numbers.seeds[is_new], np.flatnonzero(is_new))
+        return is_new
 
-    def _begin(self, chosen: IndexArray, command: FloatArray | None = None) -> ClosedLoop:
-        """Put some environments at the start of an episode, and observe it."""
-        task = self.scenario.task
+    def _begin(
+        self, chosen: IndexArray, command: FloatArray | None = None, is_new: BoolArray | None = None
+    ) -> ClosedLoop:
+        """Put some environments at the start of an episode, and observe it.
+
+        Args:
+            chosen: shape (k,), indices.
+            command: shape (N, 3), for the whole episode; None: what the task draws.
+            is_new: shape (N,), which have new seeds; None: none.
+        """
+        task, amounts = self.scenario.task, amounts_at(self._curriculum, self._progress)
+        first = np.zeros(self.num_envs, dtype=np.bool_) if is_new is None else is_new
+        if first.any():
+            self.simulation.reseed(self._numbers.seeds[first], np.flatnonzero(first), amounts.randomisation)
+        self.simulation.redraw(chosen[~first[chosen]], amounts.randomisation)
         start = task.start(self._numbers.take(chosen))
-        self.simulation.reset(
-            chosen,
-            joint_position=start.joint_position,
-            joint_velocity=start.joint_velocity,
-            base_yaw=start.base_yaw,
-        )
-        self._commands[chosen] = start.commands if command is None else command[chosen, None]
+        self.simulation.reset(chosen, **start.pose)
+        start_commands = amounts.commands * start.commands
+        self._commands[chosen] = start_commands if command is None else command[chosen, None]
         self._steps[chosen] = 0
         self._is_over[chosen] = False
         velocity = task.command(self._commands, self._steps).copy()

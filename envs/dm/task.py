@@ -17,8 +17,9 @@ from dm_control.rl import control
 from dm_env import specs
 from gymnasium.spaces import Box
 
+from humanoid_sim.envs.episode_robot import EpisodeRobot
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.envs.randomised_robot import RandomisedRobot
 
 __all__ = ["PolicyTask", "RobotPhysics", "TaskEnvironment"]
 
@@ -31,7 +32,7 @@ class RobotPhysics(mujoco.Physics):
     A simulation that is no longer sound is a fault that ends the episode, not a `PhysicsError`.
     """
 
-    def __init__(self, robot: MujocoRobot, advance: Callable[[], None]) -> None:
+    def __init__(self, robot: EpisodeRobot | RandomisedRobot, advance: Callable[[], None]) -> None:
         """Share the robot's model and data.
 
         Args:

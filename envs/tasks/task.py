@@ -45,6 +45,11 @@ class Start:
     commands: FloatArray
     """Shape (..., k, 3), the velocity commands one after the other: vx, vy in m/s, yaw rate in rad/s, heading frame."""
 
+    @property
+    def pose(self) -> dict[str, FloatArray]:
+        """Where the robot begins, as `StartPose.arrays` takes it."""
+        return {"joint_position": self.joint_position, "joint_velocity": self.joint_velocity, "base_yaw": self.base_yaw}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:

@@ -318,26 +318,29 @@ class StartPose:
         data.qpos[joints.qpos] = description.initial_position
         self._joints = joints
         self._dof_count = int(model.nv)
-        self._base_quaternion: slice | None = None
+        self._base: tuple[slice, slice, slice, slice] | None = None
         self._model, self._base_body = model, description.base.body
         if description.is_floating:
             FloatingBase(model, description, data.qpos).place(data)
-            self._base_quaternion = base_addresses(model, description)[1]
+            self._base = base_addresses(model, description)
         self._qpos: FloatArray = data.qpos.copy()
 
     @cached_property
     def standing_height(self) -> float:
         """m, of the centre of mass above the floor; 0 for a fixed base."""
-        floats = self._base_quaternion is not None
-        return standing_height(self._model, self._base_body, self._qpos) if floats else 0.0
+        return 0.0 if self._base is None else standing_height(self._model, self._base_body, self._qpos)
 
     def arrays(
         self,
         batch: tuple[int, ...] = (),
+        /,
         *,
         joint_position: FloatArray | None = None,
         joint_velocity: FloatArray | None = None,
         base_yaw: FloatArray | None = None,
+        base_offset: FloatArray | None = None,
+        base_pose: FloatArray | None = None,
+        base_velocity: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """MuJoCo's generalised position (..., nq) and velocity (..., nv), new arrays.
 
@@ -346,6 +349,10 @@ class StartPose:
             joint_position: shape (..., n), rad; None for the description's initial position.
             joint_velocity: shape (..., n), rad/s; None for rest.
             base_yaw: shape (...), rad, about the vertical, by which a floating base is turned; None for not at all.
+            base_offset: shape (..., 3), m, world frame, by which it is moved then; None for not at all.
+            base_pose: shape (..., 7), m and w x y z, world frame, of a floating base instead; None, or rows of NaN,
+                where it stands as above.
+            base_velocity: shape (..., 6), m/s, world frame, and rad/s, base frame, where `base_pose` says where it is.
         """
         qpos = np.broadcast_to(self._qpos, (*batch, len(self._qpos))).copy()
         qvel = np.zeros((*batch, self._dof_count))
@@ -353,8 +360,22 @@ class StartPose:
             qpos[..., self._joints.qpos] = joint_position
         if joint_velocity is not None:
             qvel[..., self._joints.dof] = joint_velocity
-        if base_yaw is not None and self._base_quaternion is not None:
+        if base_yaw is not None and self._base is not None:
+            quaternion = self._base[1]
             half, none = 0.5 * np.asarray(base_yaw), np.zeros(batch)
             turn = np.stack([np.cos(half), none, none, np.sin(half)], axis=-1)
-            qpos[..., self._base_quaternion] = multiply(turn, self._qpos[self._base_quaternion])
+            qpos[..., quaternion] = multiply(turn, self._qpos[quaternion])
+        if self._base is not None:
+            place, orientation, linear, angular = self._base
+            if base_offset is not None:
+                qpos[..., place] += base_offset
+            if base_pose is not None and base_velocity is not None:
+                is_given = np.isfinite(base_pose).all(axis=-1, keepdims=True)
+                for array, part, given in (
+                    (qpos, place, base_pose[..., :3]),
+                    (qpos, orientation, base_pose[..., 3:]),
+                    (qvel, linear, base_velocity[..., :3]),
+                    (qvel, angular, base_velocity[..., 3:]),
+                ):
+                    array[..., part] = np.where(is_given, given, array[..., part])
         return qpos, qvel

@@ -6,12 +6,14 @@ A generator object per environment would need a Python loop in every step.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["normals", "philox", "seed_keys", "uniforms"]
+__all__ = ["normals", "philox", "seed_keys", "uniforms", "uniforms_of_streams"]
 
 Words = npt.NDArray[np.uint64]
 
@@ -56,17 +58,25 @@ def uniforms(keys: Words, stream: int, counter: npt.NDArray[np.integer], width: 
         counter: shape (N,), >= 0, such as the number of a step; different counters are independent.
         width: numbers per environment.
     """
-    blocks = -(-width // 4)
+    return uniforms_of_streams(keys, [(stream, width)], counter)[0]
+
+
+def uniforms_of_streams(
+    keys: Words, streams: Sequence[tuple[int, int]], counter: npt.NDArray[np.integer]
+) -> list[FloatArray]:
+    """What `uniforms` gives of each of several streams and widths, all at once: most of the cost is of the call."""
+    blocks = [-(-width // 4) for _, width in streams]
     count = keys.shape[1]
-    words = np.empty((4, count, blocks), dtype=np.uint64)
-    words[0] = np.arange(blocks, dtype=np.uint64)
+    words = np.empty((4, count, sum(blocks)), dtype=np.uint64)
+    words[0] = np.concatenate([np.arange(n, dtype=np.uint64) for n in blocks])
     step = counter.astype(np.uint64)[:, None]
     words[1] = step & _LOW
     words[2] = step >> _HALF
-    words[3] = np.uint64(stream)
+    words[3] = np.repeat(np.array([stream for stream, _ in streams], dtype=np.uint64), blocks)
     drawn = philox(words, keys[:, :, None])
-    flat = drawn.transpose(1, 2, 0).reshape(count, 4 * blocks)[:, :width]
-    return (flat.astype(np.float64) + 0.5) * 2.0**-32
+    flat = (drawn.transpose(1, 2, 0).reshape(count, -1).astype(np.float64) + 0.5) * 2.0**-32
+    begins = 4 * np.cumsum([0, *blocks])
+    return [flat[:, begin : begin + width] for begin, (_, width) in zip(begins[:-1], streams, strict=True)]
 
 
 def normals(keys: Words, stream: int, counter: npt.NDArray[np.integer], width: int) -> FloatArray:

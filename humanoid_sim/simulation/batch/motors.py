@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray, MITCommand, affine_law, affine_torque
-from humanoid_sim.simulation.batch.counter_random import Words, uniforms
+from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import ModelPool
 
 __all__ = ["BatchMotors", "MotorDifferences"]
@@ -18,7 +18,6 @@ __all__ = ["BatchMotors", "MotorDifferences"]
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 
-_JITTER_STREAM = 32
 _LONG_AGO = np.iinfo(np.int64).min
 
 
@@ -32,8 +31,43 @@ class MotorDifferences:
     """Shape (N, n), the motor's K_p over the commanded one."""
     damping: FloatArray
     """Shape (N, n), the motor's K_d over the commanded one."""
-    keys: Words
-    """Shape (2, N), of the jitter."""
+    strength: FloatArray
+    """Shape (N, n), the motor's torque over the one that it means to apply."""
+    limit: FloatArray
+    """Shape (N, n), N·m, of the torque that the motor does apply."""
+    bias: FloatArray
+    """Shape (N, n), rad, by how much the motor's encoder shows too much."""
+
+    @classmethod
+    def none(cls, count: int, effort_limit: FloatArray) -> Self:
+        """Those of motors that are as they should be, `effort_limit` of shape (n,), N·m."""
+        shape, delay = (count, len(effort_limit)), np.zeros(count, dtype=np.int64)
+        limit = np.broadcast_to(effort_limit, shape).copy()
+        return cls(delay, np.ones(shape), np.ones(shape), np.ones(shape), limit, np.zeros(shape))
+
+    def draw(self, indices: IndexArray, draws: Draws, timestep: float, effort_limit: FloatArray) -> None:
+        """Take over what is drawn for these environments' episodes; `timestep` is of the physics, s."""
+        self.delay[indices] = np.rint(draws.quantity("command_delay", indices)[:, 0] / timestep)
+        self.stiffness[indices] = draws.factor("stiffness", indices)
+        self.damping[indices] = draws.factor("damping", indices)
+        self.strength[indices] = draws.factor("motor_strength", indices)
+        factor = self.strength[indices] * draws.factor("effort_limit", indices)
+        self.limit[indices] = np.where(np.isfinite(effort_limit), effort_limit, 1.0) * factor
+        self.limit[:, ~np.isfinite(effort_limit)] = np.inf
+        self.bias[indices] = draws.symmetric("joint_position_bias", indices)
+
+    def applied(self, command: MITCommand) -> MITCommand:
+        """The command that motors without differences would have to be given, shape (N, n), for the same torque.
+
+        Twice as strong a motor is one with twice the gains and limits; one whose encoder shows too much aims too low.
+        """
+        return MITCommand(
+            position=command.position - self.bias,
+            velocity=command.velocity,
+            effort=command.effort * self.strength,
+            stiffness=command.stiffness * (self.stiffness * self.strength),
+            damping=command.damping * (self.damping * self.strength),
+        )
 
 
 class BatchMotors:
@@ -46,9 +80,9 @@ class BatchMotors:
     def __init__(
         self,
         pool: ModelPool,
-        effort_limit: FloatArray,
         steps: int,
         differences: MotorDifferences,
+        draws: Draws,
         *,
         longest_delay: int,
         jitter: int,
@@ -57,18 +91,17 @@ class BatchMotors:
 
         Args:
             pool: the N models.
-            effort_limit: shape (n,), N·m.
             steps: physics steps per command.
-            differences: of the N robots.
+            differences: of the N robots; their arrays may change at any time.
+            draws: of the jitter.
             longest_delay: physics steps, beyond which no delay will ever be.
             jitter: physics steps, the greatest further delay.
         """
         self._pool = pool
-        self._limit = effort_limit
         self._steps = steps
         self._jitter = jitter
+        self._draws = draws
         self.differences = differences
-        """May be replaced at any time."""
         count, n = differences.stiffness.shape
         self._bias = np.zeros((count, n, 2))
         # The last commands, the newest last: as many as can be under way, and the one in force before them.
@@ -98,7 +131,7 @@ class BatchMotors:
             Shape (N, steps, n), N·m; the same buffer every time.
         """
         own = self.differences
-        command = replace(command, stiffness=command.stiffness * own.stiffness, damping=command.damping * own.damping)
+        command = own.applied(command)
         bias, control = affine_law(command)
         self._set_gains(bias, command)
         if self._slots == 1:
@@ -107,8 +140,9 @@ class BatchMotors:
         begin = step * self._steps
         arrival = begin + own.delay
         if self._jitter:
-            drawn = uniforms(own.keys, _JITTER_STREAM, step, 1)[:, 0]
-            arrival += np.floor(drawn * (self._jitter + 1)).astype(np.int64)
+            drawn = self._draws.shares("jitter", step, 1)[:, 0]
+            greatest = np.rint(self._jitter * self._draws.amount("command_jitter")[:, 0])
+            arrival += np.floor(drawn * (greatest + 1)).astype(np.int64)
         moving: slice | IndexArray = slice(None) if chosen is None else chosen
         for line, newest in (
             (self._targets, np.stack([command.position, command.velocity, command.effort], axis=1)),
@@ -123,9 +157,13 @@ class BatchMotors:
             np.copyto(self._control, late[:, None], where=(since[:, None] <= now)[:, :, None])
         return self._control
 
-    def torque(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
-        """Shape (N, n), N·m, saturated, of the last of the physics steps, which began at this joint state."""
-        return affine_torque(self._bias, self._control[:, -1], position, velocity, self._limit)
+    def torque(self, position: FloatArray, velocity: FloatArray, control: FloatArray | None = None) -> FloatArray:
+        """Shape (N, n), N·m, saturated, of a physics step that began at this joint state, (N, n), rad and rad/s.
+
+        `control`, (N, n), is the one in force in it; None: in the last of the physics steps.
+        """
+        control = self._control[:, -1] if control is None else control
+        return affine_torque(self._bias, control, position, velocity, self.differences.limit)
 
     def snapshot(self) -> tuple[npt.NDArray[Any], ...]:
         """Copies of the gains and of the commands in force and under way, for `restore`."""

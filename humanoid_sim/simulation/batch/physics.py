@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -14,7 +16,7 @@ from mujoco import rollout
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.silence import mujoco_silenced
 
-__all__ = ["BatchPhysics", "ModelPool", "usable_processors"]
+__all__ = ["BatchPhysics", "ModelPool", "PhysicalStates", "usable_processors"]
 
 BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]
@@ -46,6 +48,11 @@ class ModelPool:
         self._models = np.empty(count, dtype=object)
         self._models[:] = shared
         self._list: list[mujoco.MjModel] = [shared] * count
+
+    @cached_property
+    def room(self) -> mujoco.MjData:
+        """To work in, of any of the models."""
+        return mujoco.MjData(self.nominal)
 
     def __getitem__(self, i: int) -> mujoco.MjModel:
         """The model of environment i."""
@@ -79,6 +86,22 @@ class ModelPool:
             self._models[i].actuator_biasprm[:, 1:3] = bias[i]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PhysicalStates:
+    """States of N robots, each at one instant."""
+
+    full: FloatArray
+    """Shape (N, …), as MuJoCo orders them."""
+    time: FloatArray
+    """Shape (N,), s since each environment's start."""
+    qpos: FloatArray
+    """Shape (N, nq), MuJoCo's generalised position."""
+    qvel: FloatArray
+    """Shape (N, nv), MuJoCo's generalised velocity."""
+    acceleration: FloatArray
+    """Shape (N, nv), of the physics step before."""
+
+
 class BatchPhysics:
     """N states that are advanced together, `steps` physics steps at a time, each as one simulation alone would be.
 
@@ -88,7 +111,9 @@ class BatchPhysics:
     feels the acceleration after the damping.)
     """
 
-    def __init__(self, pool: ModelPool, count: int, steps: int, threads: int, push_body: int) -> None:
+    def __init__(
+        self, pool: ModelPool, count: int, steps: int, threads: int, push_body: int, longest_delay: int = 0
+    ) -> None:
         """Allocate.
 
         Args:
@@ -97,6 +122,7 @@ class BatchPhysics:
             steps: physics steps at a time.
             threads: that step.
             push_body: id of the body that wrenches act on.
+            longest_delay: physics steps by which `past` looks back at most.
         """
         model = pool.nominal
         self._pool = pool
@@ -125,6 +151,12 @@ class BatchPhysics:
         """Shape (N, nv), one physics step ago."""
         self.acceleration = np.zeros((count, model.nv))
         """Shape (N, nv), of the latest physics step."""
+        self.now = PhysicalStates(self._state, self.time, self.qpos, self.qvel, self.acceleration)
+        """The present, in views."""
+        # The last periods, the newest last, of `past`; and the first state of what is kept before them.
+        self._periods = -(-(longest_delay + 2) // steps) if longest_delay else 0
+        self._line = np.zeros((self._periods, count, steps, width))
+        self._controls = np.zeros((self._periods, count, steps, model.nu))
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         # A pool of one thread would only hand its work over.
         self._rollout = rollout.Rollout(nthread=threads if threads > 1 else 0)
@@ -138,6 +170,7 @@ class BatchPhysics:
         self._state[indices, self._qvel] = qvel
         self._before[indices] = self._state[indices]
         self.acceleration[indices] = 0.0
+        self._line[:, indices] = self._state[indices, None]
 
     def advance(self, control: FloatArray, wrench: FloatArray | None, chosen: IndexArray | None) -> BoolArray:
         """Take `steps` physics steps.
@@ -155,6 +188,7 @@ class BatchPhysics:
         if not count:
             return np.zeros(0, dtype=np.bool_)
         initial = self._state.copy() if everyone else self._state[chosen]
+        actuated = control
         if wrench is not None:
             control = self._with_wrench(control, wrench)
         path = self._path[:count]
@@ -178,26 +212,54 @@ class BatchPhysics:
         if chosen is not None or broken.any():
             sound = ~broken
             rows = np.flatnonzero(sound) if chosen is None else chosen[sound]
-            last, before = last[sound], before[sound]
+            last, before, path = last[sound], before[sound], path[sound]
+        for line, newest in ((self._line, path), (self._controls, actuated[rows])) if self._periods else ():
+            line[:-1, rows] = line[1:, rows]
+            line[-1, rows] = newest
         self._state[rows] = last
         self._before[rows] = before
         self.acceleration[rows] = (last[:, self._qvel] - before[:, self._qvel]) / self._timestep
         return broken
 
+    def past(self, delay: IndexArray) -> tuple[PhysicalStates, PhysicalStates, FloatArray]:
+        """Where the robots were some physics steps ago, but not before their start.
+
+        Args:
+            delay: shape (N,), physics steps, at most the longest that was announced.
+
+        Returns:
+            Their states then, shape (N, …); those one physics step before; and the controls of that step, (N, n).
+        """
+        if not self._periods:
+            return self.now, self.now, np.zeros((len(delay), self._controls.shape[-1]))
+        everyone, steps = np.arange(len(delay)), self._steps
+        last = self._periods * steps - 1 - delay
+        then, before = (self._line[i // steps, everyone, i % steps] for i in (last, last - 1))
+        acceleration = (then[:, self._qvel] - before[:, self._qvel]) / self._timestep
+        control = self._controls[last // steps, everyone, last % steps]
+        return self._states(then, acceleration), self._states(before, acceleration), control
+
+    def _states(self, full: FloatArray, acceleration: FloatArray) -> PhysicalStates:
+        return PhysicalStates(full, full[:, 0], full[:, self._qpos], full[:, self._qvel], acceleration)
+
     def snapshot(self) -> tuple[FloatArray, ...]:
-        """Copies of the states and of what is remembered of the step before, for `restore`."""
-        return self._state.copy(), self._before.copy(), self.acceleration.copy()
+        """Copies of the states and of what is remembered of the steps before, for `restore`."""
+        arrays = self._state, self._before, self.acceleration, self._line, self._controls
+        return tuple(array.copy() for array in arrays)
 
     def restore(self, snapshot: Sequence[FloatArray]) -> None:
         """Take over a snapshot of as many states; views into them stay valid."""
-        self._state[:], self._before[:], self.acceleration[:] = snapshot
+        self._state[:], self._before[:], self.acceleration[:], self._line[:], self._controls[:] = snapshot
 
-    def measure(self, model: mujoco.MjModel, data: Sequence[mujoco.MjData], force: FloatArray) -> FloatArray:
-        """What another model's sensors measure at the present states.
+    def measure(
+        self, model: mujoco.MjModel, data: Sequence[mujoco.MjData], states: FloatArray, force: FloatArray
+    ) -> FloatArray:
+        """What another model's sensors measure.
 
         Args:
             model: with the same joints.
             data: of that model, one per thread.
+            states: shape (N, …), `PhysicalStates.full`.
             force: shape (N, nv), generalised forces that act on it.
 
         Returns:
@@ -208,7 +270,7 @@ class BatchPhysics:
             self._rollout.rollout(
                 [model] * len(force),
                 data,
-                self._state,
+                states,
                 force[:, None],
                 control_spec=int(mujoco.mjtState.mjSTATE_QFRC_APPLIED),
                 skip_checks=True,

@@ -1,4 +1,4 @@
-"""How the robots of a batch differ from one another and from their model, drawn from one seed per environment."""
+"""How the robots of a batch differ from one another and from their model."""
 
 from __future__ import annotations
 
@@ -7,49 +7,69 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-import mujoco
-import numpy as np
-import numpy.typing as npt
-
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.mit import FloatArray
-from humanoid_sim.simulation.batch.counter_random import Words, uniforms
-from humanoid_sim.simulation.batch.physics import ModelPool
+from humanoid_sim.simulation.push import PUSH_DURATION
 
-__all__ = ["LONGEST_DELAY", "Randomisation", "Range", "vary_models"]
+__all__ = ["LONGEST_DELAY", "Randomisation", "Range"]
 
 Range = tuple[float, float]
 """Least and greatest of a uniform distribution."""
 
 _SAME: Range = (1.0, 1.0)
+_NONE: Range = (0.0, 0.0)
 LONGEST_DELAY = 1.0
-"""s: all commands of that time are kept for every environment."""
-_STREAMS = {"mass": 1, "friction": 2, "joint_friction": 3, "stiffness": 4, "damping": 5, "command_delay": 6}
-"""Stream of random numbers that each quantity is drawn from: what one is set to does not move the others."""
+"""s: all commands, and all states, of that time are kept for every environment."""
+_STEEPEST = 0.5
+"""rad, of `gravity_tilt`: beyond it nothing stands."""
+_DELAYS = "command_delay", "state_delay"
 
 
 @dataclass(frozen=True, slots=True)
 class Randomisation:
     """What is drawn for each environment. As given here nothing differs: every robot is its model, in time and quiet.
 
-    Factors, delays and friction are drawn when an environment is seeded and stay; jitter and noise are drawn in every
-    step. All of it depends on the environment's seed and step alone, not on the batch.
+    All is drawn anew for every episode, but noise, jitter and pushes, which are drawn as the episode goes on. It
+    depends on the environment's seed, the number of its episode since it was seeded, and the step: not on the batch.
     """
 
     mass: Range = _SAME
     """Factor on the mass and the inertia of every body, drawn body by body."""
+    centre_of_mass: float = 0.0
+    """m, greatest shift of the centre of mass of every body that the robot moves, along each axis of the body's frame."""
+    payload: Range = _NONE
+    """kg that the base carries at its centre of mass; of a robot with a fixed base each hand, drawn hand by hand."""
     friction: Range = _SAME
     """Factor on the friction of all contacts, one for the environment."""
     joint_friction: Range = _SAME
     """Factor on the joints' friction loss, drawn joint by joint."""
+    armature: Range = _SAME
+    """Factor on the joints' armature, the inertia of motor and gear, drawn joint by joint."""
+    gravity_tilt: float = 0.0
+    """rad, greatest angle between gravity and the world's vertical, in any direction: a floor that is not level, or a
+    stand that is not upright. The IMU feels it."""
     stiffness: Range = _SAME
     """Factor between the commanded K_p and the motor's, drawn motor by motor."""
     damping: Range = _SAME
     """Factor between the commanded K_d and the motor's, drawn motor by motor."""
-    command_delay: Range = (0.0, 0.0)
+    motor_strength: Range = _SAME
+    """Factor between the torque that a motor means to apply, its limit included, and the one that it does, drawn motor
+    by motor."""
+    effort_limit: Range = _SAME
+    """Factor on the motors' effort limit, drawn motor by motor."""
+    command_delay: Range = _NONE
     """s from a command to its effect, rounded to whole physics steps."""
     command_jitter: float = 0.0
     """s, greatest further delay, drawn command by command. A command that arrives after a later one is dropped."""
+    state_delay: Range = _NONE
+    """s from a state to its being reported, of joints, IMU and live inputs alike, rounded to whole physics steps."""
+    joint_position_bias: float = 0.0
+    """rad, greatest error of each encoder's zero. What is reported is off by it, and the motor's own loop is, too."""
+    orientation_bias: float = 0.0
+    """rad, greatest error about each axis of the IMU, as of one that is not mounted straight."""
+    angular_velocity_bias: float = 0.0
+    """rad/s, greatest error of each axis of the IMU."""
+    linear_acceleration_bias: float = 0.0
+    """m/s², greatest error of each axis of the IMU."""
     joint_position_noise: float = 0.0
     """rad, standard deviation of what the policy sees; the motors' own loop is closed over the true angles."""
     joint_velocity_noise: float = 0.0
@@ -60,6 +80,11 @@ class Randomisation:
     """rad/s, standard deviation."""
     linear_acceleration_noise: float = 0.0
     """m/s², standard deviation."""
+    push: Range = _NONE
+    """m/s by which a push would speed the whole robot up: a force of 0.1 s on a floating base, in any horizontal
+    direction, as `play --push` applies it."""
+    push_interval: float = 5.0
+    """s: there is one push in each such stretch of time, at a moment that is drawn."""
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -80,9 +105,16 @@ class Randomisation:
                 raise InputError(f"randomisation: {field.name} is {value!r}, expected {accepted}")
             if is_range:
                 object.__setattr__(self, field.name, (float(bounds[0]), float(bounds[1])))
-        if self.command_delay[1] > LONGEST_DELAY:
+        for name in _DELAYS:
+            delay = getattr(self, name)
+            if delay[1] > LONGEST_DELAY:
+                raise InputError(f"randomisation: {name} is {delay}, expected at most {LONGEST_DELAY:g} s")
+        if self.gravity_tilt > _STEEPEST:
+            raise InputError(f"randomisation: gravity_tilt is {self.gravity_tilt}, expected at most {_STEEPEST:g} rad")
+        if self.push_interval < 2.0 * PUSH_DURATION:
             raise InputError(
-                f"randomisation: command_delay is {self.command_delay}, expected at most {LONGEST_DELAY:g} s"
+                f"randomisation: push_interval is {self.push_interval:g}, expected at least {2.0 * PUSH_DURATION:g} s, "
+                f"as a push takes {PUSH_DURATION:g} s"
             )
 
     @classmethod
@@ -102,58 +134,22 @@ class Randomisation:
                 raise InputError(f"randomisation: {known_names('field', name, known)}")
         return cls(**(values or {}))
 
+    def has(self, *names: str) -> bool:
+        """Whether any of these fields says that something differs."""
+        return any(getattr(self, name) != _NEUTRAL[name] for name in names)
+
     @property
     def is_noisy(self) -> bool:
-        """Whether what the policy sees differs from what is."""
-        return any(
-            (
-                self.joint_position_noise,
-                self.joint_velocity_noise,
-                self.orientation_noise,
-                self.angular_velocity_noise,
-                self.linear_acceleration_noise,
-            )
-        )
+        """Whether what the policy sees differs from what is, from report to report."""
+        return self.has(*(name for name in _NEUTRAL if name.endswith("_noise")))
 
-    def draw(self, name: str, keys: Words, width: int) -> FloatArray:
-        """Values of one of the ranges, shape (N, width), for environments with these keys."""
-        low, high = getattr(self, name)
-        if low == high:
-            return np.full((keys.shape[1], width), low)
-        counter = np.zeros(keys.shape[1], dtype=np.int64)
-        drawn: FloatArray = low + (high - low) * uniforms(keys, _STREAMS[name], counter, width)
-        return drawn
+    @property
+    def is_biased(self) -> bool:
+        """Whether what the policy sees is off by something that stays for the episode."""
+        return self.has(*(name for name in _NEUTRAL if name.endswith("_bias")))
 
 
-def vary_models(
-    pool: ModelPool,
-    indices: npt.NDArray[np.intp],
-    randomisation: Randomisation,
-    keys: Words,
-    dof: npt.NDArray[np.intp],
-) -> None:
-    """Give models the masses and frictions of their environments, in place, if any differ; nothing is compiled anew.
-
-    Args:
-        pool: of all environments.
-        indices: shape (k,), the environments, whose models may have been varied before.
-        randomisation: the ranges.
-        keys: shape (2, k), the environments'.
-        dof: shape (n,), the joints' indices into `qvel`.
-    """
-    if all(getattr(randomisation, name) == _SAME for name in ("mass", "friction", "joint_friction")):
-        return
-    pool.separate()
-    models, nominal = pool.select(indices), pool.nominal
-    masses = randomisation.draw("mass", keys, nominal.nbody)
-    frictions = randomisation.draw("friction", keys, 1)[:, 0]
-    losses = randomisation.draw("joint_friction", keys, len(dof))
-    data = mujoco.MjData(nominal)  # room to work in
-    for model, mass, friction, loss in zip(models, masses, frictions, losses, strict=True):
-        model.body_mass[:] = nominal.body_mass * mass
-        model.body_inertia[:] = nominal.body_inertia * mass[:, None]
-        model.geom_friction[:] = nominal.geom_friction * friction
-        model.pair_friction[:] = nominal.pair_friction * friction
-        model.dof_frictionloss[:] = nominal.dof_frictionloss
-        model.dof_frictionloss[dof] *= loss
-        mujoco.mj_setConst(model, data)  # what the solver derives from masses at the zero pose
+_NEUTRAL: Mapping[str, Any] = {
+    field.name: field.default for field in fields(Randomisation) if field.name != "push_interval"
+}
+"""By field, where nothing differs."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Self
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.rotation import multiply, seen_from
+from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, rotate_inverse, seen_from
 from humanoid_sim.mit import (
     ANCHOR_POSE,
     BASE_LINEAR_VELOCITY,
@@ -21,17 +22,18 @@ from humanoid_sim.mit import (
     point_velocity,
 )
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.batch.counter_random import Words, normals
-from humanoid_sim.simulation.batch.physics import BatchPhysics
-from humanoid_sim.simulation.batch.randomisation import Randomisation
+from humanoid_sim.simulation.batch.draws import Draws
+from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates
+from humanoid_sim.simulation.batch.variation import gravity_turns
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import JointAddresses, body_ids, build_model
 from humanoid_sim.simulation.sensors import Imu, live_inputs
 
-__all__ = ["BatchSensors"]
+__all__ = ["BatchSensors", "SensorDifferences"]
 
-_NOISE_STREAM = 33
+IndexArray = npt.NDArray[np.intp]
+
 _SENSOR = mujoco.mjtSensor.__members__
 _BASE = "humanoid_sim_base"
 """Name of the base in the model that measures, if the MJCF gives it none."""
@@ -40,11 +42,45 @@ _ARMATURE = 2.0**60
 """kg, or kg·m². The robot's own inertia vanishes beside it: a force of `_ARMATURE · qacc` accelerates by `qacc`."""
 
 
-class BatchSensors:
-    """Reads joints, IMU, the velocity of floating bases and the poses of bodies, all of the present state.
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorDifferences:
+    """How the sensors of N robots differ."""
 
-    MuJoCo's sensors are those of a physics step's first state. So a step is taken from the present one, in a model that
-    has these sensors and that nothing moves but the acceleration of the latest physics step.
+    delay: npt.NDArray[np.int64]
+    """Shape (N,), physics steps from a state to its report."""
+    joint_position: FloatArray
+    """Shape (N, n), rad, too much."""
+    turn: FloatArray
+    """Shape (N, 4), w x y z, of the IMU as it is mounted in the frame that it should have."""
+    angular_velocity: FloatArray
+    """Shape (N, 3), rad/s, IMU frame, too much."""
+    linear_acceleration: FloatArray
+    """Shape (N, 3), m/s², IMU frame, too much."""
+    gravity_turn: FloatArray
+    """Shape (N, 4), w x y z, world frame, from the vertical to gravity's direction."""
+
+    @classmethod
+    def none(cls, count: int, joints: int) -> Self:
+        """Those of sensors that are as they should be."""
+        straight, nothing = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)), np.zeros((count, 3))
+        delay = np.zeros(count, dtype=np.int64)
+        return cls(delay, np.zeros((count, joints)), straight, nothing, nothing.copy(), straight.copy())
+
+    def draw(self, indices: IndexArray, draws: Draws, timestep: float) -> None:
+        """Take over what is drawn for these environments' episodes; `timestep` is of the physics, s."""
+        self.delay[indices] = np.rint(draws.quantity("state_delay", indices)[:, 0] / timestep)
+        self.joint_position[indices] = draws.symmetric("joint_position_bias", indices)
+        self.turn[indices] = _small_turn(draws.symmetric("orientation_bias", indices))
+        self.angular_velocity[indices] = draws.symmetric("angular_velocity_bias", indices)
+        self.linear_acceleration[indices] = draws.symmetric("linear_acceleration_bias", indices)
+        self.gravity_turn[indices] = gravity_turns(draws, indices)
+
+
+class BatchSensors:
+    """Reads joints, IMU, the velocity of floating bases and the poses of bodies, all of states at one instant.
+
+    MuJoCo's sensors are those of a physics step's first state. So a step is taken from that one, in a model that has
+    these sensors and that nothing moves but the acceleration of the physics step before.
     """
 
     def __init__(
@@ -52,7 +88,7 @@ class BatchSensors:
         physics: BatchPhysics,
         description: RobotDescription,
         addresses: JointAddresses,
-        randomisation: Randomisation,
+        draws: Draws,
         *,
         anchor_body: str,
         velocity_at: Sequence[str] = (),
@@ -64,7 +100,7 @@ class BatchSensors:
             physics: of the N robots.
             description: the robot.
             addresses: of its joints.
-            randomisation: the noise.
+            draws: of differences and noise.
             anchor_body: MJCF body whose pose the state reports; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state reports.
             bodies: MJCF bodies whose poses can be asked for.
@@ -73,7 +109,9 @@ class BatchSensors:
             InputError: a body is not in the model.
         """
         self._addresses = addresses
-        self._noise = randomisation
+        self._draws = draws
+        self.differences = SensorDifferences.none(len(physics.time), len(addresses.dof))
+        """Of the N robots."""
         self._physics = physics
         self._is_anchored = bool(anchor_body)
         self._keys = PianoKeys(physics.model) if description.piano is not None else None
@@ -99,14 +137,22 @@ class BatchSensors:
         self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         self._data = [mujoco.MjData(self._model) for _ in range(physics.threads)]
 
-    def measure(self) -> FloatArray:
-        """What `read` and `poses` take; shape (N, …), a new array."""
-        return self._physics.measure(self._model, self._data, _ARMATURE * self._physics.acceleration)
+    def measure(self, states: PhysicalStates) -> FloatArray:
+        """What `read` and `poses` take, of states of the N robots; shape (N, …), a new array."""
+        return self._physics.measure(self._model, self._data, states.full, _ARMATURE * states.acceleration)
 
-    def read(self, measured: FloatArray, effort: FloatArray, base: BaseState | None) -> MITState:
-        """The true state of N robots; effort is (N, n), N·m."""
-        physics = self._physics
-        position = physics.qpos[:, self._addresses.qpos]
+    def read(
+        self, states: PhysicalStates, measured: FloatArray, effort: FloatArray, base: BaseState | None
+    ) -> MITState:
+        """The true state of N robots at these states.
+
+        Args:
+            states: of the robots.
+            measured: from `measure` of them.
+            effort: shape (N, n), N·m.
+            base: pose and motion of floating bases then.
+        """
+        position = states.qpos[:, self._addresses.qpos]
         live = {}
         if base is not None:
             live[BASE_LINEAR_VELOCITY] = Extern(base.linear_velocity, 0.0)
@@ -117,21 +163,30 @@ class BatchSensors:
         for i, name in enumerate(self._points):
             live[name] = Extern(measured[:, first + 3 * i : first + 3 * i + 3], 0.0)
         if self._keys is not None:
-            live[KEY_PRESSED] = Extern(self._keys.pressed(physics.qpos), 0.0)
+            live[KEY_PRESSED] = Extern(self._keys.pressed(states.qpos), 0.0)
         imu = measured[:, :10]
         if self._constant is not None:
             imu = np.broadcast_to(self._constant, imu.shape)
+        orientation, acceleration = _as_from_matrix(imu[:, :4]), imu[:, 7:10]
+        if self._draws.randomisation.has("gravity_tilt"):
+            orientation, acceleration = self._felt(orientation, acceleration)
         return MITState(
-            time=physics.time,
+            time=states.time,
             joint_position=position,
-            joint_velocity=physics.qvel[:, self._addresses.dof],
+            joint_velocity=states.qvel[:, self._addresses.dof],
             joint_effort=effort,
             joint_age=np.zeros_like(position),
-            imu_quaternion=_as_from_matrix(imu[:, :4]),
+            imu_quaternion=orientation,
             imu_angular_velocity=imu[:, 4:7],
-            imu_linear_acceleration=imu[:, 7:10],
+            imu_linear_acceleration=acceleration,
             extern=live,
         )
+
+    def _felt(self, orientation: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What an IMU makes of gravity that does not point down: it knows the vertical from nothing else."""
+        gravity, turn = np.array(self._physics.model.opt.gravity), self.differences.gravity_turn
+        acceleration = acceleration + rotate_inverse(orientation, gravity - rotate(turn, gravity))
+        return _as_from_matrix(multiply(conjugate(turn), orientation)), acceleration
 
     def poses(self, measured: FloatArray, *, in_base: bool) -> tuple[FloatArray, FloatArray]:
         """Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z, of the bodies, in the world or in the base."""
@@ -146,31 +201,48 @@ class BatchSensors:
         """Of the whole robot, shape (N, 3), m, world frame; a new array."""
         return measured[:, 10:13].copy()
 
-    def disturb(self, state: MITState, keys: Words, step: npt.NDArray[np.int64]) -> MITState:
+    def disturb(self, state: MITState, step: npt.NDArray[np.int64]) -> MITState:
         """What the sensors make of the true state.
 
         Args:
             state: from `read`.
-            keys: shape (2, N), of the noise.
             step: shape (N,), which report since the environment's start this is.
         """
-        noise = self._noise
+        own, noise = self.differences, self._draws.randomisation
+        if noise.is_biased:
+            state = replace(
+                state,
+                joint_position=state.joint_position + own.joint_position,
+                imu_quaternion=multiply(state.imu_quaternion, own.turn),
+                imu_angular_velocity=rotate_inverse(own.turn, state.imu_angular_velocity) + own.angular_velocity,
+                imu_linear_acceleration=rotate_inverse(own.turn, state.imu_linear_acceleration)
+                + own.linear_acceleration,
+            )
         if not noise.is_noisy:
             return state
         n = state.joint_count
-        drawn = normals(keys, _NOISE_STREAM, step, 2 * n + 9)
-        tilt = 0.5 * noise.orientation_noise * drawn[:, 2 * n : 2 * n + 3]
-        turn = np.concatenate([np.ones((len(tilt), 1)), tilt], axis=1)
-        turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+        drawn = self._draws.normal("noise", step, 2 * n + 9)
+
+        def spread(name: str) -> FloatArray:
+            return np.asarray(getattr(noise, name) * self._draws.amount(name))
+
+        tilt = spread("orientation_noise") * drawn[:, 2 * n : 2 * n + 3]
         spin, shake = drawn[:, 2 * n + 3 : 2 * n + 6], drawn[:, 2 * n + 6 :]
         return replace(
             state,
-            joint_position=state.joint_position + noise.joint_position_noise * drawn[:, :n],
-            joint_velocity=state.joint_velocity + noise.joint_velocity_noise * drawn[:, n : 2 * n],
-            imu_quaternion=multiply(state.imu_quaternion, turn),
-            imu_angular_velocity=state.imu_angular_velocity + noise.angular_velocity_noise * spin,
-            imu_linear_acceleration=state.imu_linear_acceleration + noise.linear_acceleration_noise * shake,
+            joint_position=state.joint_position + spread("joint_position_noise") * drawn[:, :n],
+            joint_velocity=state.joint_velocity + spread("joint_velocity_noise") * drawn[:, n : 2 * n],
+            imu_quaternion=multiply(state.imu_quaternion, _small_turn(tilt)),
+            imu_angular_velocity=state.imu_angular_velocity + spread("angular_velocity_noise") * spin,
+            imu_linear_acceleration=state.imu_linear_acceleration + spread("linear_acceleration_noise") * shake,
         )
+
+
+def _small_turn(vector: FloatArray) -> FloatArray:
+    """Rotations, shape (k, 4), w x y z, about small rotation vectors (k, 3), rad."""
+    turn = np.concatenate([np.ones((len(vector), 1)), 0.5 * vector], axis=1)
+    turn /= np.sqrt((turn * turn).sum(axis=1, keepdims=True))
+    return turn
 
 
 def _add_sensors(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeVar, get_args
 
 import mujoco
@@ -13,11 +14,13 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.simulation.batch.counter_random import seed_keys
+from humanoid_sim.simulation.batch.draws import FULL, Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors
-from humanoid_sim.simulation.batch.randomisation import Randomisation, vary_models
+from humanoid_sim.simulation.batch.pushes import RandomPushes
+from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.batch.sensors import BatchSensors
+from humanoid_sim.simulation.batch.variation import vary_models
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
@@ -30,6 +33,17 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
+
+_DELAYS = "command_delay", "state_delay"
+_OF_MOTORS = "command_delay", "stiffness", "damping", "motor_strength", "effort_limit", "joint_position_bias"
+_OF_SENSORS = (
+    "state_delay",
+    "joint_position_bias",
+    "orientation_bias",
+    "angular_velocity_bias",
+    "linear_acceleration_bias",
+    "gravity_tilt",
+)
 
 
 class BatchSimulation:
@@ -69,7 +83,7 @@ class BatchSimulation:
             velocity_at: `imu`, or MJCF sites, whose velocity the state of robots with a floating base reports.
             bodies: MJCF bodies that `body_poses` gives.
             push_body: MJCF body that the wrenches of `step` act on; empty for the base.
-            randomisation: how the environments differ; None: not at all.
+            randomisation: how the environments differ, drawn again by `redraw`; None: not at all.
             seeds: shape (N,), whole numbers, of the differences and the noise; None: 0, 1, 2, ….
 
         Raises:
@@ -99,19 +113,35 @@ class BatchSimulation:
         )
         DampingStability(model, description).check_description()
         self._timestep = timestep
+        if self.randomisation.has("push") and not description.is_floating:
+            raise InputError(f"randomisation: push: '{description.name}' has a fixed base, which no push moves")
         self._joints = joint_addresses(model, description.joint_names)
+        carriers = [description.base.body] if description.is_floating else description.hands
+        self._carriers = np.array(body_ids(model, carriers), dtype=np.intp)
+        self._draws = Draws(
+            self.randomisation,
+            count,
+            joints=len(self._joints.dof),
+            bodies=int(model.nbody),
+            carriers=len(self._carriers),
+        )
         push = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
-        self._start = StartPose(model, description, self._joints)
+        self.start_pose = StartPose(model, description, self._joints)
+        """Where a robot starts, with its joints anywhere."""
         self._base = BaseObserver(model, description) if description.is_floating else None
         self._pool = ModelPool(model, count)
         self.threads = min(usable_processors() if threads is None else threads, count)
         """Threads that step physics."""
-        self._physics = BatchPhysics(self._pool, count, self.physics_steps, self.threads, push)
+        longest = {name: round(getattr(self.randomisation, name)[1] / timestep) for name in _DELAYS}
+        self._physics = BatchPhysics(
+            self._pool, count, self.physics_steps, self.threads, push, longest_delay=longest["state_delay"]
+        )
+        self._is_late = longest["state_delay"] > 0
         self._sensors = BatchSensors(
             self._physics,
             description,
             self._joints,
-            self.randomisation,
+            self._draws,
             anchor_body=anchor_body,
             velocity_at=velocity_at,
             bodies=bodies,
@@ -122,15 +152,19 @@ class BatchSimulation:
         self._truth: MITState | None = None
         self._report: MITState | None = None
         self._measured: FloatArray | None = None
-        self._keys = seed_keys(np.zeros(count, dtype=np.uint64))
+        self._limit = np.array(description.effort_limit)
         self._motors = BatchMotors(
             self._pool,
-            np.array(description.effort_limit),
             self.physics_steps,
-            self._differences(),
-            longest_delay=round(self.randomisation.command_delay[1] / timestep),
+            MotorDifferences.none(count, self._limit),
+            self._draws,
+            longest_delay=longest["command_delay"],
             jitter=delay_steps("randomisation: command_jitter", self.randomisation.command_jitter, timestep),
         )
+        self._pushes: RandomPushes | None = None
+        if self.randomisation.has("push"):
+            mass = float(model.body_subtreemass[model.body(description.base.body).id])
+            self._pushes = RandomPushes(self._draws, mass, self.control_period)
         self.reseed(np.arange(count) if seeds is None else seeds)
 
     @property
@@ -183,31 +217,38 @@ class BatchSimulation:
         """The model of environment i, which others may share."""
         return self._pool[i]
 
-    def reseed(self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None) -> None:
+    def reseed(
+        self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None, amounts: Mapping[str, float] = FULL
+    ) -> None:
         """Draw the differences of some environments anew, and put them back to where they began.
 
         Args:
             seeds: shape (k,) or scalar, whole numbers in [0, 2⁶⁴).
             indices: shape (k,), which; None for all.
+            amounts: by field of the randomisation, in [0, 1], how much of its extent is drawn from; 1 where not given.
         """
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-        self._keys[:, where] = seed_keys(np.broadcast_to(np.asarray(seeds, dtype=np.uint64), where.shape))
+        self._draws.seed(where, seeds, amounts)
         self._draw_differences(where)
         self.reset(where)
 
-    def _draw_differences(self, where: IndexArray) -> None:
-        vary_models(self._pool, where, self.randomisation, self._keys[:, where], self._joints.dof)
-        self._motors.differences = self._differences()
+    def redraw(self, indices: npt.ArrayLike | None = None, amounts: Mapping[str, float] = FULL) -> None:
+        """Draw the differences of some environments for their next episode; they are to be reset then.
 
-    def _differences(self) -> MotorDifferences:
-        randomisation, keys, n = self.randomisation, self._keys, len(self._joints.dof)
-        delay = randomisation.draw("command_delay", keys, 1)[:, 0]
-        return MotorDifferences(
-            delay=np.rint(delay / self._timestep).astype(np.int64),
-            stiffness=randomisation.draw("stiffness", keys, n),
-            damping=randomisation.draw("damping", keys, n),
-            keys=keys,
-        )
+        Args:
+            indices: shape (k,), which; None for all.
+            amounts: as `reseed` takes them.
+        """
+        where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
+        self._draws.next_episode(where, amounts)
+        self._draw_differences(where)
+
+    def _draw_differences(self, where: IndexArray) -> None:
+        vary_models(self._pool, where, self._draws, self._joints.dof, self._carriers)
+        if self.randomisation.has(*_OF_MOTORS):
+            self._motors.differences.draw(where, self._draws, self._timestep, self._limit)
+        if self.randomisation.has(*_OF_SENSORS):
+            self._sensors.differences.draw(where, self._draws, self._timestep)
 
     def reset(
         self,
@@ -216,6 +257,9 @@ class BatchSimulation:
         joint_position: FloatArray | None = None,
         joint_velocity: FloatArray | None = None,
         base_yaw: FloatArray | None = None,
+        base_offset: FloatArray | None = None,
+        base_pose: FloatArray | None = None,
+        base_velocity: FloatArray | None = None,
         qpos: FloatArray | None = None,
         qvel: FloatArray | None = None,
     ) -> None:
@@ -228,12 +272,21 @@ class BatchSimulation:
             joint_position: shape (k, n), rad; None for the description's initial position.
             joint_velocity: shape (k, n), rad/s; None for rest.
             base_yaw: shape (k,), rad, about the vertical, by which a floating base is turned at its start.
-            qpos: shape (k, nq), MuJoCo's generalised position, instead of `joint_position` and `base_yaw`.
-            qvel: shape (k, nv), MuJoCo's generalised velocity, instead of `joint_velocity`.
+            base_offset: shape (k, 3), m, world frame, by which it is moved; None for not at all.
+            base_pose: shape (k, 7), where it is instead, as `StartPose.arrays` takes it.
+            base_velocity: shape (k, 6), how it moves then, likewise.
+            qpos: shape (k, nq), MuJoCo's generalised position, instead of all these.
+            qvel: shape (k, nv), MuJoCo's generalised velocity, instead of all these.
         """
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-        position, velocity = self._start.arrays(
-            where.shape, joint_position=joint_position, joint_velocity=joint_velocity, base_yaw=base_yaw
+        position, velocity = self.start_pose.arrays(
+            where.shape,
+            joint_position=joint_position,
+            joint_velocity=joint_velocity,
+            base_yaw=base_yaw,
+            base_offset=base_offset,
+            base_pose=base_pose,
+            base_velocity=base_velocity,
         )
         position = position if qpos is None else np.asarray(qpos)
         velocity = velocity if qvel is None else np.asarray(qvel)
@@ -268,6 +321,9 @@ class BatchSimulation:
             command = MITCommand(*(np.where(sound[:, None], getattr(command, f), 0.0) for f in COMMAND_FIELDS))
         moving = moving & ~self._fault
         chosen = None if moving.all() else np.flatnonzero(moving)
+        if self._pushes is not None:
+            pushes = self._pushes.wrench(self._step)
+            wrench = pushes if wrench is None else wrench + pushes
         control = self._motors.send(command, self._step, chosen)
         broken = self._physics.advance(control, wrench, chosen)
         self._fault[np.flatnonzero(broken) if chosen is None else chosen[broken]] = True
@@ -283,11 +339,11 @@ class BatchSimulation:
         """A copy of all that later steps and reports depend on, for `restore` of a simulation that was built alike."""
         arrays = {"effort": self._effort.copy(), "step": self._step.copy(), "fault": self._fault.copy()}
         parts = {"physics": self._physics.snapshot(), "motors": self._motors.snapshot()}
-        return arrays | parts | {"keys": self._keys.copy(), "is_closed": self._physics.is_closed}
+        return arrays | parts | {"draws": self._draws.snapshot(), "is_closed": self._physics.is_closed}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Take over a snapshot, differences between the environments included."""
-        self._keys[:] = snapshot["keys"]
+        self._draws.restore(snapshot["draws"])
         self._draw_differences(np.arange(self.count))
         self._physics.restore(snapshot["physics"])
         self._motors.restore(snapshot["motors"])
@@ -299,14 +355,28 @@ class BatchSimulation:
     def truth(self) -> MITState:
         """The true state of the robots now, shape (N, …): what `state` is without noise."""
         if self._truth is None:
-            self._truth = self._sensors.read(self._measure(), self._effort, self.base)
+            self._truth = self._sensors.read(self._physics.now, self._measure(), self._effort, self.base)
         return self._truth
 
     def state(self) -> MITState:
-        """What the robots report now, shape (N, …), noise included."""
+        """What the robots report now, shape (N, …): late, biased and noisy as the randomisation says."""
         if self._report is None:
-            self._report = self._sensors.disturb(self.truth(), self._keys, self._step)
+            state = self._late_state() if self._is_late else self.truth()
+            self._report = self._sensors.disturb(state, self._step)
         return self._report
+
+    def _late_state(self) -> MITState:
+        """The state that has arrived by now."""
+        self._check_open()
+        delay = self._sensors.differences.delay
+        then, before, control = self._physics.past(delay)
+        measured = self._sensors.measure(then)
+        centre_of_mass = self._sensors.centre_of_mass(measured)
+        base = None if self._base is None else self._base.at(then.qpos, then.qvel, centre_of_mass)
+        torque = self._motors.torque(before.qpos[:, self._joints.qpos], before.qvel[:, self._joints.dof], control)
+        effort = np.where((then.time > 0.0)[:, None], torque, 0.0)
+        age = np.broadcast_to((self._physics.time - then.time)[:, None], effort.shape)
+        return replace(self._sensors.read(then, measured, effort, base), time=self._physics.time, joint_age=age)
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
         """Where the bodies truly are.
@@ -322,12 +392,17 @@ class BatchSimulation:
     def _measure(self) -> FloatArray:
         if self._measured is None:
             self._check_open()
-            self._measured = self._sensors.measure()
+            self._measured = self._sensors.measure(self._physics.now)
         return self._measured
 
     def _check_open(self) -> None:
         if self._physics.is_closed:
             raise RobotError(f"{self.description.name}: the batch simulation is closed")
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._physics.is_closed
 
     def close(self) -> None:
         """Stop the threads. May be called twice."""

@@ -8,9 +8,10 @@ import pytest
 
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.batch.counter_random import seed_keys
+from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.simulation.batch.physics import ModelPool
+from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.model import build_model
 
 ROBOT = load_robot("lite")
@@ -21,10 +22,11 @@ STEPS = 40
 def motors(delay: list[int], jitter: int = 0) -> tuple[BatchMotors, ModelPool]:
     count = len(delay)
     pool = ModelPool(MODEL, count)
-    factor = np.ones((count, ROBOT.joint_count))
-    differences = MotorDifferences(np.array(delay), factor, factor, seed_keys(np.arange(count)))
-    limit = np.array(ROBOT.effort_limit)
-    line = BatchMotors(pool, limit, STEPS, differences, longest_delay=max(delay), jitter=jitter)
+    differences = MotorDifferences.none(count, np.array(ROBOT.effort_limit))
+    differences.delay[:] = delay
+    draws = Draws(Randomisation(), count)
+    draws.seed(np.arange(count), np.arange(count))
+    line = BatchMotors(pool, STEPS, differences, draws, longest_delay=max(delay), jitter=jitter)
     return line, pool
 
 

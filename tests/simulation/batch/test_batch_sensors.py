@@ -11,6 +11,7 @@ import pytest
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.batch.sensors import BatchSensors
@@ -63,7 +64,8 @@ def sensors_of(
     model = build_model(robot, affine_actuators=True, scene=False)
     physics = BatchPhysics(ModelPool(model, COUNT), COUNT, 1, 2, 1)
     addresses = joint_addresses(model, robot.joint_names)
-    sensors = BatchSensors(physics, robot, addresses, Randomisation(), anchor_body=anchor_body, bodies=bodies)
+    draws = Draws(Randomisation(), COUNT)
+    sensors = BatchSensors(physics, robot, addresses, draws, anchor_body=anchor_body, bodies=bodies)
     generator = np.random.default_rng(0)
     qpos, qvel = generator.normal(size=(COUNT, model.nq)), generator.normal(size=(COUNT, model.nv))
     physics.set(np.arange(COUNT), qpos, qvel)
@@ -76,7 +78,7 @@ def test_the_imu_is_that_of_one_robot(small_robot: Callable[..., RobotDescriptio
     base = {"type": "floating", "body": "trunk", "height": 1.0}
     robot = small_robot(EVERY_JOINT, ("slide", "hinge"), imu=frame, base=base)
     physics, sensors, model = sensors_of(robot, [])
-    state = sensors.read(sensors.measure(), np.zeros((COUNT, 2)), None)
+    state = sensors.read(physics.now, sensors.measure(physics.now), np.zeros((COUNT, 2)), None)
     single, data = Imu(model, frame), mujoco.MjData(model)
     for i in range(COUNT):
         data.qpos[:], data.qvel[:], data.qacc[:] = physics.qpos[i], physics.qvel[i], physics.acceleration[i]
@@ -91,7 +93,7 @@ def test_the_imu_is_that_of_one_robot(small_robot: Callable[..., RobotDescriptio
 def test_a_robot_on_a_stand_feels_gravity_only() -> None:
     robot = load_robot("lite")
     physics, sensors, model = sensors_of(robot, [])
-    state = sensors.read(sensors.measure(), np.zeros((COUNT, 14)), None)
+    state = sensors.read(physics.now, sensors.measure(physics.now), np.zeros((COUNT, 14)), None)
     expected = Imu(model, robot.imu).read(mujoco.MjData(model))
     np.testing.assert_allclose(state.imu_quaternion, [expected.quaternion] * COUNT, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(state.imu_angular_velocity, np.zeros((COUNT, 3)))
@@ -108,9 +110,10 @@ def test_poses_are_those_of_mj_kinematics(small_robot: Callable[..., RobotDescri
     # The support is a mocap body, whose pose is not a function of qpos.
     bodies = [described.body(i).name for i in range(1, described.nbody) if described.body_mocapid[i] < 0]
     physics, sensors, model = sensors_of(robot, bodies, anchor_body=bodies[-1])
-    measured = sensors.measure()
+    measured = sensors.measure(physics.now)
     positions, quaternions = sensors.poses(measured, in_base=False)
-    anchor: FloatArray = sensors.read(measured, np.zeros((COUNT, robot.joint_count)), None).extern["anchor_pose"].value
+    state = sensors.read(physics.now, measured, np.zeros((COUNT, robot.joint_count)), None)
+    anchor: FloatArray = state.extern["anchor_pose"].value
     data = mujoco.MjData(model)
     ids = [model.body(name).id for name in bodies]
     for i in range(COUNT):
@@ -125,7 +128,7 @@ def test_poses_are_those_of_mj_kinematics(small_robot: Callable[..., RobotDescri
 def test_a_base_without_a_name(small_robot: Callable[..., RobotDescription]) -> None:
     mjcf = EVERY_JOINT.replace('<body name="trunk">', "<body>")
     physics, sensors, _ = sensors_of(small_robot(mjcf, ("slide", "hinge")), ["limb"])
-    position, quaternion = sensors.poses(sensors.measure(), in_base=True)
+    position, quaternion = sensors.poses(sensors.measure(physics.now), in_base=True)
     assert position.shape == (COUNT, 1, 3)
     assert np.isfinite(quaternion).all()
     physics.close()

@@ -137,6 +137,28 @@ def test_a_late_command_is_as_late_as_on_one_robot(delay: float) -> None:
     batch.close()
 
 
+@pytest.mark.parametrize(("name", "delay"), [("lite", 0.0005), ("lite", 0.02), ("lite_biped", 0.0275)])
+def test_a_late_report_is_as_late_as_on_one_robot(name: str, delay: float) -> None:
+    robot, late = load_robot(name), Randomisation(state_delay=(delay, delay))
+    anchor = "pelvis" if name == "lite_biped" else ""
+    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1, randomisation=late, anchor_body=anchor)
+    single = MujocoRobot(
+        robot, control_period=PERIOD, actuation="affine", support=False, state_delay=delay, anchor_body=anchor
+    )
+    for step in range(6):
+        assert_reports(batch.state(), 1, single.read()[0], 1e-9)
+        command = commands(robot, 2, 0.2, seed=step)
+        batch.step(command)
+        single.write(row(command, 1))
+    assert np.abs(batch.state().joint_position - batch.truth().joint_position).max() > 1e-5
+    assert np.abs(batch.state().joint_effort - batch.truth().joint_effort).max() > 1e-3
+    batch.reset()
+    batch.step(commands(robot, 2, 0.2))
+    if delay >= PERIOD:
+        np.testing.assert_array_equal(batch.state().joint_effort, 0.0)
+    batch.close()
+
+
 def test_until_the_first_command_arrives_the_start_is_held() -> None:
     robot = load_robot("lite")
     late = BatchSimulation(

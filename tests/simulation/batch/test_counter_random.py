@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from humanoid_sim.simulation.batch.counter_random import normals, philox, seed_keys, uniforms
+from humanoid_sim.simulation.batch.counter_random import normals, philox, seed_keys, uniforms, uniforms_of_streams
 
 FULL = 0xFFFFFFFF
 
@@ -65,3 +65,11 @@ def test_distributions() -> None:
     assert normal.std() == pytest.approx(1.0, abs=0.01)
     assert (normal**4).mean() == pytest.approx(3.0, abs=0.1)
     assert np.abs(np.corrcoef(normal, rowvar=False) - np.eye(201)).max() < 0.3
+
+
+def test_several_streams_at_once_are_those_of_each() -> None:
+    keys, counter = seed_keys([5, 2**40]), np.array([7, 3 << 32])
+    together = uniforms_of_streams(keys, [(1, 5), (9, 1), (3, 8)], counter)
+    for (stream, width), found in zip([(1, 5), (9, 1), (3, 8)], together, strict=True):
+        np.testing.assert_array_equal(found, uniforms(keys, stream, counter, width))
+        assert found.shape == (2, width)

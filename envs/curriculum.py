@@ -1,0 +1,59 @@
+"""Curricula: how much of the randomisation and of the commands counts, as a function of the progress of training."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.simulation.batch.draws import FULL, SCALED
+
+__all__ = ["Amounts", "Curriculum", "amounts_at", "checked_progress"]
+
+Curriculum = Callable[[float], Mapping[str, float]]
+"""Of the progress in [0, 1]: amounts in [0, 1] by name: `commands`, `randomisation`, or any of its fields, which counts
+more. What is not named counts in full."""
+
+_COMMANDS, _RANDOMISATION = "commands", "randomisation"
+
+
+@dataclass(frozen=True, slots=True)
+class Amounts:
+    """What a curriculum says at one moment."""
+
+    commands: float = 1.0
+    """Of the velocity commands that a task draws."""
+    randomisation: Mapping[str, float] = field(default_factory=lambda: FULL)
+    """By field."""
+
+
+def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
+    """What counts in episodes that begin at this progress.
+
+    Raises:
+        InputError: the curriculum names what there is not, or an amount is not a number in [0, 1].
+    """
+    if curriculum is None:
+        return Amounts()
+    said = dict(curriculum(progress))
+    known = (_COMMANDS, _RANDOMISATION, *SCALED)
+    for name, amount in said.items():
+        if name not in known:
+            raise InputError(f"curriculum: {known_names('amount', name, known)}")
+        if not (isinstance(amount, int | float) and 0.0 <= amount <= 1.0):
+            raise InputError(
+                f"curriculum: {name} is {amount!r} at the progress {progress:g}, expected a number from 0 to 1"
+            )
+    fields = {name: said.get(name, said.get(_RANDOMISATION, 1.0)) for name in SCALED}
+    return Amounts(float(said.get(_COMMANDS, 1.0)), fields)
+
+
+def checked_progress(progress: float) -> float:
+    """The progress of training as a number.
+
+    Raises:
+        InputError: it is not in [0, 1].
+    """
+    if not (isinstance(progress, int | float) and 0.0 <= progress <= 1.0):
+        raise InputError(f"progress: is {progress!r}, expected a number from 0 to 1")
+    return float(progress)

@@ -1,0 +1,187 @@
+"""The random numbers of a batch: of each environment a function of its seed, its episode and the step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.simulation.batch.counter_random import normals, seed_keys, uniforms, uniforms_of_streams
+from humanoid_sim.simulation.batch.randomisation import Randomisation
+
+__all__ = ["FULL", "SCALED", "Draws"]
+
+IntArray = npt.NDArray[np.int64]
+IndexArray = npt.NDArray[np.intp]
+
+SCALED = tuple(field.name for field in fields(Randomisation) if field.name != "push_interval")
+"""Fields of a `Randomisation` that can be drawn in part."""
+FULL: Mapping[str, float] = MappingProxyType({})
+"""Every field to its whole extent."""
+
+_STREAMS = {
+    "mass": 1,
+    "friction": 2,
+    "joint_friction": 3,
+    "stiffness": 4,
+    "damping": 5,
+    "command_delay": 6,
+    "armature": 7,
+    "centre_of_mass": 8,
+    "payload": 9,
+    "motor_strength": 10,
+    "effort_limit": 11,
+    "state_delay": 12,
+    "joint_position_bias": 13,
+    "orientation_bias": 14,
+    "angular_velocity_bias": 15,
+    "linear_acceleration_bias": 16,
+    "gravity_tilt": 17,
+    "jitter": 32,
+    "noise": 33,
+    "push": 34,
+}
+"""Stream of random numbers that each quantity is drawn from: what one is set to does not move the others."""
+_ONE_VALUE = "friction", "command_delay", "state_delay"
+_JOINT_BY_JOINT = (
+    "joint_friction",
+    "armature",
+    "stiffness",
+    "damping",
+    "motor_strength",
+    "effort_limit",
+    "joint_position_bias",
+)
+_AXIS_BY_AXIS = "orientation_bias", "angular_velocity_bias", "linear_acceleration_bias"
+_EPISODE = 32
+"""Bits of a counter below the number of the episode."""
+
+
+class Draws:
+    """What is drawn for N environments. An episode's numbers are drawn anew; those of the first are the seed's."""
+
+    def __init__(
+        self, randomisation: Randomisation, count: int, *, joints: int = 0, bodies: int = 0, carriers: int = 0
+    ) -> None:
+        """Set up N environments, which are to be seeded.
+
+        Args:
+            randomisation: the ranges.
+            count: N.
+            joints: n.
+            bodies: of the model.
+            carriers: bodies that carry payload.
+        """
+        self.randomisation = randomisation
+        """The ranges."""
+        self._keys = seed_keys(np.zeros(count, dtype=np.uint64))
+        self._episode = np.zeros(count, dtype=np.int64)
+        self._amounts = np.ones((len(SCALED), count))
+        widths = {
+            "mass": bodies,
+            "centre_of_mass": 3 * bodies,
+            "payload": carriers,
+            **dict.fromkeys(_ONE_VALUE, 1),
+            **dict.fromkeys(_JOINT_BY_JOINT, joints),
+            **dict.fromkeys(_AXIS_BY_AXIS, 3),
+            "gravity_tilt": 2,
+        }
+        self._widths = widths
+        self._shares = {
+            name: np.zeros((count, width)) for name, width in widths.items() if randomisation.has(name) and width
+        }
+
+    def seed(self, indices: IndexArray, seeds: npt.ArrayLike, amounts: Mapping[str, float] = FULL) -> None:
+        """Begin the first episode of these seeds, shape (k,) or (), whole numbers in [0, 2⁶⁴)."""
+        self._keys[:, indices] = seed_keys(np.broadcast_to(np.asarray(seeds, dtype=np.uint64), indices.shape))
+        self._episode[indices] = 0
+        self._begin(indices, amounts)
+
+    def next_episode(self, indices: IndexArray, amounts: Mapping[str, float] = FULL) -> None:
+        """Begin the next episode of these environments.
+
+        Args:
+            indices: shape (k,).
+            amounts: by field, in [0, 1], how much of its extent is drawn from; 1 where it is not given. At 0 nothing
+                differs.
+        """
+        self._episode[indices] += 1
+        self._begin(indices, amounts)
+
+    def _begin(self, indices: IndexArray, amounts: Mapping[str, float]) -> None:
+        for row, name in zip(self._amounts, SCALED, strict=True):
+            row[indices] = amounts.get(name, 1.0)
+        self._draw(indices)
+
+    def _draw(self, indices: IndexArray) -> None:
+        if not self._shares or not len(indices):
+            return
+        streams = [(_STREAMS[name], shares.shape[1]) for name, shares in self._shares.items()]
+        drawn = uniforms_of_streams(self._keys[:, indices], streams, self._counter(indices, 0))
+        for shares, fresh in zip(self._shares.values(), drawn, strict=True):
+            shares[indices] = fresh
+
+    def amount(self, name: str, indices: IndexArray | slice = slice(None)) -> FloatArray:
+        """Shape (k, 1): how much of a field's extent counts in these environments."""
+        amount: FloatArray = self._amounts[SCALED.index(name), indices][:, None]
+        return amount
+
+    def factor(self, name: str, indices: IndexArray) -> FloatArray:
+        """Factors, shape (k, w), of these environments' episodes: from a range, and 1 where nothing differs."""
+        return self._within(name, indices, neutral=1.0)
+
+    def quantity(self, name: str, indices: IndexArray) -> FloatArray:
+        """Values of a range in its unit, shape (k, w); 0 where nothing differs."""
+        return self._within(name, indices, neutral=0.0)
+
+    def symmetric(self, name: str, indices: IndexArray) -> FloatArray:
+        """Values within ± the field, in its unit, shape (k, w)."""
+        if name not in self._shares:
+            return np.zeros((len(indices), self._widths[name]))
+        greatest = getattr(self.randomisation, name) * self.amount(name, indices)
+        values: FloatArray = greatest * (2.0 * self._shares[name][indices] - 1.0)
+        return values
+
+    def turned(self, name: str, indices: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """An angle up to the field, and a direction in [0, 2 π), each of shape (k,), rad."""
+        if name not in self._shares:
+            return np.zeros(len(indices)), np.zeros(len(indices))
+        angle, direction = self._shares[name][indices].T
+        greatest = getattr(self.randomisation, name) * self.amount(name, indices)[:, 0]
+        return greatest * angle, 2.0 * np.pi * direction
+
+    def shares(self, name: str, part: npt.NDArray[np.integer], width: int) -> FloatArray:
+        """Uniform numbers in (0, 1), shape (N, width), for part number `part`, (N,), of all environments' episodes."""
+        return uniforms(self._keys, _STREAMS[name], self._counter(slice(None), part), width)
+
+    def normal(self, name: str, step: IntArray, width: int) -> FloatArray:
+        """Standard normal numbers, shape (N, width), for the steps (N,) of all environments' episodes."""
+        return normals(self._keys, _STREAMS[name], self._counter(slice(None), step), width)
+
+    def _counter(self, indices: IndexArray | slice, part: npt.ArrayLike) -> IntArray:
+        counter: IntArray = (self._episode[indices] << _EPISODE) + np.asarray(part, dtype=np.int64)
+        return counter
+
+    def _within(self, name: str, indices: IndexArray, neutral: float) -> FloatArray:
+        if name not in self._shares:
+            return np.full((len(indices), self._widths[name]), neutral)
+        low, high = getattr(self.randomisation, name)
+        amount = self.amount(name, indices)
+        least, greatest = amount * low + (1.0 - amount) * neutral, amount * high + (1.0 - amount) * neutral
+        drawn: FloatArray = least + (greatest - least) * self._shares[name][indices]
+        return drawn
+
+    def snapshot(self) -> dict[str, npt.NDArray[Any]]:
+        """Copies, for `restore` of as many environments."""
+        return {"keys": self._keys.copy(), "episode": self._episode.copy(), "amounts": self._amounts.copy()}
+
+    def restore(self, snapshot: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take over a snapshot."""
+        self._keys[:], self._episode[:] = snapshot["keys"], snapshot["episode"]
+        self._amounts[:] = snapshot["amounts"]
+        self._draw(np.arange(len(self._episode)))
