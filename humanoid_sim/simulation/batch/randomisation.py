@@ -35,7 +35,7 @@ class Randomisation:
     mass: Range = _SAME
     """Factor on the mass and the inertia of every body, drawn body by body."""
     centre_of_mass: float = 0.0
-    """m, greatest shift of the centre of mass of every body that the robot moves, along each axis of the body's frame."""
+    """m, greatest shift of the centre of mass of every body that the robot moves, along each axis of its frame."""
     payload: Range = _NONE
     """kg that the base carries at its centre of mass; of a robot with a fixed base each hand, drawn hand by hand."""
     friction: Range = _SAME
