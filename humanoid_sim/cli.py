@@ -33,6 +33,7 @@ VERBS = {
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
     "training": "make the sample motions and the sample policy again, and measure them",
     "gamepad": "drive a running session with a gamepad",
+    "midi": "tell a running session which keys of a MIDI keyboard are down",
     "gravity": "compensate gravity in REMOTE, on a running session",
     "console": "serve a page for the operator, on a running session",
     "viewer": "watch a running session in a window, or move a robot's joints by sliders",

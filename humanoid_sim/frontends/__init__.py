@@ -34,6 +34,7 @@ FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
         "foxglove": FrontEnd("a server for Foxglove", ("foxglove",), "foxglove"),
         "gamepad": FrontEnd("a gamepad", ("pygame",), "gamepad"),
         "gravity": FrontEnd("gravity compensation, for REMOTE"),
+        "midi": FrontEnd("a MIDI keyboard", ("rtmidi",), "midi"),
         "rerun": FrontEnd("rerun's viewer", ("rerun", "rerun_cli"), "rerun"),
         "viewer": FrontEnd("MuJoCo's window"),
     }

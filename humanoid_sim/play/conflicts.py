@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 from humanoid_sim.messages import Intent
+from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
@@ -25,6 +26,7 @@ __all__ = [
     "choose_outputs",
     "refuse_beside_branch",
     "refuse_conflicts",
+    "refuse_unheard_keys",
     "refuse_without_effect",
 ]
 
@@ -120,6 +122,18 @@ def refuse_without_effect(config: PlayConfig, contract: PolicyContract, descript
     ):
         if not has_effect and getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
             raise InputError(f"--{name.replace('_', '-')}: means nothing for {why}")
+
+
+def refuse_unheard_keys(config: PlayConfig, contract: PolicyContract, taken: Container[str]) -> None:
+    """Refuse a MIDI keyboard whose keys the run does not take; `taken`: names of the live inputs that it takes.
+
+    Raises:
+        InputError: saying why.
+    """
+    if config.midi is not None and KEY_PRESSED not in taken:
+        is_piano = contract.task_type == "piano"
+        why = "this robot, which has a piano and knows its keys" if is_piano else "this policy, which plays no piano"
+        raise InputError(f"--midi: means nothing for {why}")
 
 
 _SIMULATION_ONLY = (

@@ -67,6 +67,8 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     if config.dds_interface is not None:
         check_network_interface("--dds-interface", config.dds_interface)
         wanted.append(Wanted("dds", ("--interface", config.dds_interface), f"dds {config.dds_interface}"))
+    if config.midi is not None:
+        wanted.append(Wanted("midi", _keyboard_options(config.midi)))
     if config.foxglove or config.foxglove_control:
         wanted.append(Wanted("foxglove", ("--control",) if config.foxglove_control else ()))
     if shows_window(config):
@@ -74,10 +76,22 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     if config.viewer == "rerun":
         wanted.append(Wanted("rerun"))
     for front_end in wanted:
-        require_packages(front_end.name)
+        if front_end.options[:1] != ("--device",):  # bytes need no library
+            require_packages(front_end.name)
     if needs_gamepad(config) and not config.gamepad:
         wanted.append(Wanted("gamepad"))
     return tuple(wanted)
+
+
+def _keyboard_options(named: tuple[str, ...]) -> tuple[str, ...]:
+    """Of the MIDI front end, for a part of its port's name, or the path of a device.
+
+    Raises:
+        InputError: more than one is named.
+    """
+    if len(named) > 1:
+        raise InputError(f"--midi: is {' '.join(named)}, expected one port or device")
+    return ("--device" if "/" in named[0] else "--port", named[0]) if named else ()
 
 
 def needs_gamepad(config: PlayConfig) -> bool:

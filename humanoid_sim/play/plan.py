@@ -20,6 +20,7 @@ from humanoid_sim.play.conflicts import (
     Outputs,
     choose_outputs,
     refuse_conflicts,
+    refuse_unheard_keys,
     refuse_without_effect,
 )
 from humanoid_sim.play.front_ends import has_keys, operated_by, require_gamepad, wanted_front_ends
@@ -117,6 +118,7 @@ def make_plan(config: PlayConfig) -> Plan:
     setup = _robot(config, description, control_period, contract if point is None else point.contract)
     try:
         taken = policy.loaded.taken(setup.live)
+        refuse_unheard_keys(config, contract, taken)
         live = {**taken, **setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
         limit, shadow = config.action_limit, None
         if is_shadow:  # without a policy and REMOTE, the FSM itself keeps the robot in DAMPING and STANDBY
@@ -265,8 +267,8 @@ def _who_feeds(config: PlayConfig, steps: Sequence[ScriptStep] | None, taken: It
     names = ", ".join(name for name in taken if name != KEY_PRESSED)
     if names:
         notices.append(f"the policy observes {names}, which a program has to send: docs/front-ends.md says how")
-    if KEY_PRESSED in taken:
-        notices.append("which keys are down has to come from a program: a MIDI keyboard's, or another one's")
+    if KEY_PRESSED in taken and config.midi is None:
+        notices.append("which keys are down has to come from a program: --midi takes it from a MIDI keyboard")
     return tuple(notices)
 
 

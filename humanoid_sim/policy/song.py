@@ -25,6 +25,7 @@ from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 __all__ = [
     "FIRST_NOTE",
     "KEY_COUNT",
+    "PERCUSSION",
     "Note",
     "Song",
     "goals",
@@ -38,7 +39,7 @@ __all__ = [
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
 _SUSTAIN, _PEDAL_DOWN = 64, 64
 """Number of the sustain pedal's controller, and the least value at which it is down."""
-_PERCUSSION = 9
+PERCUSSION = 9
 """Channel whose notes are drums, counted from 0."""
 
 
@@ -162,7 +163,7 @@ def _track_notes(track: Iterable[Any], number: int, clock: _Clock, sustain: bool
             if not pedal[message.channel]:
                 for at in [at for at in released if at[0] == message.channel]:
                     end(released, at, now)
-        if message.type not in ("note_on", "note_off") or message.channel == _PERCUSSION:
+        if message.type not in ("note_on", "note_off") or message.channel == PERCUSSION:
             continue
         at = (message.channel, message.note)
         strikes = message.type == "note_on" and message.velocity > 0
