@@ -1,0 +1,59 @@
+"""A MIDI keyboard at the level of its bytes, on a FIFO or on a pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = ["EmulatedKeyboard", "on_fifo", "on_terminal"]
+
+
+class EmulatedKeyboard:
+    """Plugged in until `unplug`."""
+
+    def __init__(self, path: str, *handles: int) -> None:
+        self.path = path
+        self._handles = handles
+        """The first is written to."""
+
+    def send(self, *data: int) -> None:
+        """Bytes, as they are on the wire."""
+        os.write(self._handles[0], bytes(data))
+
+    def press(self, *notes: int, channel: int = 0) -> None:
+        for note in notes:
+            self.send(0x90 | channel, note, 64)
+
+    def release(self, *notes: int, channel: int = 0) -> None:
+        for note in notes:
+            self.send(0x80 | channel, note, 0)
+
+    def unplug(self) -> None:
+        for handle in self._handles:
+            os.close(handle)
+        self._handles = ()
+
+
+@contextmanager
+def on_fifo(path: Path) -> Iterator[EmulatedKeyboard]:
+    """Plug one in; the FIFO stays when it is unplugged, as a device's name may."""
+    if not path.exists():
+        os.mkfifo(path)
+    keyboard = EmulatedKeyboard(str(path), os.open(path, os.O_RDWR | os.O_NONBLOCK))
+    try:
+        yield keyboard
+    finally:
+        keyboard.unplug()
+
+
+@contextmanager
+def on_terminal() -> Iterator[EmulatedKeyboard]:
+    """Plug one in, as a serial line with all the habits of a terminal."""
+    ours, theirs = os.openpty()
+    keyboard = EmulatedKeyboard(os.ttyname(theirs), ours, theirs)
+    try:
+        yield keyboard
+    finally:
+        keyboard.unplug()

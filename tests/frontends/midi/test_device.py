@@ -1,0 +1,173 @@
+"""The bytes of an emulated keyboard on a FIFO and on a terminal, and ports where this machine has a sequencer."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import types
+from collections import deque
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+from emulated_keyboard import EmulatedKeyboard, on_fifo, on_terminal
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends.midi.device import ByteDevice, Port, port_names
+
+Plugged = Callable[[], AbstractContextManager[EmulatedKeyboard]]
+EVERY_BYTE = bytes(range(256))
+
+
+@pytest.fixture(params=["fifo", "terminal"])
+def plugged(request: pytest.FixtureRequest, tmp_path: Path) -> Plugged:
+    return on_terminal if request.param == "terminal" else lambda: on_fifo(tmp_path / "keys")
+
+
+def everything(device: ByteDevice) -> bytes | None:
+    """What has come; None if the keyboard is gone."""
+    found = b""
+    while data := device.read(0.2):
+        found += data
+    return None if data is None else found
+
+
+def test_every_byte_arrives_as_it_was_sent(plugged: Plugged) -> None:
+    with plugged() as keyboard:
+        device = ByteDevice(keyboard.path, 31250)
+        assert device.read(0.0) == b""
+        keyboard.send(*EVERY_BYTE)
+        assert everything(device) == EVERY_BYTE
+        device.close()
+
+
+def test_one_that_is_unplugged_is_gone_and_what_it_said_before_is_heard(plugged: Plugged) -> None:
+    with plugged() as keyboard:
+        device = ByteDevice(keyboard.path, 31250)
+        assert device.read(0.0) == b""
+        keyboard.unplug()
+        assert device.read(1.0) is None
+        device.close()
+    with pytest.raises((InputError, ConnectionError)):
+        ByteDevice(keyboard.path, 31250)
+
+
+def test_what_was_sent_before_a_fifo_was_opened_counts(tmp_path: Path) -> None:
+    with on_fifo(tmp_path / "keys") as keyboard:
+        keyboard.press(60)
+        device = ByteDevice(keyboard.path, 31250)
+        keyboard.press(64)
+        assert everything(device) == bytes((0x90, 60, 64, 0x90, 64, 64))
+        device.close()
+
+
+def test_standard_input_is_read_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+    with open(reading, encoding="ascii") as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        os.write(writing, b"\x90\x3c\x40")
+        device = ByteDevice("-", 31250)
+        assert device.read(1.0) == b"\x90\x3c\x40"
+        assert device.read(0.0) == b""
+        os.close(writing)
+        assert device.read(1.0) is None
+        device.close()
+        os.fstat(reading)  # it is not ours to close
+
+
+def test_what_is_no_keyboard_is_refused_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "notes.bin").write_bytes(b"\x90\x3c\x40")
+    accepted = "is a file or folder, expected a MIDI device, a serial line or a FIFO"
+    for path in (tmp_path / "notes.bin", tmp_path):
+        with pytest.raises(InputError, match=f"^--device: {path} {accepted}$"):
+            ByteDevice(str(path), 31250)
+    with pytest.raises(InputError, match=r"^--device: /nowhere cannot be opened: No such file or directory$"):
+        ByteDevice("/nowhere", 31250)
+    with on_terminal() as keyboard, io.open(keyboard.path, "rb", buffering=0) as stream:  # noqa: UP020
+        monkeypatch.setattr(sys, "stdin", stream)
+        with pytest.raises(InputError, match=r"^--device: standard input is a terminal, expected a pipe with a key"):
+            ByteDevice("-", 31250)
+
+
+class FakeInput:
+    """As much of `rtmidi.MidiIn` as is used; what is plugged in is the class's."""
+
+    ports: ClassVar[list[str]] = []
+    messages: ClassVar[deque[tuple[list[int], float]]] = deque()
+    open_inputs = 0
+
+    def __init__(self, name: str) -> None:
+        FakeInput.open_inputs += 1
+
+    def get_ports(self) -> list[str]:
+        return list(self.ports)
+
+    def ignore_types(self, *, sysex: bool, timing: bool, active_sense: bool) -> None:
+        assert (sysex, timing, active_sense) == (True, True, False)
+
+    def open_port(self, number: int, name: str) -> None:
+        self.opened = self.ports[number]
+
+    def get_message(self) -> tuple[list[int], float] | None:
+        return self.messages.popleft() if self.messages else None
+
+    def close_port(self) -> None: ...
+
+    def delete(self) -> None:
+        FakeInput.open_inputs -= 1
+
+
+def test_a_port_is_chosen_by_a_part_of_its_name_and_missed_when_it_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rtmidi", types.SimpleNamespace(MidiIn=FakeInput))
+    monkeypatch.setattr(FakeInput, "ports", ["Midi Through:0 14:0", "Pads:0 20:0", "Keystation 88:0 24:0"])
+    monkeypatch.setattr(FakeInput, "messages", deque([([0x90, 60, 64], 0.0), ([0xFE], 0.1)]))
+    assert port_names() == ["Pads:0 20:0", "Keystation 88:0 24:0"]
+    first, port = Port(""), Port("keystation")
+    assert (first.name, port.name) == ("Pads:0 20:0", "Keystation 88:0 24:0")
+    assert port.read(0.0) == b"\x90\x3c\x40\xfe"
+    assert port.read(0.0) == b""
+    monkeypatch.setattr(FakeInput, "ports", ["Midi Through:0 14:0", "Pads:0 20:0"])
+    assert port.read(5.0) is None
+    assert first.read(0.01) == b""
+    for opened in (first, port):
+        opened.close()
+    with pytest.raises(ConnectionError):
+        Port("keystation")
+    assert FakeInput.open_inputs == 0
+
+
+def test_without_a_sequencer_it_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rtmidi", reason="python-rtmidi is not installed (midi)")
+    if Path("/dev/snd/seq").exists():
+        pytest.skip("this machine has a MIDI sequencer")
+    with pytest.raises(InputError) as caught:
+        port_names()
+    assert str(caught.value) == (
+        "--port: no MIDI sequencer: /dev/snd/seq is missing; "
+        "--device takes the bytes of a keyboard from a device or FIFO"
+    )
+    assert capfd.readouterr().err == "", "ALSA's own complaint"
+
+
+def test_a_virtual_port_plays_and_goes() -> None:
+    rtmidi = pytest.importorskip("rtmidi", reason="python-rtmidi is not installed (midi)")
+    if not Path("/dev/snd/seq").exists():
+        pytest.skip("there is no MIDI sequencer here (/dev/snd/seq)")
+    output = rtmidi.MidiOut(name="emulated")
+    output.open_virtual_port("Keystation 88")
+    port = Port("keystation")
+    output.send_message([0x90, 60, 64])
+    output.send_message([0xFE])
+    found = b""
+    for _ in range(100):
+        found += port.read(0.05) or b""
+        if len(found) == 4:
+            break
+    assert found == b"\x90\x3c\x40\xfe"
+    output.close_port()
+    output.delete()
+    assert any(port.read(0.1) is None for _ in range(100))
+    port.close()

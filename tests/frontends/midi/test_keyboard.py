@@ -1,0 +1,108 @@
+"""Active sensing and unplugging, by a clock of the test's own."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import pytest
+
+from humanoid_sim.client import monotonic_ns
+from humanoid_sim.frontends.midi.device import Source
+from humanoid_sim.frontends.midi.keyboard import Keyboard
+
+
+class Scripted(Source):
+    """A keyboard in a time of its own: bytes by the second in which they come; None for being unplugged."""
+
+    def __init__(self, *script: tuple[float, bytes | None], name: str = "Keystation") -> None:
+        self.name, self.now, self.is_open = name, 0.0, True
+        self._script = deque(script)
+
+    def read(self, seconds: float) -> bytes | None:
+        assert self.is_open
+        end = self.now + seconds
+        if self._script and self._script[0][0] <= end:
+            time, data = self._script.popleft()
+            self.now = max(time, self.now)
+            return data
+        self.now = end
+        return b""
+
+    def close(self) -> None:
+        self.is_open = False
+
+
+def down(keyboard: Keyboard) -> list[int]:
+    return [int(key) for key in keyboard.pressed.nonzero()[0]]
+
+
+PRESS, OTHER, SENSING = bytes((0x90, 60, 64)), bytes((0x90, 64, 64)), b"\xfe"
+
+
+def test_a_look_takes_all_that_comes_in_its_time() -> None:
+    source = Scripted((0.001, PRESS[:2]), (0.004, PRESS[2:]), (0.01, OTHER), (0.02, b"\x80\x3c\x00"))
+    keyboard = Keyboard(source, clock=lambda: source.now)
+    before = monotonic_ns()
+    assert keyboard.look(0.01) == []
+    assert before <= keyboard.stamp <= monotonic_ns()
+    assert (down(keyboard), keyboard.is_known, source.now) == ([39, 43], True, 0.01)
+    keyboard.look(0.01)
+    assert down(keyboard) == [43]
+
+
+@pytest.mark.parametrize("silent_for", [0.25, 0.29])
+def test_active_sensing_keeps_keys_down(silent_for: float) -> None:
+    source = Scripted(*((silent_for * i, SENSING) for i in range(20)), (0.1, PRESS))
+    source._script = deque(sorted(source._script))
+    keyboard = Keyboard(source, clock=lambda: source.now)
+    while source.now < 3.0:
+        assert keyboard.look(0.01) == []
+    assert down(keyboard) == [39]
+
+
+def test_a_keyboard_that_sends_it_and_falls_silent_is_lost() -> None:
+    source = Scripted((0.0, PRESS + SENSING), (0.205, b"\xf8"), (1.005, OTHER + SENSING), (1.205, SENSING))
+    keyboard = Keyboard(source, clock=lambda: source.now)
+    found = {}
+    while source.now < 1.7:
+        for line in keyboard.look(0.01):
+            found[round(source.now, 2)] = (line, down(keyboard), keyboard.is_known)
+    lost = "midi: Keystation sends active sensing, and nothing for 300 ms: all keys released"
+    assert found == {
+        0.51: (lost, [], False),
+        1.01: ("midi: Keystation is heard again", [43], True),
+        1.51: (lost, [], False),
+    }
+
+
+def test_one_that_never_sends_it_may_be_silent() -> None:
+    source = Scripted((0.0, PRESS))
+    keyboard = Keyboard(source, clock=lambda: source.now)
+    while source.now < 5.0:
+        assert keyboard.look(0.05) == []
+    assert (down(keyboard), keyboard.is_known) == ([39], True)
+
+
+def test_one_that_is_unplugged_releases_its_keys_and_may_come_back() -> None:
+    first, second = Scripted((0.0, PRESS), (0.02, None)), Scripted((9.0, OTHER), name="Keystation 2")
+    second.now = 9.0
+    answers: deque[Source | None] = deque([None, second])
+    now = [0.0]
+    keyboard = Keyboard(first, answers.popleft, clock=lambda: max(first.now, now[0]))
+    assert keyboard.look(0.01) == []
+    assert down(keyboard) == [39]
+    assert keyboard.look(0.02) == ["midi: Keystation is gone: all keys released"]
+    assert (down(keyboard), keyboard.is_known, first.is_open) == ([], False, False)
+    now[0] = 1.0
+    assert keyboard.look(0.001) == []
+    assert len(answers) == 1, "looked for once"
+    now[0] = 1.3
+    assert keyboard.look(0.001) == []
+    assert len(answers) == 1, "half a second between two attempts"
+    now[0] = 1.6
+    assert keyboard.look(0.001) == ["midi: Keystation 2 is there again"]
+    now[0] = 9.0
+    keyboard.look(0.0)
+    assert (down(keyboard), keyboard.is_known) == ([43], True)
+    keyboard.close()
+    assert not second.is_open

@@ -1,0 +1,187 @@
+"""The program with an emulated keyboard, on a session without a loop."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from emulated_keyboard import EmulatedKeyboard, on_fifo
+from local_session import LocalSession, ticking
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.client import monotonic_ns
+from humanoid_sim.frontends.midi.device import ByteDevice
+from humanoid_sim.frontends.midi.keyboard import Keyboard
+from humanoid_sim.frontends.midi.program import Teller, main
+from humanoid_sim.messages import TickRecord
+
+PATIENCE = 60.0
+"""s for anything that only has to happen."""
+
+
+@pytest.fixture
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalSession]:
+    """That takes a piano's keys."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    local = LocalSession(takes={"key_pressed": 88})
+    with local.stack:
+        yield local
+
+
+@pytest.fixture
+def keyboard(tmp_path: Path) -> Iterator[EmulatedKeyboard]:
+    with on_fifo(tmp_path / "keys") as plugged:
+        yield plugged
+
+
+def down(record: TickRecord) -> list[int]:
+    """Keys that are down, as a policy observes them."""
+    state = record.input.state
+    keys = state.extern.get("key_pressed")
+    return [] if keys is None else [int(key) for key in keys.at(state.time).nonzero()[0]]
+
+
+def until(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, "it never came"
+        time.sleep(0.005)
+
+
+def test_each_period_tells_which_keys_are_down_and_when_that_was_known(
+    session: LocalSession, keyboard: EmulatedKeyboard
+) -> None:
+    listener = Keyboard(ByteDevice(keyboard.path, 31250))
+    teller = Teller(session.intake("midi"), listener)
+    assert teller.step(0.0) == []
+    assert down(session.tick()) == []
+    keyboard.press(60, 64)
+    keyboard.release(60)
+    before = monotonic_ns()
+    teller.step(0.001)
+    assert before <= listener.stamp <= monotonic_ns()
+    record = session.tick()
+    assert down(record) == [43]
+    keys = record.input.state.extern["key_pressed"]
+    assert (keys.timeout, keys.value.shape) == (0.5, (88,))
+    assert 0.0 <= record.input.state.time - keys.arrival_time < 60.0
+    teller.step(0.001)
+    again = session.tick().input.state.extern["key_pressed"]
+    assert again.arrival_time > keys.arrival_time, "a key that stays down is told again"
+    keyboard.unplug()
+    (line,) = teller.step(0.001)
+    assert line == f"midi: {keyboard.path} is gone: all keys released"
+    last = session.tick()
+    assert down(last) == []
+    for _ in range(3):
+        assert teller.step(0.001) == []
+    after = session.tick()
+    assert after.input.state.extern["key_pressed"] is last.input.state.extern["key_pressed"], "nobody knows any more"
+
+
+@contextmanager
+def running(session: LocalSession, *options: str, **streams: int) -> Iterator[subprocess.Popen[str]]:
+    """The program, once it listens."""
+    command = [sys.executable, "-u", "-m", "humanoid_sim.midi", "--session", str(session.info.process), *options]
+    outputs = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, **streams}
+    with subprocess.Popen(command, text=True, **outputs) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line.startswith("midi: the keys of "), line
+            yield process
+        finally:
+            process.kill()
+
+
+def test_the_program_plays_stops_loses_and_finds_the_keyboard(
+    session: LocalSession, keyboard: EmulatedKeyboard, tmp_path: Path
+) -> None:
+    with running(session, "--device", keyboard.path, "--transpose", "12") as process:
+        assert process.stdout is not None
+        with ticking(session) as records:
+            keyboard.press(48, 52)
+            until(lambda: down(records[-1]) == [39, 43])
+            until(lambda: session.data.owners["key_pressed"].startswith("midi ("))
+            process.send_signal(signal.SIGSTOP)
+            until(lambda: down(records[-1]) == [])  # by its timeout
+            keyboard.release(48)
+            stopped = len(records)
+            process.send_signal(signal.SIGCONT)
+            until(lambda: down(records[-1]) == [43])
+            assert [down(record) for record in records[stopped:] if down(record) not in ([], [43])] == []
+            keyboard.unplug()
+            assert process.stdout.readline() == f"midi: {keyboard.path} is gone: all keys released\n"
+            until(lambda: down(records[-1]) == [])
+            with on_fifo(tmp_path / "keys") as replugged:
+                assert process.stdout.readline() == f"midi: {keyboard.path} is there again\n"
+                replugged.press(50)
+                until(lambda: down(records[-1]) == [41])
+        session.feed.close()
+        assert process.wait(PATIENCE) == 0, "it ends with the session"
+
+
+def test_standard_input_ends_it(session: LocalSession) -> None:
+    with ticking(session) as records, running(session, "--device", "-", stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.buffer.write(bytes((0x90, 60, 64)))
+        process.stdin.flush()
+        until(lambda: down(records[-1]) == [39])
+        process.stdin.close()
+        assert process.stdout.readline() == "midi: standard input is gone: all keys released\n"
+        assert process.wait(PATIENCE) == 1
+        until(lambda: down(records[-1]) == [])
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (("--port", "x", "--device", "y"), "--port and --device: expected at most one of them"),
+        (("--device", "y", "--transpose", "88"), "--transpose: is 88 semitones, expected -87 to 87"),
+        (("--device", "y", "--baud", "1"), "--baud: is 1, expected 50 to 4000000"),
+        (("--device", "/nowhere"), "--device: /nowhere cannot be opened: No such file or directory"),
+    ],
+)
+def test_what_cannot_work_is_one_line(
+    options: tuple[str, ...], problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_program(main, list(options)) == 2
+    assert capsys.readouterr().err == f"error: {problem}\n"
+
+
+def test_a_keyboard_that_nobody_plays_on_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with on_fifo(tmp_path / "keys") as keyboard:
+        keyboard.unplug()
+        assert run_program(main, ["--device", keyboard.path]) == 2
+    told = f"error: --device: {keyboard.path}: nobody is at its other end, expected a keyboard\n"
+    assert capsys.readouterr().err == told
+
+
+@pytest.mark.parametrize(
+    ("takes", "problem"),
+    [
+        ({}, "takes no keys from outside: its policy plays no piano"),
+        ({"key_pressed": 61}, "its policy's piano has 61 keys, expected 88"),
+    ],
+)
+def test_a_session_without_such_keys_is_refused(
+    takes: dict[str, int],
+    problem: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    keyboard: EmulatedKeyboard,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    local = LocalSession(takes=takes)
+    with local.stack:
+        monkeypatch.setattr("humanoid_sim.frontends.attach.os.nice", lambda _: 0)
+        assert run_program(main, ["--device", keyboard.path]) == 2
+    assert capsys.readouterr().err.endswith(f": {problem}\n")
