@@ -41,6 +41,8 @@ class Row:
     """Of `play`, which starts it."""
     remote: bool = False
     """It commands in REMOTE: lost there, the joints are damped. Elsewhere its loss changes nothing."""
+    feeds: bool = False
+    """A policy observes what it tells: lost, that policy is stopped, and nothing else changes."""
     operates: bool = False
     """The declared operator's device: on hardware its loss is a DAMP."""
     window: bool = False
@@ -55,6 +57,7 @@ ROWS = {
     "foxglove": Row(("--foxglove",)),
     "gamepad": Row(("--gamepad",), operates=True),
     "gravity": Row(("--remote", "gravity"), remote=True),
+    "midi": Row(("--midi", "./keys"), feeds=True),
     "rerun": Row(("--viewer", "rerun"), instead=True),
     "viewer": Row(("--viewer", "native"), window=True),
 }

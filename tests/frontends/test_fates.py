@@ -89,7 +89,7 @@ def test_those_who_look_on_leave_the_control_log_as_it_is(
     if (mode, blow) not in SAMPLE and not request.config.getoption("--complete"):
         pytest.skip("a sample without --complete")
     names = [name for name in available(ROWS) if not (ROWS[name].remote and mode is Mode.REMOTE)]
-    names = [name for name in names if not ROWS[name].instead]
+    names = [name for name in names if not (ROWS[name].instead or ROWS[name].feeds)]
     log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]))
     assert log.ended == (dict.fromkeys(names, "-9") if blow == "killed" else {})
     assert log.control() == unwatched(mode)

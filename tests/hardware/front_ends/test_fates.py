@@ -97,7 +97,8 @@ def test_those_who_look_on_change_neither_mode_nor_controller_nor_frames(
 ) -> None:
     """All at once; a producer for REMOTE too, in the modes in which it does not command."""
     skip_unless((mode, blow) == (Mode.LOCOMOTION, "stopped"), request)
-    names = [name for name in available(ROWS) if not ROWS[name].operates and not ROWS[name].instead]
+    names = [name for name in available(ROWS) if not (ROWS[name].operates or ROWS[name].feeds)]
+    names = [name for name in names if not ROWS[name].instead]
     names = [name for name in names if not (ROWS[name].remote and mode is Mode.REMOTE)]
     log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]))
     assert log.ended == (dict.fromkeys(names, "-9") if blow == "killed" else {})
