@@ -11,10 +11,10 @@ from humanoid_sim.simulation.batch.draws import FULL, SCALED
 __all__ = ["Amounts", "Curriculum", "amounts_at", "checked_progress"]
 
 Curriculum = Callable[[float], Mapping[str, float]]
-"""Of the progress in [0, 1]: amounts in [0, 1] by name: `commands`, `randomisation`, or any of its fields, which counts
-more. What is not named counts in full."""
+"""Of the progress in [0, 1]: amounts in [0, 1] by name. Names are `commands`, `terrain`, `randomisation`, and any of
+its fields, which counts more than that. What is not named counts in full."""
 
-_COMMANDS, _RANDOMISATION = "commands", "randomisation"
+_COMMANDS, _TERRAIN, _RANDOMISATION = "commands", "terrain", "randomisation"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +23,8 @@ class Amounts:
 
     commands: float = 1.0
     """Of the velocity commands that a task draws."""
+    terrain: float = 1.0
+    """Of the hardness of a terrain: 0 for its easiest tiles alone."""
     randomisation: Mapping[str, float] = field(default_factory=lambda: FULL)
     """By field."""
 
@@ -36,7 +38,7 @@ def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
     if curriculum is None:
         return Amounts()
     said = dict(curriculum(progress))
-    known = (_COMMANDS, _RANDOMISATION, *SCALED)
+    known = (_COMMANDS, _TERRAIN, _RANDOMISATION, *SCALED)
     for name, amount in said.items():
         if name not in known:
             raise InputError(f"curriculum: {known_names('amount', name, known)}")
@@ -45,7 +47,7 @@ def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
                 f"curriculum: {name} is {amount!r} at the progress {progress:g}, expected a number from 0 to 1"
             )
     fields = {name: said.get(name, said.get(_RANDOMISATION, 1.0)) for name in SCALED}
-    return Amounts(float(said.get(_COMMANDS, 1.0)), fields)
+    return Amounts(float(said.get(_COMMANDS, 1.0)), float(said.get(_TERRAIN, 1.0)), fields)
 
 
 def checked_progress(progress: float) -> float:

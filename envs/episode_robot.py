@@ -22,7 +22,7 @@ from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
-from humanoid_sim.simulation.model import base_body
+from humanoid_sim.simulation.model import base_body, build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 __all__ = ["EpisodeRobot", "PlantState", "recorded_start"]
@@ -80,6 +80,7 @@ class EpisodeRobot(MujocoRobot):
             InputError: as of `MujocoRobot`.
         """
         super().__init__(description, **options)
+        self._is_on_terrain = options.get("terrain") is not None
         self._is_punctual = options.get("state_delay", 0.0) == 0.0 and options.get("state_sampling", "now") == "now"
         self._own = mujoco.MjData(self.model)
         self._bodies = [self.model.body(name).id for name in bodies]
@@ -96,7 +97,8 @@ class EpisodeRobot(MujocoRobot):
 
     @cached_property
     def _start_pose(self) -> StartPose:
-        return StartPose(self.model, self.description, self._plant.addresses)
+        level = build_model(self.description, scene="floor") if self._is_on_terrain else self.model
+        return StartPose(level, self.description, self._plant.addresses)
 
     def started(self, start: Start) -> PlantState:
         """Where a task's start says, on its feet or on its stand."""

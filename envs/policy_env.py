@@ -33,6 +33,7 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import Randomisation
 from humanoid_sim.simulation.mujoco_robot import StateSampling
 from humanoid_sim.simulation.plant import Actuation, BatchActuation, check_actuation
+from humanoid_sim.simulation.terrain import Terrain
 
 __all__ = ["PolicyEnv"]
 
@@ -83,6 +84,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         camera: str | None = None,
         live: Mapping[str, LiveInput] | None = None,
         guards: bool = True,
+        terrain: Terrain | Mapping[str, Any] | str | None = None,
         privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
         **task_options: Any,
     ) -> None:
@@ -111,6 +113,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
                 shape (..., width).
             guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
+            terrain: what the robot walks on: `flat`, `rough`, `slopes`, `steps`, `mixed`, or a `Terrain` or its fields
+                by name.
             privileged: what `info["privileged"]` holds for a critic: names out of `PRIVILEGED_TERMS`, or functions by
                 name.
             task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes them.
@@ -129,6 +133,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             action_limit=action_limit,
             live=live,
             guards=guards,
+            terrain=terrain,
             **task_options,
         )
         self.robot = self._make_robot(randomisation, command_delay, state_delay, state_sampling)
@@ -145,7 +150,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         self.metadata = {"render_modes": available_render_modes(), "render_fps": fps}
         self.max_episode_steps = scenario.task.episode_steps
         self.render_mode = render_mode
-        self._pictures = make_pictures(scenario.description, width, height, camera)
+        self._pictures = make_pictures(scenario.description, width, height, camera, scenario.terrain)
         self._window: Window | None = None
         self._low, self._high = bounds.low, bounds.high
         self._loop: ClosedLoop | None = None
@@ -168,6 +173,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             "anchor_body": scenario.contract.anchor_body,
             "velocity_at": scenario.velocity_points,
             "bodies": scenario.bodies,
+            "terrain": scenario.terrain,
         }
         if randomisation is None:
             options |= {"command_delay": command_delay, "state_delay": state_delay, "state_sampling": state_sampling}
@@ -215,12 +221,12 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
     def _begin(self, options: dict[str, Any], *, is_seeded: bool) -> tuple[PlantState, PolicyMemory | None]:
         """Where the robot begins, with the policy's memory if it is not a fresh one; sets the episode's commands."""
         scenario, amounts = self.scenario, amounts_at(self._curriculum, self._progress)
-        start = scenario.task.start(self.np_random.random(scenario.task.draws))
+        start = scenario.start(self.np_random.random(scenario.draws), amounts)
         if isinstance(self.robot, RandomisedRobot):
             is_new = is_seeded or self._drawn_from != self.np_random_seed
             self._drawn_from = self.np_random_seed
             self.robot.draw(self.np_random_seed % 2**64 if is_new else None, amounts.randomisation)
-        plant, self._commands = self.robot.started(start), amounts.commands * start.commands
+        plant, self._commands = self.robot.started(start), start.commands
         if "recording" in options:
             plant, recorded = recorded_start(options.pop("recording"), scenario.description)
             live = recorded.extern.get(VELOCITY_COMMAND)
@@ -311,7 +317,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         if self.render_mode != "human":
             return
         if self._window is None:
-            self._window = Window(self.scenario.description, self.scenario.contract.policy_dt)
+            self._window = Window(self.scenario.description, self.scenario.contract.policy_dt, self.scenario.terrain)
         mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, f"step {self._steps}")
         self._window.show(TickInput(state), TickOutput(command, mode), self.robot.qpos)
 

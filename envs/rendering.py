@@ -15,6 +15,7 @@ from humanoid_sim.rendering.native_viewer import NativeViewerSink
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.terrain import Terrain
 
 __all__ = ["RENDER_MODES", "Window", "available_render_modes", "check_render_mode", "make_pictures"]
 
@@ -36,7 +37,9 @@ def available_render_modes() -> list[str]:
     return [mode for mode in RENDER_MODES if mode != "human" or has_display()]
 
 
-def make_pictures(description: RobotDescription, width: int, height: int, camera: str | None) -> PoseRenderer:
+def make_pictures(
+    description: RobotDescription, width: int, height: int, camera: str | None, terrain: Terrain | None = None
+) -> PoseRenderer:
     """`rgb_array`: pictures of a robot, with a model of their own.
 
     Raises:
@@ -45,7 +48,9 @@ def make_pictures(description: RobotDescription, width: int, height: int, camera
     for name, pixels in (("width", width), ("height", height)):
         if not isinstance(pixels, int | np.integer) or pixels < 1:
             raise InputError(f"{name}: is {pixels!r}, expected a whole number of pixels >= 1")
-    return PoseRenderer(lambda: build_model(description), width, height, camera, fastest=True)
+    # The software painter, which is faster in some places, draws no height fields.
+    is_level = terrain is None
+    return PoseRenderer(lambda: build_model(description, terrain=terrain), width, height, camera, fastest=is_level)
 
 
 class Window:
@@ -53,12 +58,13 @@ class Window:
 
     _latest: ClassVar[NativeViewerSink | None] = None
 
-    def __init__(self, description: RobotDescription, period: float) -> None:
+    def __init__(self, description: RobotDescription, period: float, terrain: Terrain | None = None) -> None:
         """Open the window.
 
         Args:
             description: of the robot.
             period: s between two poses that are shown.
+            terrain: that it stands on; None for a level floor.
 
         Raises:
             InputError: no window can be opened here, or another one is open.
@@ -69,7 +75,7 @@ class Window:
         self._shown = 0
         self._due = perf_counter()
         try:
-            self._viewer = NativeViewerSink(lambda: build_model(description))
+            self._viewer = NativeViewerSink(lambda: build_model(description, terrain=terrain))
         except InputError as error:
             reason = str(error).partition(";")[0].removeprefix("viewer native: ")
             raise InputError(f"render_mode: human cannot be shown here: {reason}; use rgb_array instead") from None

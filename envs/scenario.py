@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,11 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
+from humanoid_sim.envs.curriculum import Amounts
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
+from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE, KEY_PRESSED, VELOCITY_COMMAND, point_velocity
+from humanoid_sim.mit import ANCHOR_POSE, BASE, KEY_PRESSED, VELOCITY_COMMAND, FloatArray, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -28,6 +30,7 @@ from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.plant import Actuation, check_actuation, timestep_of
+from humanoid_sim.simulation.terrain import Terrain
 
 __all__ = ["Named", "Scenario", "make_scenario", "read_policy"]
 
@@ -57,6 +60,8 @@ class Scenario:
     """How the motors are simulated."""
     live: LiveInputs
     """What feeds the live inputs that the contract declares."""
+    terrain: Terrain | None = None
+    """What the robot walks on; None for a level floor."""
     guards: Guards | None = None
     """Those of the deployed control stack, which end an episode as they end LOCOMOTION there."""
 
@@ -70,6 +75,25 @@ class Scenario:
         """Bodies whose poses in the base frame the task looks at: those of the motion, then those of the task."""
         tracked = self.contract.body_names if "motion_body_pos_b" in self.wiring.reference.terms else ()
         return (*tracked, *self.task.bodies)
+
+    @property
+    def draws(self) -> int:
+        """Random numbers that the start of an episode takes."""
+        return self.task.draws + (0 if self.terrain is None else self.terrain.draws)
+
+    def start(self, numbers: FloatArray, amounts: Amounts) -> Start:
+        """The start that uniform random numbers in [0, 1), shape (..., draws), stand for, in its place on the ground.
+
+        Args:
+            numbers: of one robot or a batch.
+            amounts: of commands and ground that the curriculum allows.
+        """
+        own = self.task.draws
+        start = self.task.start(numbers[..., :own])
+        start = replace(start, commands=amounts.commands * start.commands)
+        if self.terrain is None:
+            return start
+        return replace(start, base_offset=self.terrain.spawn(numbers[..., own:], amounts.terrain))
 
     @property
     def velocity_points(self) -> tuple[str, ...]:
@@ -89,6 +113,7 @@ def make_scenario(
     motion_source: str = "motion",
     live: Mapping[str, LiveInput] | None = None,
     guards: bool = True,
+    terrain: Terrain | Mapping[str, Any] | str | None = None,
     **task_options: Any,
 ) -> Scenario:
     """Read what is named, and check that it fits together.
@@ -106,6 +131,7 @@ def make_scenario(
         live: by its name, what makes each live input that the contract declares: of an `MITState` a value of shape
             (..., width).
         guards: whether the guards of the robot's description watch the joints.
+        terrain: what the robot walks on: `flat`, `rough`, `slopes`, `steps`, `mixed`, or a `Terrain` or its fields.
         task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise` and `rewards`, as `Task` takes them.
 
     Raises:
@@ -133,6 +159,11 @@ def make_scenario(
     except FieldError as error:
         raise InputError(f"policy on robot '{description.name}': {error}") from None
 
+    ground = Terrain.of(terrain)
+    if ground is not None and not description.is_floating:
+        raise InputError(f"terrain: is {ground.kind}, and '{description.name}' has a fixed base, expected flat")
+    if ground is not None and loaded.reference.terms:
+        raise InputError(f"terrain: is {ground.kind}, and the policy follows a motion, expected flat")
     timestep = timestep_of(description, actuation, physics_timestep)
     model = build_model(description, physics_timestep=timestep, scene="floor")
     start = StartPose(model, description, joint_addresses(model, description.joint_names))
@@ -147,6 +178,7 @@ def make_scenario(
         actuation=actuation,
         live=fed,
         guards=guards_of(description) if guards else None,
+        terrain=ground,
     )
 
 

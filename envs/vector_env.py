@@ -28,6 +28,7 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation
+from humanoid_sim.simulation.terrain import Terrain
 
 __all__ = ["PolicyVectorEnv"]
 
@@ -77,6 +78,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         camera: str | None = None,
         live: Mapping[str, LiveInput] | None = None,
         guards: bool = True,
+        terrain: Terrain | Mapping[str, Any] | str | None = None,
         privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
         **task_options: Any,
     ) -> None:
@@ -103,6 +105,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
                 shape (..., width).
             guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
+            terrain: as `PolicyEnv` takes it.
             privileged: as `PolicyEnv` takes it.
             task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes them.
 
@@ -123,6 +126,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             action_limit=action_limit,
             live=live,
             guards=guards,
+            terrain=terrain,
             **task_options,
         )
         self.simulation = BatchSimulation(
@@ -136,6 +140,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             velocity_at=scenario.velocity_points,
             bodies=scenario.bodies,
             randomisation=Randomisation.of(randomisation),
+            terrain=scenario.terrain,
         )
         self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None
         """What the critic sees; None for nothing more than the policy."""
@@ -155,12 +160,12 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         """Shape (N, 6), N and N·m, on the base in all following steps, as `BatchSimulation.step` takes it."""
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
-        self._pictures = make_pictures(scenario.description, width, height, camera)
+        self._pictures = make_pictures(scenario.description, width, height, camera, scenario.terrain)
         self._low, self._high = bounds.low, bounds.high
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self._longest = count_option("max_episode_steps", unlimited)
         self.max_episode_steps = min(self._longest, scenario.task.episode_steps)
-        self._numbers = StartNumbers(num_envs, scenario.task.draws)
+        self._numbers = StartNumbers(num_envs, scenario.draws)
         self._loop: ClosedLoop | None = None
         self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)
         self._commands: FloatArray = scenario.task.start(np.zeros((num_envs, scenario.task.draws))).commands
@@ -240,18 +245,17 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             command: shape (N, 3), for the whole episode; None: what the task draws.
             is_new: shape (N,), which have new seeds; None: none.
         """
-        task, amounts = self.scenario.task, amounts_at(self._curriculum, self._progress)
+        scenario, amounts = self.scenario, amounts_at(self._curriculum, self._progress)
         first = np.zeros(self.num_envs, dtype=np.bool_) if is_new is None else is_new
         if first.any():
             self.simulation.reseed(self._numbers.seeds[first], np.flatnonzero(first), amounts.randomisation)
         self.simulation.redraw(chosen[~first[chosen]], amounts.randomisation)
-        start = task.start(self._numbers.take(chosen))
+        start = scenario.start(self._numbers.take(chosen), amounts)
         self.simulation.reset(chosen, **start.pose)
-        start_commands = amounts.commands * start.commands
-        self._commands[chosen] = start_commands if command is None else command[chosen, None]
+        self._commands[chosen] = start.commands if command is None else command[chosen, None]
         self._steps[chosen] = 0
         self._is_over[chosen] = False
-        velocity = task.command(self._commands, self._steps).copy()
+        velocity = scenario.task.command(self._commands, self._steps).copy()
         if self._loop is None or len(chosen) == self.num_envs:
             self._loop = ClosedLoop(
                 self.simulation, self.scenario.wiring, velocity, self.scenario.live, self.scenario.guards

@@ -44,11 +44,14 @@ class Start:
     """Shape (...), rad, about the vertical, on top of the robot's own start; only floating bases turn."""
     commands: FloatArray
     """Shape (..., k, 3), the velocity commands one after the other: vx, vy in m/s, yaw rate in rad/s, heading frame."""
+    base_offset: FloatArray | None = None
+    """Shape (..., 3), m, world frame, by which a floating base is moved then; None for not at all."""
 
     @property
-    def pose(self) -> dict[str, FloatArray]:
+    def pose(self) -> dict[str, FloatArray | None]:
         """Where the robot begins, as `StartPose.arrays` takes it."""
-        return {"joint_position": self.joint_position, "joint_velocity": self.joint_velocity, "base_yaw": self.base_yaw}
+        names = "joint_position", "joint_velocity", "base_yaw", "base_offset"
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,6 +17,7 @@ from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.robots.piano import key_joint_names
 from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
+from humanoid_sim.simulation.terrain import Terrain
 
 __all__ = ["JointAddresses", "base_body", "body_ids", "build_model", "joint_addresses", "model_bytes"]
 
@@ -40,6 +41,7 @@ def build_model(
     affine_actuators: bool = False,
     implicit: bool = False,
     scene: bool | Literal["floor"] = True,
+    terrain: Terrain | None = None,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
     """The robot in a room, ready for the MIT law.
@@ -58,10 +60,12 @@ def build_model(
         implicit: let MuJoCo integrate damping implicitly (`implicitfast`), that of the affine actuators too.
         scene: add floor, lights, sky and cameras; or only the floor, for models that nobody looks at: the room's
             textures are 2 MB.
+        terrain: in the scene instead of a level floor; None for that.
         edit: changes the model before it is compiled, when all else is in it.
 
     Raises:
-        InputError: the MJCF cannot be read, or does not have what the description names.
+        InputError: the MJCF cannot be read, or does not have what the description names, or there is to be a terrain
+            and it brings a ground of its own.
     """
     spec = read_spec(description.mjcf_path)
     driven = [sensor for sensor in spec.sensors if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype)]
@@ -81,7 +85,7 @@ def build_model(
         _add_affine_actuators(spec, description)
     if scene:
         bare = compile_spec(spec, description.mjcf_path)
-        (add_floor if scene == "floor" else add_scene)(spec, bare, description)
+        (add_floor if scene == "floor" else add_scene)(spec, bare, description, terrain=terrain)
     if edit is not None:
         edit(spec)
     model = compile_spec(spec, description.mjcf_path)

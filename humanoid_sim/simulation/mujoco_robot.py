@@ -17,10 +17,12 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import DelayLine, delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
+from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.plant import Actuation, make_plant, timestep_of
 from humanoid_sim.simulation.push import Push, Pushes
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
+from humanoid_sim.simulation.terrain import Terrain
 
 __all__ = ["MujocoRobot", "StateSampling"]
 
@@ -67,6 +69,7 @@ class MujocoRobot:
         anchor_body: str = "",
         velocity_at: Sequence[str] = (),
         pushes: Sequence[Push] = (),
+        terrain: Terrain | None = None,
     ) -> None:
         """Build the model.
 
@@ -86,6 +89,7 @@ class MujocoRobot:
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state of a robot with a floating base reports.
             pushes: of a floating base, each at its time.
+            terrain: instead of a level floor. A floating base starts as high as it would on that, at the origin.
 
         Raises:
             InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
@@ -105,7 +109,7 @@ class MujocoRobot:
         self._timestep = timestep
         self._control_period = period
         self._joints = description.joint_names
-        self._plant = make_plant(description, actuation=actuation, physics_timestep=timestep)
+        self._plant = make_plant(description, actuation=actuation, physics_timestep=timestep, terrain=terrain)
         self._stability = DampingStability(self._plant.model, description)
         self._warnings = self._stability.check_description()
         self._starts_held = support
@@ -113,8 +117,9 @@ class MujocoRobot:
         self._observer: BaseObserver | None = None
         if description.is_floating:
             self._observer = BaseObserver(self._plant.model, description)
+            level = self._plant.model if terrain is None else build_model(description, scene="floor")
             self._base = FloatingBase(
-                self._plant.model,
+                level,
                 description,
                 self._plant.data.qpos,
                 position=base_position,

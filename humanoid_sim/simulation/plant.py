@@ -25,6 +25,7 @@ from humanoid_sim.mit import FloatArray, MITCommand, affine_law, mit_torque
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.terrain import Terrain
 
 __all__ = [
     "IMPLICIT_TIMESTEP",
@@ -263,9 +264,13 @@ def timestep_of(description: RobotDescription, actuation: Actuation, given: floa
 
 
 def make_plant(
-    description: RobotDescription, *, actuation: Actuation = "qfrc_applied", physics_timestep: float | None = None
+    description: RobotDescription,
+    *,
+    actuation: Actuation = "qfrc_applied",
+    physics_timestep: float | None = None,
+    terrain: Terrain | None = None,
 ) -> Plant:
-    """Build the model and its plant.
+    """Build the model and its plant, on a terrain or on a level floor.
 
     Raises:
         InputError: `actuation` is unknown, or the model cannot be built (see `build_model`).
@@ -277,6 +282,7 @@ def make_plant(
         physics_timestep=timestep_of(description, actuation, physics_timestep),
         affine_actuators=native,
         implicit=actuation == "implicit",
+        terrain=terrain,
     )
     return _PLANTS[actuation](model, description)
 

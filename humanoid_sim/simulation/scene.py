@@ -10,8 +10,10 @@ import math
 import mujoco
 import numpy as np
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.terrain import Terrain, add_terrain
 
 __all__ = ["CAMERAS", "OFFSCREEN_SIZE", "add_floor", "add_scene"]
 
@@ -30,13 +32,16 @@ _FIELD_OF_VIEW = 38.0
 """degrees, vertical: long enough a lens that a hand in front does not look bigger than the head."""
 
 
-def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription) -> None:
+def add_scene(
+    spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription, *, terrain: Terrain | None = None
+) -> None:
     """Add the room to a robot's spec. What the robot's own MJCF brings (a floor, lights, cameras) is kept, not doubled.
 
     Args:
         spec: changed in place.
         bare: the same compiled, without a room.
         description: the robot. Cameras go along with a floating base, without turning with it.
+        terrain: instead of a level floor; None for that.
     """
     center: FloatArray = bare.stat.center.copy()
     extent = float(bare.stat.extent)
@@ -46,7 +51,7 @@ def add_scene(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescr
     for geom in spec.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_PLANE and not geom.material:
             geom.material = _FLOOR_MATERIAL  # on a plain floor nobody sees how far a robot has walked
-    add_floor(spec, bare, description, material=_FLOOR_MATERIAL)
+    add_floor(spec, bare, description, material=_FLOOR_MATERIAL, terrain=terrain)
     if not spec.worldbody.lights:  # a lamp that a body carries lights no room
         _add_lights(spec, center, extent)
     taken = {camera.name for camera in spec.cameras}
@@ -115,7 +120,14 @@ def _add_floor_material(spec: mujoco.MjSpec) -> None:
     spec.add_material(name=_FLOOR_MATERIAL, textures=textures, texrepeat=[2.0, 2.0], texuniform=True)
 
 
-def add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescription, *, material: str = "") -> None:
+def add_floor(
+    spec: mujoco.MjSpec,
+    bare: mujoco.MjModel,
+    description: RobotDescription,
+    *,
+    material: str = "",
+    terrain: Terrain | None = None,
+) -> None:
     """Add a floor to a robot that brings none, the only part of a room that dynamics know.
 
     Whatever can collide at all collides with it, whichever bits its contact masks use.
@@ -125,6 +137,10 @@ def add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescr
         bare: the same compiled, without a room.
         description: the robot, and how high its floor lies.
         material: of the spec; empty for plain grey.
+        terrain: instead of a level floor; None for that.
+
+    Raises:
+        InputError: there is to be a terrain, and the robot brings a ground of its own.
     """
     # A robot could stand on a plane, on terrain, and on anything else fixed that extends a metre all around.
     is_ground = np.isin(bare.geom_type, (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)))
@@ -132,16 +148,22 @@ def add_floor(spec: mujoco.MjSpec, bare: mujoco.MjModel, description: RobotDescr
     can_collide = (bare.geom_contype != 0) | (bare.geom_conaffinity != 0)
     is_wide = (bare.geom_aabb.reshape(-1, 6)[:, 3:5] >= 1.0).all(axis=1)
     if (is_ground | (is_fixed & can_collide & is_wide)).any():
+        if terrain is not None:
+            raise InputError(f"terrain: {description.mjcf_path} brings a ground of its own")
         return
-    spec.worldbody.add_geom(
-        name="floor" if spec.geom("floor") is None else "",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0.0, 0.0, 0.05],
-        pos=[0.0, 0.0, description.simulation.floor_height],
-        material=material,
-        contype=1 | int(np.bitwise_or.reduce(bare.geom_conaffinity)),
-        conaffinity=1 | int(np.bitwise_or.reduce(bare.geom_contype)),
-    )
+    floor = {
+        "name": "floor" if spec.geom("floor") is None else "",
+        "pos": [0.0, 0.0, description.simulation.floor_height],
+        "material": material,
+        "contype": 1 | int(np.bitwise_or.reduce(bare.geom_conaffinity)),
+        "conaffinity": 1 | int(np.bitwise_or.reduce(bare.geom_contype)),
+    }
+    if terrain is not None:
+        add_terrain(spec, terrain, **floor)
+        # Cameras are as far away, and see as near, as suits the robot.
+        spec.stat.extent, spec.stat.center = float(bare.stat.extent), bare.stat.center
+        return
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.05], **floor)
 
 
 def _add_lights(spec: mujoco.MjSpec, center: FloatArray, extent: float) -> None:

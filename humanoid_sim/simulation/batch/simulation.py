@@ -26,6 +26,7 @@ from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, Start
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation, timestep_of
 from humanoid_sim.simulation.stability import DampingStability
+from humanoid_sim.simulation.terrain import Terrain
 
 __all__ = ["BatchSimulation"]
 
@@ -68,6 +69,7 @@ class BatchSimulation:
         bodies: Sequence[str] = (),
         push_body: str = "",
         randomisation: Randomisation | None = None,
+        terrain: Terrain | None = None,
         seeds: npt.ArrayLike | None = None,
     ) -> None:
         """Build the model once, and copies of it where environments differ.
@@ -84,6 +86,7 @@ class BatchSimulation:
             bodies: MJCF bodies that `body_poses` gives.
             push_body: MJCF body that the wrenches of `step` act on; empty for the base.
             randomisation: how the environments differ, drawn again by `redraw`; None: not at all.
+            terrain: instead of a level floor; None for that.
             seeds: shape (N,), whole numbers, of the differences and the noise; None: 0, 1, 2, ….
 
         Raises:
@@ -110,6 +113,7 @@ class BatchSimulation:
             affine_actuators=True,
             implicit=actuation == "implicit",
             scene="floor",
+            terrain=terrain,
         )
         DampingStability(model, description).check_description()
         self._timestep = timestep
@@ -126,7 +130,8 @@ class BatchSimulation:
             carriers=len(self._carriers),
         )
         push = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
-        self.start_pose = StartPose(model, description, self._joints)
+        level = model if terrain is None else build_model(description, scene="floor")
+        self.start_pose = StartPose(level, description, self._joints)
         """Where a robot starts, with its joints anywhere."""
         self._base = BaseObserver(model, description) if description.is_floating else None
         self._pool = ModelPool(model, count)
