@@ -45,7 +45,7 @@ def piano_options(folder: Path, robot: str = "lite") -> tuple[str, ...]:
     text = _CONTRACT.format(joints=json.dumps(description.joint_names), pose=pose)
     (folder / "contract.yaml").write_text(text, encoding="utf-8")
     song = np.zeros((400, 88), dtype=np.float32)
-    song[10:60, 39] = song[30:90, 43] = 1.0
+    song[10:, 39] = song[30:, 43] = 1.0
     if not (folder / "song.mcap").exists():
         write_motion(folder / "song.mcap", Motion(song, (), 0.02, task_type="piano"))
     return ("--policy", str(folder / "piano.onnx"), "--motion", str(folder / "song.mcap"), *ROWS["midi"].options)

@@ -34,6 +34,8 @@ _FILES = {
     "": "page.html",
     "commands.css": "commands.css",
     "commands.js": "commands.js",
+    "keys.css": "keys.css",
+    "keys.js": "keys.js",
     "page.css": "page.css",
     "page.js": "page.js",
     "plots.js": "plots.js",

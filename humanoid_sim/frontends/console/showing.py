@@ -1,4 +1,4 @@
-"""What pages are shown beside the state: plots, motors and buses, and the second figures in the 3D view."""
+"""What pages are shown beside the state: plots, a piano's keys, motors and buses, and figures in the 3D view."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.ghosts import Ghosts
+from humanoid_sim.frontends.console.keys import ShownKeys
 from humanoid_sim.frontends.console.motors import motor_table
 from humanoid_sim.frontends.console.plots import Plots, Watch, bus_loads
 from humanoid_sim.messages import TickRecord
@@ -24,6 +25,7 @@ class Showing:
         self._robot: Mapping[str, Any] | None = None
         self._loads: Mapping[str, float] = {}
         self._ghosts = ghosts
+        self._keys = ShownKeys(attachment.header)
         robot = attachment.feed.status().get("robot")
         channels = [] if robot is None else [channel["source"] for channel in robot["channels"]]
         self._plots = Plots(attachment.header, attachment.description, channels)
@@ -38,6 +40,7 @@ class Showing:
     def look(self, record: TickRecord) -> None:
         """Take a tick, of which every one must be seen."""
         self._ghosts.look(record)
+        self._keys.look(record)
         self._plots.add(record, self._loads)
 
     def shadow(self, step: ShadowStep) -> None:
@@ -54,6 +57,7 @@ class Showing:
         return {
             "hardware": motor_table(self._description, self._robot, self._loads, record),
             "figures": self._ghosts.told(),
+            "keys": self._keys.told(record),
         }
 
     def watch(self) -> Watch:
