@@ -58,3 +58,28 @@ def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch: p
         wanted_front_ends(PlayConfig(dds_interface="eth7"))
     with pytest.raises(InputError, match=r"^--dds-interface: is lo, which leads to no other machine"):
         wanted_front_ends(PlayConfig(dds_interface="lo"))
+
+
+@pytest.mark.parametrize(
+    ("named", "options"),
+    [
+        ((), ()),
+        (("Keystation",), ("--port", "Keystation")),
+        (("/dev/snd/midiC1D0",), ("--device", "/dev/snd/midiC1D0")),
+    ],
+)
+def test_a_midi_keyboard_is_named_by_its_port_or_its_device(
+    named: tuple[str, ...], options: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
+    (wanted,) = wanted_front_ends(PlayConfig(midi=named))
+    assert (wanted.name, wanted.options) == ("midi", options)
+    with pytest.raises(InputError, match=r"^--midi: is one two, expected one port or device$"):
+        wanted_front_ends(PlayConfig(midi=("one", "two")))
+
+
+def test_only_a_port_needs_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    assert [one.name for one in wanted_front_ends(PlayConfig(midi=("./keys",)))] == ["midi"]
+    with pytest.raises(MissingPackageError, match=r"rtmidi.*humanoid_sim\[midi\]"):
+        wanted_front_ends(PlayConfig(midi=()))

@@ -1,0 +1,82 @@
+"""A simulated piano's keys on their way: from a finger that presses one to the feed, the recording and the replay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import models
+import numpy as np
+import pytest
+from result import Document, Result
+from rosbags.highlevel import AnyReader
+
+from humanoid_sim import replay
+from humanoid_sim.cli import run_program
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
+from humanoid_sim.play.conflicts import refuse_unheard_keys
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.fingers import Fingers
+
+LEFT, KEY = 0, 31
+"""E3, under the left hand."""
+
+
+@cache
+def pressing_pose() -> list[float]:
+    """Where the joints are commanded to for the left finger to hold the key down, rad; the right hand stays above."""
+    fingers = Fingers(load_robot("lite_piano"))
+    key = fingers.keys[KEY]
+    pose = fingers.ready.copy()
+    arm = fingers.arms[LEFT]
+    pose[arm] = fingers.solve(LEFT, fingers.tip_above(key, 0.0, 0.9))
+    stiffness = np.array(fingers.description.standby_controller_a.target_stiffness)
+    pose[arm] += fingers.holding_torque(LEFT, pose[arm], 2.0) / stiffness[arm]
+    return [float(value) for value in pose]
+
+
+def press_in_standby(document: Document) -> None:
+    standby = document["standby_controller_a"]
+    standby["pose_segments"].append(pressing_pose())
+    standby["segment_durations"] = [0.3, 0.3, 0.3]
+
+
+def test_a_key_that_a_finger_presses_is_told_everywhere(
+    run: Callable[..., Result], make_robot: Callable[..., str], folder: Path
+) -> None:
+    robot = make_robot("lite_piano", change=press_in_standby)
+    fast = ("--actuation", "implicit", "--physics-timestep", "0.0025", "--video", "none")
+    result = run("--robot", robot, "--policy", "placeholder", "--script", "damp; load_a; wait; hold 0.3", *fast)
+    assert result.status == 0, result.err
+    assert all(tick.input.state.extern["key_pressed"].value.shape == (88,) for tick in result.ticks)
+    down = [tick.input.state.extern["key_pressed"].value.nonzero()[0].tolist() for tick in result.ticks]
+    assert down[0] == []
+    standing = [tick.index for tick in result.ticks if tick.output.control_mode.mode is Mode.STANDBY]
+    assert down[standing[-1]] == [KEY]
+    with AnyReader([folder / "r.mcap"]) as reader:
+        connections = [one for one in reader.connections if one.topic == "/piano/key_state"]
+        shown: list[Any] = [reader.deserialize(data, one.msgtype) for one, _, data in reader.messages(connections)]
+    told = [message.data.nonzero()[0].tolist() for message in shown]
+    assert told[-1] == down[-1]
+    assert [KEY] in told
+    assert 0.9 < len(shown) / (0.25 * len(result.ticks)) < 1.5, "50 a second, of 200 ticks, and once for each change"
+    assert run_program(replay.main, ["r.mcap"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("task", "why"),
+    [
+        ("piano", "this robot, which has a piano and knows its keys"),
+        ("tracking", "this policy, which plays no piano"),
+    ],
+)
+def test_a_keyboard_that_nobody_listens_to_is_refused(task: str, why: str) -> None:
+    contract = models.contract(task_type=task)
+    refuse_unheard_keys(PlayConfig(midi=()), contract, {"key_pressed": 88})
+    refuse_unheard_keys(PlayConfig(), contract, {})
+    with pytest.raises(InputError, match=f"^--midi: means nothing for {why}$"):
+        refuse_unheard_keys(PlayConfig(midi=()), contract, {})
