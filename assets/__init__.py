@@ -14,6 +14,7 @@ if __name__ != "humanoid_sim.assets":
 
 __all__ = [
     "ASSETS",
+    "PIANO_POLICY",
     "SAMPLE_MOTION",
     "SAMPLE_POLICY",
     "SAMPLE_SONG",
@@ -28,13 +29,14 @@ __all__ = [
 ASSETS = Path(__file__).parent
 SAMPLE_POLICY = ASSETS / "policies" / "lite_tracking.onnx"
 WALKING_POLICY = ASSETS / "policies" / "lite_biped_velocity.onnx"
+PIANO_POLICY = ASSETS / "policies" / "lite_piano.onnx"
 SAMPLE_MOTION = "wave"
 SAMPLE_SONG = "ode_to_joy"
 
 
 def sample_policy(robot: str) -> Path:
     """The policy that ships for a robot of this name; for one that has none, that of the arms."""
-    return WALKING_POLICY if robot == "lite_biped" else SAMPLE_POLICY
+    return {"lite_biped": WALKING_POLICY, "lite_piano": PIANO_POLICY}.get(robot, SAMPLE_POLICY)
 
 
 def asset_path(*parts: str) -> Path:

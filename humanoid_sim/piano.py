@@ -8,17 +8,15 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import tyro
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.evaluation.piano_score import Performance, PlayedKeys
 from humanoid_sim.mit import KEY_PRESSED
 
-__all__ = ["Performance", "Score", "main", "read_performance"]
+__all__ = ["Score", "main", "read_performance"]
 
 
 @dataclass(frozen=True)
@@ -43,36 +41,20 @@ class Score:
     """Replace the picture if it exists."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Performance:
-    """The keys of one run, at the song's frames that the policy was shown, of each the first time."""
-
-    pressed: npt.NDArray[np.float32]
-    """Shape (T, K), 1 where a key was down."""
-    wanted: npt.NDArray[np.float32]
-    """Shape (T, K), 1 where it should have been."""
-    step: float
-    """s between two rows."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `piano` with command-line arguments; returns the exit status."""
     options: Score = tyro.extras.subcommand_cli_from_dict(
         {"score": Score}, prog="humanoid_sim.piano", description="A piano's songs and scores.", args=arguments
     )
 
-    from humanoid_sim.evaluation.piano_score import score  # noqa: PLC0415 - heavy imports stay out of `--help`
-    from humanoid_sim.files import output_file, whole_file  # noqa: PLC0415
+    from humanoid_sim.files import output_file, whole_file  # noqa: PLC0415 - heavy imports stay out of `--help`
 
     if not 0.0 < options.onset_tolerance < 10.0:
         raise InputError(f"--onset-tolerance: is {options.onset_tolerance}, expected seconds above 0 and below 10")
     if options.picture is not None:
         output_file(options.picture, "--picture", ".png", overwrite=options.overwrite)
     played = read_performance(options.recording, options.song)
-    try:
-        result = score(played.pressed, played.wanted, played.step, onset_tolerance=options.onset_tolerance)
-    except FieldError as error:
-        raise InputError(f"{options.recording}: {error}") from None
+    result = played.score(options.onset_tolerance)
     if options.json:
         print(json.dumps(asdict(result), indent=1))
     else:
@@ -116,20 +98,18 @@ def read_performance(recording: Path, song: Path | None = None) -> Performance:
         raise InputError(f"{recording}: holds no song; give one")
     if motion.task_type != "piano":
         raise InputError(f"{song or recording}: its motion is for task_type {motion.task_type}, expected a song")
-    shown: dict[int, npt.NDArray[Any]] = {}
-    for tick in run.ticks():
-        step, keys = tick.output.policy_step, tick.input.state.extern.get(KEY_PRESSED)
-        if step is not None and keys is not None:
-            shown.setdefault(step.frame, keys.value)
-    frames = sorted(frame for frame in shown if frame < len(motion.frames))
-    if not frames:
+    played = PlayedKeys(motion.frames, motion.policy_dt)
+    try:
+        for tick in run.ticks():
+            step, keys = tick.output.policy_step, tick.input.state.extern.get(KEY_PRESSED)
+            if step is not None and keys is not None:
+                played.update(step.frame, keys.value)
+    except FieldError as error:
+        raise InputError(f"{recording}: {error}") from None
+    performance = played.performance()
+    if performance is None:
         raise InputError(f"{recording}: has no policy step with live keys, expected a run of a piano policy")
-    width = motion.frames.shape[1]
-    for frame in frames:
-        if shown[frame].shape != (width,):
-            raise InputError(f"{recording}: has {len(shown[frame])} keys, and the song {width}")
-    pressed = np.array([shown[frame] for frame in frames], dtype=np.float32)
-    return Performance(pressed, motion.frames[frames], motion.policy_dt)
+    return performance
 
 
 if __name__ == "__main__":

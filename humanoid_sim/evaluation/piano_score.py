@@ -18,7 +18,7 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["ONSET_TOLERANCE", "PianoScore", "Ratio", "score", "strokes"]
+__all__ = ["ONSET_TOLERANCE", "Performance", "PianoScore", "PlayedKeys", "Ratio", "score", "step_ratios", "strokes"]
 
 ONSET_TOLERANCE = 0.1
 """s, between a note's start and the stroke that plays it. Twice that of transcription: a key takes time to go down."""
@@ -49,9 +49,57 @@ class PianoScore:
     """Strokes that no note asked for."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Performance:
+    """The keys of one run, at the song's frames that the policy was shown, of each the first time."""
+
+    pressed: npt.NDArray[np.bool_]
+    """Shape (T, K), whether a key was down."""
+    wanted: npt.NDArray[np.bool_]
+    """Shape (T, K), whether it should have been."""
+    step: float
+    """s between two rows."""
+
+    def score(self, onset_tolerance: float = ONSET_TOLERANCE) -> PianoScore:
+        """How well it was played; the tolerance is in s."""
+        return score(self.pressed, self.wanted, self.step, onset_tolerance=onset_tolerance)
+
+
+class PlayedKeys:
+    """Collects a performance, policy step by policy step."""
+
+    def __init__(self, goals: npt.NDArray[np.floating], step: float) -> None:
+        """Begin.
+
+        Args:
+            goals: shape (F, K), 1 where a key should be down.
+            step: s between two rows.
+        """
+        self._goals, self._step = np.asarray(goals) > 0.5, step
+        self._pressed = np.zeros_like(self._goals)
+        self._seen = np.zeros(len(self._goals), dtype=np.bool_)
+
+    def update(self, frame: int, keys: npt.NDArray[np.floating]) -> None:
+        """Take the keys, shape (K,), 1 where one is down, in the tick in which a frame is shown.
+
+        Raises:
+            FieldError: their number is not the song's.
+        """
+        if keys.shape != self._goals.shape[1:]:
+            raise FieldError(f"has {len(keys)} keys, and the song {self._goals.shape[1]}")
+        if frame < len(self._seen) and not self._seen[frame]:
+            self._pressed[frame], self._seen[frame] = keys > 0.5, True
+
+    def performance(self) -> Performance | None:
+        """What was played; None where no frame was shown."""
+        if not self._seen.any():
+            return None
+        return Performance(self._pressed[self._seen], self._goals[self._seen], self._step)
+
+
 def score(
-    pressed: npt.NDArray[np.floating],
-    wanted: npt.NDArray[np.floating],
+    pressed: npt.NDArray[np.floating | np.bool_],
+    wanted: npt.NDArray[np.floating | np.bool_],
     step: float,
     *,
     onset_tolerance: float = ONSET_TOLERANCE,
@@ -70,9 +118,7 @@ def score(
     down, goal = np.asarray(pressed) > 0.5, np.asarray(wanted) > 0.5
     if down.shape != goal.shape or down.ndim != 2 or not len(down):
         raise FieldError(f"score: keys have shape {down.shape} and goals {goal.shape}, expected the same (T, K), T ≥ 1")
-    right = (down & goal).sum(axis=1).astype(np.float64)
-    precision, recall = _share(right, down.sum(axis=1)), _share(right, goal.sum(axis=1))
-    f1 = _share(2.0 * right, down.sum(axis=1) + goal.sum(axis=1))
+    precision, recall, f1 = step_ratios(down, goal)
     hits = _matched(strokes(down), strokes(goal), round(onset_tolerance / step))
     struck, notes = len(strokes(down)), len(strokes(goal))
     counts = np.array([struck, notes, struck + notes])
@@ -84,6 +130,13 @@ def score(
         hit_count=hits,
         false_count=struck - hits,
     )
+
+
+def step_ratios(down: npt.NDArray[np.bool_], goal: npt.NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Precision, recall and F1, shape (...) each, of time steps: which keys are down and which should be, (..., K)."""
+    right = (down & goal).sum(axis=-1).astype(np.float64)
+    pressed, wanted = down.sum(axis=-1), goal.sum(axis=-1)
+    return _share(right, pressed), _share(right, wanted), _share(2.0 * right, pressed + wanted)
 
 
 def strokes(down: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -11,6 +11,7 @@ from rich.console import Console
 from humanoid_sim import __version__
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
 from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
 from humanoid_sim.play.console import ConsoleSink
@@ -55,6 +56,7 @@ class Run:
     keyboard: Keyboard | None = None
     tracking: TrackingErrors | None = None
     anchor: AnchorErrors | None = None
+    keys: PlayedKeys | None = None
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
     shadow: ShadowSink | None = None
@@ -93,11 +95,16 @@ def assemble(plan: Plan, console: Console) -> Run:
             encoded=lambda record: ends.feed.encoded(record),  # noqa: PLW0108 - there is no feed yet
             tell=lambda text: session.event(text, EventKind.FAILURE),
         )
+    goals = None
+    if not is_shadow and policy.motion is not None and policy.motion.task_type == "piano":
+        goals = policy.motion.frames
+    keys = None if goals is None else PlayedKeys(goals, policy.loaded.contract.policy_dt)
     monitor = RunMonitor(
         description.effort_limit,
         tracking,
         anchor=anchor,
         base=setup.base,
+        keys=keys,
         tell=lambda event: _tell(event, shown, recorder, ends.feed),
     )
     video = None
@@ -105,7 +112,7 @@ def assemble(plan: Plan, console: Console) -> Run:
         ghost = None
         if not is_shadow:
             ghost = ReferenceGhost.of(description, policy.loaded.contract, policy.loaded.reference)
-        video = VideoSink(plan.outputs.video, setup.model, ghost=ghost)
+        video = VideoSink(plan.outputs.video, setup.model, ghost=ghost, goals=goals)
     header = _header(plan)
     reactivation = Reactivation(lambda: _warnings(setup.bring_up))
     ends = LocalEnds(
@@ -162,7 +169,9 @@ def assemble(plan: Plan, console: Console) -> Run:
         memory=None if plan.branch is None else plan.branch.memory,
     )
     plan.clock.session = session
-    return Run(plan, session, monitor, shown, ends, keyboard, tracking, anchor, recorder, video, shadow, interruption)
+    return Run(
+        plan, session, monitor, shown, ends, keyboard, tracking, anchor, keys, recorder, video, shadow, interruption
+    )
 
 
 def _externs(plan: Plan, ends: LocalEnds) -> tuple[ExternSource, ...]:

@@ -47,6 +47,8 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
         raise InputError("--gamepad and --no-gamepad: expected at most one of them")
     _refuse_hardware_conflicts(config)
     _refuse_beside_shadow(config, injections)
+    if config.motion is not None and config.song is not None:
+        raise InputError("--motion and --song: both are given, expected one of them")
     if config.manual and config.script is not None:
         raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
     if config.viewer == "native" and not has_display():

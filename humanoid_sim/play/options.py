@@ -26,6 +26,9 @@ class PlayConfig:
     """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
     """Motion to follow: an .mcap file, or the name of a sample motion. Default with the sample policy: wave."""
+    song: str | None = None
+    """Song of a piano policy: a sample song's name, or a MIDI file (.mid). Default with the sample policy:
+    ode_to_joy."""
     again: str | None = None
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
     with the same motion or command. Options override the recording's."""

@@ -150,6 +150,7 @@ def make_plan(config: PlayConfig) -> Plan:
             *warnings,
             _cost_of_plant(config, policy, description),
             *assumptions(contract),
+            *policy.notices,
             golden,
             *drivers,
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path, sample_policy
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, SAMPLE_SONG, motion_path, sample_policy, song_path
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
@@ -24,6 +24,7 @@ from humanoid_sim.policy.checkpoint import (
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
+from humanoid_sim.policy.song import key_name, left_out, playable, read_song, song_motion
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.robots.description import RobotDescription
@@ -46,6 +47,8 @@ class PolicyChoice:
     motion: Motion | None
     motion_file: Path | None
     warning: str = ""
+    notices: tuple[str, ...] = ()
+    """Of its motion."""
 
     @property
     def motion_frames(self) -> int:
@@ -90,8 +93,7 @@ def choose_policy(
             f"PLACEHOLDER POLICY: onnxruntime cannot be imported, so {path.name} does NOT run; "
             "the action is zero. To run it: pip install onnxruntime"
         )
-    file = _motion_file(config, checkpoint)
-    motion = checkpoint.motion if file is None else read_motion(file)
+    motion, file, notices = _chosen_motion(config, checkpoint, description)
     loaded = load_policy(
         checkpoint.contract,
         wrap(checkpoint.policy),
@@ -100,7 +102,44 @@ def choose_policy(
         source=checkpoint.source,
         motion_source=str(file),
     )
-    return PolicyChoice(loaded, checkpoint, motion, file, warning)
+    return PolicyChoice(loaded, checkpoint, motion, file, warning, notices)
+
+
+def _chosen_motion(
+    config: PlayConfig, checkpoint: Checkpoint, description: RobotDescription
+) -> tuple[Motion | None, Path | None, tuple[str, ...]]:
+    """The motion, the file that it is from, and what to tell about it."""
+    if not _plays_song(config, checkpoint):
+        file = _motion_file(config, checkpoint)
+        return (checkpoint.motion if file is None else read_motion(file)), file, ()
+    path = song_path(config.song or SAMPLE_SONG)
+    song, dropped = playable(read_song(path), description)
+    if not song.notes:
+        assert description.piano is not None  # nothing else leaves notes out
+        low, high = (key_name(bound) for bound in (min(description.piano.keys), max(description.piano.keys)))
+        raise InputError(
+            f"--song: none of the notes of {path} is between {low} and {high}, where '{description.name}' reaches; "
+            "prepare --song --transpose moves it"
+        )
+    motion = song_motion(song, checkpoint.contract.policy_dt, description)
+    why = "left out of the song, beyond reach or more notes at a time than fingers"
+    return motion, path, (f"{why}: {left_out(dropped)}",) if dropped else ()
+
+
+def _plays_song(config: PlayConfig, checkpoint: Checkpoint) -> bool:
+    """Whether the motion is a song that is yet to be prepared.
+
+    Raises:
+        InputError: a song is given, and the policy plays none; or none is, and it needs one.
+    """
+    task = checkpoint.contract.task_type
+    if task != "piano":
+        if config.song is not None:
+            raise InputError(f"--song: is '{config.song}', but {checkpoint.source} is a {task} policy")
+        return False
+    if config.song is None and config.motion is None and config.checkpoint is not None:
+        raise InputError(f"--song: is missing; {checkpoint.source} is a piano policy")
+    return config.motion is None
 
 
 def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
@@ -184,7 +223,7 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     values = {
         name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
     }
-    if config.motion is None and MOTION_ATTACHMENT in header.attachments:
+    if config.motion is None and config.song is None and MOTION_ATTACHMENT in header.attachments:
         values["motion"] = path  # a recording is read as the motion that it was made with
     return replace(config, **values)
 

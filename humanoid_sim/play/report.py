@@ -67,6 +67,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "tracking": None if run.tracking is None else _tracking_figures(run.tracking.summary()),
         "anchor": _figures(run.anchor),
         "base": _figures(run.monitor.base),
+        "piano": _piano_figures(run),
         "doctor": _doctor(plan.config),
         "definitions": dict(DEFINITIONS),
         "hardware": plan.setup.figures(),
@@ -111,6 +112,8 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         console.print(_anchor(summary["anchor"]))
     if summary["base"]:
         console.print(_base(summary["base"]))
+    if summary["piano"]:
+        console.print(_piano(summary["piano"]))
     if summary["shadow"]:
         console.print(_shadow(summary["shadow"]))
     console.print(loop_table(summary["loop"], summary["effort"]))
@@ -148,6 +151,12 @@ def _modes(summary: dict[str, Any]) -> Table:
 def _figures(part: AnchorErrors | BaseMotion | None) -> dict[str, Any] | None:
     summary = None if part is None else part.summary()
     return None if summary is None else asdict(summary)
+
+
+def _piano_figures(run: Run) -> dict[str, Any] | None:
+    """The score, and how hard the keys were touched; None where no song was played."""
+    performance = None if run.keys is None else run.keys.performance()
+    return None if performance is None else asdict(performance.score())
 
 
 def _tracking_figures(tracking: TrackingSummary) -> dict[str, Any] | None:
@@ -205,6 +214,17 @@ def _base(base: dict[str, Any]) -> Table:
         table.add_row("largest tilt after 2 s", f"{np.degrees(base['tilt_max']):.1f}°")
     stood, fell = f"none in {base['duration']:.2f} s", base["fall"]
     table.add_row("fall", stood if fell is None else f"[red]after {fell:.2f} s[/red]")
+    return table
+
+
+def _piano(piano: dict[str, Any]) -> Table:
+    ratios = ("precision", "recall", "F1")
+    table = _table("Song", "keys", *ratios, right=ratios)
+    for name, part in (("per time step", "steps"), ("per note", "notes")):
+        table.add_row(name, *(f"{piano[part][ratio.lower()]:.3f}" for ratio in ratios))
+    table.caption = (
+        f"{piano['hit_count']} of {piano['note_count']} notes struck in time, {piano['false_count']} wrong strokes"
+    )
     return table
 
 

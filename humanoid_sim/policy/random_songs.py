@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.policy.song import KEY_COUNT, Note, Song
+from humanoid_sim.policy.song import KEY_COUNT, LEAD_IN, Note, Song
 
-__all__ = ["APART", "LEAD_IN", "NOTES_PER_SECOND", "held_out_songs", "most_onsets", "random_song"]
+__all__ = ["APART", "NOTES_PER_SECOND", "held_out_songs", "most_onsets", "random_song"]
 
 NOTES_PER_SECOND = 3
 """Most notes of a song, all voices together, that begin within any one second."""
-LEAD_IN = 1.0
-"""s before the first note: time for the hands to come over the keys."""
 APART = 5
 """Semitones between the keys of two voices at least: hands need room."""
 

@@ -7,6 +7,7 @@ holds for all tracks. Key 0 is A0, MIDI note 21, and key 87 is C8, MIDI note 108
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -20,22 +21,31 @@ import numpy.typing as npt
 from humanoid_sim.bounds import MIDI_BYTES, MOTION_VALUES
 from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
+from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
+from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = [
     "FIRST_NOTE",
     "KEY_COUNT",
+    "LEAD_IN",
     "PERCUSSION",
     "Note",
     "Song",
     "goals",
     "key_name",
     "key_number",
+    "left_out",
+    "playable",
     "read_song",
+    "song_motion",
     "thin_out",
     "transpose",
+    "with_lead_in",
 ]
 
+LEAD_IN = 1.0
+"""s before the first note, in which a robot's hands come over the keys."""
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
 _SUSTAIN, _PEDAL_DOWN = 64, 64
 """Number of the sustain pedal's controller, and the least value at which it is down."""
@@ -187,6 +197,15 @@ def transpose(song: Song, semitones: int) -> Song:
     return replace(song, notes=tuple(replace(note, key=note.key + semitones) for note in song.notes))
 
 
+def with_lead_in(song: Song, seconds: float = LEAD_IN) -> Song:
+    """The same song, as much later as it takes for no note to begin within the first `seconds`."""
+    wait = seconds - min((note.start for note in song.notes), default=seconds)
+    if wait <= 0.0:
+        return song
+    later = (replace(note, start=note.start + wait, end=note.end + wait) for note in song.notes)
+    return replace(song, notes=tuple(later))
+
+
 def thin_out(song: Song, keys: Iterable[int], voices: int | None = None) -> tuple[Song, tuple[Note, ...]]:
     """What can be played of a song, and the notes that are left out.
 
@@ -224,6 +243,32 @@ def _ranked(sounding: list[Note]) -> list[Note]:
         return by_key
     outer = [by_key[-1], by_key[0]]
     return [*outer, *sorted(by_key[1:-1], key=lambda note: -note.velocity)]
+
+
+def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...]]:
+    """What a robot can play of a song: within its reach, a note a finger at a time; and the notes that are left out.
+
+    It begins late enough for the hands to come over the keys. A robot without a piano leaves nothing out.
+    """
+    if robot.piano is None:
+        return with_lead_in(song), ()
+    played, dropped = thin_out(song, robot.piano.keys, len(robot.piano.fingers))
+    return with_lead_in(played), dropped
+
+
+def song_motion(song: Song, policy_dt: float, robot: RobotDescription) -> Motion:
+    """The goals of a song, one row per policy step of `policy_dt` (s), as what a policy for the robot follows.
+
+    Raises:
+        InputError: the song is too long.
+    """
+    return Motion(goals(song, policy_dt), (), policy_dt, task_type="piano", robot=robot.name)
+
+
+def left_out(notes: Iterable[Note]) -> str:
+    """The keys of notes from the lowest up, each with how often: `C2, G7 (3)`."""
+    counts = sorted(Counter(note.key for note in notes).items())
+    return ", ".join(f"{key_name(key)} ({count})" if count > 1 else key_name(key) for key, count in counts)
 
 
 def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> npt.NDArray[np.float32]:

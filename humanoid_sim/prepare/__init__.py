@@ -34,7 +34,8 @@ class PrepareOptions:
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--registry-name"])] = None
     """LeRobot dataset by its id on the hub, user/name. Without --motion and this: the one that the checkpoint names."""
     song: str | None = None
-    """MIDI file (.mid) whose notes become the goals of a piano policy; without a --policy, --fps is their rate."""
+    """MIDI file (.mid), or a sample song's name, whose notes become the goals of a piano policy; without a --policy,
+    --fps is their rate."""
     tracks: tuple[int, ...] = ()
     """Tracks of the song to play, counted from 0. Default: all."""
     transpose: int = 0
@@ -43,6 +44,8 @@ class PrepareOptions:
     """Most notes at a time; the highest is kept, then the lowest, then the hardest struck."""
     keys: str | None = None
     """Lowest and highest key that can be played, such as C3-C6. Notes beyond are left out, and named."""
+    lead_in: float = 1.0
+    """Least seconds of rest before the song's first note, in which the hands come over the keys."""
     sustain: bool = False
     """Notes sound on while the song's sustain pedal is down."""
     episode: Annotated[int | None, tyro.conf.arg(aliases=["--episode-index"])] = None

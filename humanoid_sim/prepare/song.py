@@ -7,13 +7,24 @@ import json
 import re
 from collections import Counter
 from io import BytesIO
-from pathlib import Path
 
 from rich.console import Console
 
+from humanoid_sim.assets import song_path
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion, motion_bytes
-from humanoid_sim.policy.song import KEY_COUNT, Note, Song, goals, key_name, key_number, read_song, thin_out, transpose
+from humanoid_sim.policy.song import (
+    KEY_COUNT,
+    Note,
+    Song,
+    goals,
+    key_name,
+    key_number,
+    read_song,
+    thin_out,
+    transpose,
+    with_lead_in,
+)
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.outputs import Content
 from humanoid_sim.rendering.piano_roll import draw_piano_roll
@@ -22,6 +33,8 @@ __all__ = ["SONG_RATE", "prepare_song"]
 
 SONG_RATE = 50.0
 """Hz of the goals where neither a policy nor the user gives a rate."""
+_LONGEST_LEAD_IN = 60.0
+"""s"""
 
 
 def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) -> dict[str, Content]:
@@ -36,7 +49,9 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
         InputError: the song cannot be read, or nothing of it can be played.
     """
     assert options.song is not None
-    path = Path(options.song)
+    path = song_path(options.song)
+    if not 0.0 <= options.lead_in <= _LONGEST_LEAD_IN:
+        raise InputError(f"--lead-in: is {options.lead_in:g} s, expected 0 to {_LONGEST_LEAD_IN:g} s")
     whole = read_song(path, tracks=options.tracks or None, sustain=options.sustain)
     lowest, highest = _range(options.keys)
     song, dropped = thin_out(transpose(whole, options.transpose), range(lowest, highest + 1), options.voices)
@@ -46,6 +61,7 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
             f"{path}: none of its {len(whole.notes)} notes is between {key_name(lowest)} and {key_name(highest)}; "
             f"they are between {lines}: try --transpose"
         )
+    song = with_lead_in(song, options.lead_in)
     table = goals(song, policy_dt)
     name = options.name or re.sub(r"[^\w.-]+", "_", path.stem) or "song"
     beyond = [note for note in dropped if not lowest <= note.key <= highest]

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from humanoid_sim.evaluation.feet import find_feet
 from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.mit import FloatArray, MITState
-from humanoid_sim.regress.metrics import METRICS, Measures, TrackingMeasures, VelocityMeasures, summarise
+from humanoid_sim.regress.metrics import METRICS, Measures, PianoMeasures, TrackingMeasures, VelocityMeasures, summarise
 from humanoid_sim.regress.preparation import PreparedCase
 from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Disturbance, Pushes
@@ -113,11 +113,7 @@ class EpisodeBatch:
         """All episodes from their start to their end; `watch` is filled with every policy step."""
         case, simulation, count = self.case, self.simulation, len(self.seeds)
         task = case.scenario.task
-        measures: Measures = (
-            TrackingMeasures(task, case.joint_reference, case.steps, count)
-            if self._feet is None
-            else VelocityMeasures(task, self._feet, case.suite.settle, case.steps, count)
-        )
+        measures = self._measures()
         numbers = np.stack([np.random.default_rng(int(key)).random(task.draws) for key in self._keys])
         start = task.start(numbers)
         simulation.reset(
@@ -152,10 +148,23 @@ class EpisodeBatch:
         if watch is not None and watch[-1].state is not loop.state:
             watch.append(Step(loop.state, None, simulation.qpos.copy(), simulation.qvel.copy()))
         traces = measures.traces()
+        wholes = [measures.of_episode(i, int(steps[i])) for i in range(count)]
         return [
-            self._episode(i, steps, failures, {name: values[: steps[i], i] for name, values in traces.items()})
+            self._episode(
+                i, steps, failures, {name: values[: steps[i], i] for name, values in traces.items()}, wholes[i]
+            )
             for i in range(count)
         ]
+
+    def _measures(self) -> Measures:
+        case, count = self.case, len(self.seeds)
+        task = case.scenario.task
+        if self._feet is not None:
+            return VelocityMeasures(task, self._feet, case.suite.settle, case.steps, count)
+        if case.suite.task == "piano":
+            assert case.motion is not None  # a piano case has a song
+            return PianoMeasures(task, case.motion.frames, case.steps, count)
+        return TrackingMeasures(task, case.joint_reference, case.steps, count)
 
     def _wrench(self, pushes: Pushes, step: int, directions: Sequence[np.random.Generator]) -> FloatArray | None:
         """Of a push in this policy step, shape (N, 6), N and N·m, world frame; None where none is pushed.
@@ -179,6 +188,7 @@ class EpisodeBatch:
         all_steps: npt.NDArray[np.int64],
         failures: Mapping[int, tuple[str, str]],
         traces: Mapping[str, FloatArray],
+        whole: Mapping[str, float],
     ) -> Episode:
         kind, reason = failures.get(i, ("", ""))
         steps, period = int(all_steps[i]), self.case.scenario.contract.policy_dt
@@ -191,7 +201,7 @@ class EpisodeBatch:
         metrics: dict[str, float | None] = {}
         for name, metric in METRICS[self.case.suite.task].items():
             if metric.summary == "episode":
-                metrics[name] = ends[name]
+                metrics[name] = ends.get(name, None if kind else whole.get(name))
             else:
                 # An episode that was cut short has no errors to compare: what counts of it is that it failed.
                 metrics[name] = None if kind else summarise(metric.summary, traces[name])

@@ -11,20 +11,32 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.envs.tasks.motion import MotionTask
 from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.evaluation.errors import length, rms
 from humanoid_sim.evaluation.feet import Feet
+from humanoid_sim.evaluation.piano_score import score, step_ratios
 from humanoid_sim.evaluation.rollout import StepSample
-from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITCommand
 from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch import BatchSimulation
 
-__all__ = ["ALWAYS", "METRICS", "Measures", "Metric", "TaskName", "TrackingMeasures", "VelocityMeasures", "summarise"]
+__all__ = [
+    "ALWAYS",
+    "METRICS",
+    "Measures",
+    "Metric",
+    "PianoMeasures",
+    "TaskName",
+    "TrackingMeasures",
+    "VelocityMeasures",
+    "summarise",
+]
 
-TaskName = Literal["tracking", "velocity"]
+TaskName = Literal["tracking", "velocity", "piano"]
 Summary = Literal["rms", "mean", "episode"]
 """How an episode's steps become its value: root mean square, mean, or not at all: it is of the episode as a whole."""
 
@@ -77,16 +89,29 @@ _VELOCITY = (
     _metric("falls", "share", "episode", "Episodes that ended because the robot fell."),
     *_END,
 )
+_PIANO = (
+    _metric(
+        "f1", "share", "mean", "F1 of the keys that are down against the song's, of each step by itself.", "higher"
+    ),
+    _metric("precision", "share", "mean", "Of the keys that are down, those that should be, of each step.", "higher"),
+    _metric("recall", "share", "mean", "Of the keys that should be down, those that are, of each step.", "higher"),
+    _metric(
+        "note_f1", "share", "episode", "F1 of strokes and notes: a stroke counts within 0.1 s of its note.", "higher"
+    ),
+    *_CARE,
+    *_END,
+)
 METRICS: Mapping[TaskName, Mapping[str, Metric]] = MappingProxyType(
     {
         "tracking": MappingProxyType({metric.info.name: metric for metric in _TRACKING}),
         "velocity": MappingProxyType({metric.info.name: metric for metric in _VELOCITY}),
+        "piano": MappingProxyType({metric.info.name: metric for metric in _PIANO}),
     }
 )
 """By task and name, in the order in which they are shown."""
 
 ALWAYS: Mapping[TaskName, tuple[str, ...]] = MappingProxyType(
-    {"tracking": ("losses", "faults"), "velocity": ("falls", "faults")}
+    {"tracking": ("losses", "faults"), "velocity": ("falls", "faults"), "piano": ("faults",)}
 )
 """What is judged whether a suite names it or not: errors are those of the episodes that did not fail."""
 
@@ -132,6 +157,10 @@ class Measures:
     def traces(self) -> Mapping[str, FloatArray]:
         """By name, shape (steps, N); NaN where there is nothing to measure."""
         return self.rows
+
+    def of_episode(self, i: int, steps: int) -> Mapping[str, float]:
+        """What is of episode `i` as a whole, after its `steps`, by name."""
+        return {}
 
 
 class TrackingMeasures(Measures):
@@ -200,3 +229,29 @@ class VelocityMeasures(Measures):
         error = total / steps.reshape(-1, 1, 1) - self._command
         error[: self._skip] = np.nan
         return {"velocity_error": length(error[..., :2]), "yaw_rate_error": np.abs(error[..., 2]), **self.rows}
+
+
+class PianoMeasures(Measures):
+    """Which keys are down against those that the song asks for."""
+
+    def __init__(self, task: Task, goals: npt.NDArray[np.floating], steps: int, count: int) -> None:
+        """As `Measures`, for goals of shape (F, 88)."""
+        super().__init__(task, steps, count, ("f1", "precision", "recall"))
+        self._goals = goals > 0.5
+        self._down = np.zeros((steps, count, goals.shape[1]), dtype=np.bool_)
+        self._wanted = np.zeros_like(self._down)
+
+    def add(self, step: int, sample: StepSample, command: MITCommand, simulation: BatchSimulation) -> None:
+        """See `Measures.add`."""
+        super().add(step, sample, command, simulation)
+        self._down[step] = sample.state.extern[KEY_PRESSED].value > 0.5
+        self._wanted[step] = self._goals[np.minimum(sample.frame, len(self._goals) - 1)]
+        ratios = step_ratios(self._down[step], self._wanted[step])
+        for name, values in zip(("precision", "recall", "f1"), ratios, strict=True):
+            self.rows[name][step] = values
+
+    def of_episode(self, i: int, steps: int) -> Mapping[str, float]:
+        """See `Measures.of_episode`."""
+        if not steps:
+            return {}
+        return {"note_f1": score(self._down[:steps, i], self._wanted[:steps, i], self.period).notes.f1}

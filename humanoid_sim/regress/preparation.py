@@ -139,9 +139,12 @@ def _digest(suite: Suite, case: Case, motion: Motion | None, description: RobotD
         del conditions[name]
     if suite.actuation == "affine":  # what baselines ran that know of no other
         del conditions["actuation"]
+    described = {**msgspec.to_builtins(case), "motion": bool(case.motion)}
+    if not case.song:  # what baselines ran that know of none
+        del described["song"]
     document = {
         "conditions": conditions,
-        "case": {**msgspec.to_builtins(case), "motion": bool(case.motion)},
+        "case": described,
         "robot": description.to_json(),
     }
     digest = hashlib.sha256(msgspec.json.encode(document, order="deterministic"))

@@ -60,7 +60,7 @@ class SuiteInfo(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     name: str
     summary: str
-    task: Literal["tracking", "velocity"]
+    task: Literal["tracking", "velocity", "piano"]
     robot: str
     cases: tuple[str, ...]
     """Names of the motions or commands, in the suite's order."""

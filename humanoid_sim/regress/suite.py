@@ -34,15 +34,18 @@ AXES: Mapping[str, tuple[str, float]] = {
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One thing to do: follow a motion, or walk at a velocity."""
+    """One thing to do: follow a motion, walk at a velocity, or play a song."""
 
     name: str
     motion: str = ""
     """Tracking: a sample motion, or the path of a motion file, relative to the suite; empty: the one in the policy."""
+    song: str = ""
+    """Piano: a sample song, or the path of a MIDI file, relative to the suite; `random:N` is a song of its own for
+    each N, that no training has seen."""
     command: tuple[float, float, float] | None = None
     """Velocity: vx, vy in m/s and the yaw rate in rad/s."""
     duration: float | None = None
-    """s; tracking: default the whole motion."""
+    """s; tracking and piano: default the whole motion or song."""
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.piano import key_joint_names
 
-__all__ = ["robot_box", "tint_limbs"]
+__all__ = ["keyboard_box", "robot_box", "tint_limbs"]
 
 _SAME = 0.08
 """Two colours that differ by less, in any channel, are one."""
@@ -107,6 +108,16 @@ def robot_box(model: mujoco.MjModel, *, moving: bool = False) -> tuple[FloatArra
             corners = _box(model, data, geoms)
             low, high = np.minimum(low, corners[0]), np.maximum(high, corners[1])
     return low, high
+
+
+def keyboard_box(model: mujoco.MjModel) -> tuple[FloatArray, FloatArray] | None:
+    """Middle and half extents (3,), m, world frame, of a piano's keys, released; None where there is none."""
+    joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in key_joint_names()]
+    if min(joints) < 0:
+        return None
+    geoms = np.flatnonzero(np.isin(model.geom_bodyid, model.jnt_bodyid[joints])).tolist()
+    low, high = _box(model, mujoco.MjData(model), geoms)
+    return 0.5 * (low + high), 0.5 * (high - low)
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int]) -> tuple[FloatArray, FloatArray]:

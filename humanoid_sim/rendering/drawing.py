@@ -30,6 +30,7 @@ from humanoid_sim.files import whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.ghost import ReferenceGhost
+from humanoid_sim.rendering.key_lights import KeyLights
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.rendering.piano_sound import RATE, PianoSound, Samples, Stroke, write_wav
 
@@ -55,6 +56,8 @@ class Job:
     ghost: ReferenceGhost | None = None
     wav: str = ""
     """Path of the sound where this machine has no encoder for it; empty where the run has no piano, and no sound."""
+    goals: npt.NDArray[np.bool_] | None = None
+    """Shape (F, 88), whether a key should be down; None where no song is known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +101,10 @@ def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], No
         stream.pix_fmt = "yuv420p"
         stream.time_base = stream.codec_context.time_base = 1 / job.fps
         sound = _Sound(container, job) if job.wav else None
+        lights = KeyLights(job.model, job.goals) if job.wav else None
         for count, moment in enumerate(chain([first], moments), start=1):
+            if lights is not None:
+                lights.show(moment.strokes, moment.frame)
             frame = av.VideoFrame.from_ndarray(_picture(job, pictures, moment), format="rgb24")
             # As moments are chosen: rounding would give two of them, half a frame off, one place.
             frame.pts, frame.time_base = math.floor(moment.time * job.fps), 1 / job.fps

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.rendering.appearance import robot_box, tint_limbs
+from humanoid_sim.rendering.appearance import keyboard_box, robot_box, tint_limbs
 from humanoid_sim.rendering.backend import Choice, choose_backend, egl_works
 from humanoid_sim.rendering.painter import GHOST, GHOST_OPACITY, Painter
 
@@ -27,6 +27,12 @@ __all__ = ["PoseRenderer", "make_camera", "make_renderer", "update_pose"]
 _AZIMUTH = 155.0
 """Degrees. 180 looks along -x, straight at the face of a robot whose front is +x; 155 shows a little of its left."""
 _ELEVATION = -14.0
+_AT_PIANO = 170.0, -46.0
+"""Degrees of azimuth and elevation, for a robot at a piano: so steep that the keys show above the piano's rear."""
+_PIANO_MARGIN = 1.8
+"""Room around a piano's width: the robot behind it is as high as that is wide."""
+_TOWARDS_ROBOT, _ABOVE_KEYS = 0.13, 0.11
+"""m from the middle of the keys to what is looked at."""
 _MARGIN = 1.2
 """Room around a robot that walks, for arms that are raised; one that stands fast is framed with all that it reaches."""
 
@@ -159,7 +165,7 @@ def make_camera(model: mujoco.MjModel, name: str | None = None, aspect: float = 
     """The model's camera `name`, or a front three-quarter view at the distance at which the whole robot fits.
 
     `aspect` is the picture's width over its height. A model in which nothing has a joint is framed as its
-    `<statistic center= extent=>` says. A robot with a floating base is followed.
+    `<statistic center= extent=>` says. A robot with a floating base is followed; one at a piano is seen from above.
 
     Raises:
         InputError: if the model has no camera `name`.
@@ -175,6 +181,13 @@ def make_camera(model: mujoco.MjModel, name: str | None = None, aspect: float = 
     camera.lookat[:] = model.stat.center
     camera.azimuth, camera.elevation = _AZIMUTH, _ELEVATION
     half_view = math.radians(model.vis.global_.fovy) / 2
+    keyboard = keyboard_box(model)
+    if keyboard is not None:
+        camera.azimuth, camera.elevation = _AT_PIANO
+        middle, half = keyboard
+        camera.lookat[:] = middle + np.array([-_TOWARDS_ROBOT, 0.0, _ABOVE_KEYS])
+        camera.distance = _PIANO_MARGIN * half[1] / (math.tan(half_view) * min(aspect, 16 / 9))
+        return camera
     base = _floating_base(model)
     half_height, depth = _MARGIN * model.stat.extent / 2, 0.0
     box = robot_box(model, moving=base is None)

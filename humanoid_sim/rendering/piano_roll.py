@@ -8,17 +8,25 @@ from PIL import Image, ImageDraw, ImageFont
 
 from humanoid_sim.policy.song import key_name
 
-__all__ = ["draw_piano_roll"]
+__all__ = ["HIT", "MISSED", "WRONG", "draw_piano_roll", "rgb"]
 
 _WIDTH, _ROW, _LEFT, _TOP, _BOTTOM = 1280, 14, 52, 34, 26
 _LINES = 900
 """px, the most that the keys may take."""
 _PAPER, _BLACK_ROW, _GRID, _INK = "#ffffff", "#eef0f3", "#d5d9df", "#2b2f36"
-_COLOURS = {"asked for": "#4c78a8", "hit": "#3a9d5d", "missed": "#f2b134", "wrong": "#d1495b"}
+HIT, MISSED, WRONG = "#3a9d5d", "#f2b134", "#d1495b"
+"""Colours of keys that are down and should be, that are not down and should be, and that are down and should not."""
+_COLOURS = {"asked for": "#4c78a8", "hit": HIT, "missed": MISSED, "wrong": WRONG}
 _AROUND = 2
 """Keys shown beyond the lowest and the highest that are used."""
 
-Keys = npt.NDArray[np.floating]
+Keys = npt.NDArray[np.floating | np.bool_]
+
+
+def rgb(colour: str) -> tuple[float, float, float]:
+    """Red, green and blue, 0 to 1 each, of `#rrggbb`."""
+    red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
+    return red, green, blue
 
 
 def draw_piano_roll(wanted: Keys, step: float, pressed: Keys | None = None, title: str = "") -> Image.Image:

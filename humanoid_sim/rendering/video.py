@@ -74,6 +74,7 @@ class VideoSink(Sink):
         camera: a camera of the model; None looks at the robot from the front.
         max_frames: at 25 fps, 2.4 minutes at the full rate.
         ghost: the motion that a policy follows, drawn through the robot.
+        goals: shape (F, 88), 1 where a piano's key should be down: its song.
 
     Raises:
         InputError: the path cannot be written, or its suffix or the size is not accepted.
@@ -89,6 +90,7 @@ class VideoSink(Sink):
         camera: str | None = None,
         max_frames: int = 3600,
         ghost: ReferenceGhost | None = None,
+        goals: npt.NDArray[np.floating] | None = None,
     ) -> None:
         self.path = output_file(path, "video", ".mp4")
         if fps < 1:
@@ -96,6 +98,7 @@ class VideoSink(Sink):
         if min(size) < 16 or any(side % 2 for side in size):
             raise InputError(f"video '{path}': size is {size[0]}x{size[1]}, accepted: even numbers from 16")
         self._model_factory, self._size, self._camera, self._ghost = model_factory, size, camera, ghost
+        self._goals = None if goals is None else np.asarray(goals) > 0.5
         self._fps = Fraction(fps)
         self._rate, self._thin_at, self._max_frames = Fraction(fps), max(2, max_frames), max(2, max_frames)
         self._clock = 0.0
@@ -116,7 +119,7 @@ class VideoSink(Sink):
             return
         self._clock += min(max(0.0, time - self._last_time), _LONGEST_PAUSE)  # NaN, and backwards: 0
         self._last_time = time
-        if self._ghost is not None:
+        if self._ghost is not None or self._goals is not None:
             self._shown.look(record)
         self._listen(record)
         if self._clock * self._rate < self._next_frame:
@@ -172,7 +175,7 @@ class VideoSink(Sink):
 
     def _job(self, path: str) -> Job:
         wav = "" if self._keys is None else str(self._wav)
-        return Job(path, self._model_factory(), self._size, self._camera, self._fps, self._ghost, wav)
+        return Job(path, self._model_factory(), self._size, self._camera, self._fps, self._ghost, wav, self._goals)
 
     @property
     def _wav(self) -> Path:

@@ -10,7 +10,7 @@ import msgspec
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
-from humanoid_sim.robots.piano import PIANOS
+from humanoid_sim.robots.piano import KEY_COUNT, PIANOS
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import Accepted, MotorDescription, RobotDescription, StandbySettings
 
@@ -40,16 +40,28 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         values = getattr(robot, name).damping
         if values:
             yield from _length(f"{name}.damping", values, robot.joint_count)
-    if robot.piano is not None:
-        if robot.piano.figures not in PIANOS:
-            yield f"piano.figures: {known_names('piano', robot.piano.figures, PIANOS)}"
-        if len(robot.piano.fingers) != 2:
-            yield f"piano.fingers: has {len(robot.piano.fingers)} sites, expected 2, the left hand's first"
+    yield from _piano(robot)
     speed = robot.guards.speed
     if speed is not None and speed.limit:
         yield from _length("guards.speed.limit", speed.limit, robot.joint_count)
     for name in ("standby_controller_a", "standby_controller_b"):
         yield from _standby(robot, name, getattr(robot, name))
+
+
+def _piano(robot: RobotDescription) -> Iterator[str]:
+    piano = robot.piano
+    if piano is None:
+        return
+    if piano.figures not in PIANOS:
+        yield f"piano.figures: {known_names('piano', piano.figures, PIANOS)}"
+    if len(piano.fingers) != 2:
+        yield f"piano.fingers: has {len(piano.fingers)} sites, expected 2, the left hand's first"
+    if len(piano.reach) != len(piano.fingers):
+        yield f"piano.reach: has {len(piano.reach)} spans, expected one for each of the piano's fingers"
+    for i, (low, high) in enumerate(piano.reach):
+        if not 0 <= low <= high < KEY_COUNT:
+            expected = f"the lowest and the highest key of 0 to {KEY_COUNT - 1}"
+            yield f"piano.reach[{i}]: is {[low, high]}, expected {expected}"
 
 
 def _refused_values(struct: msgspec.Struct, prefix: str) -> Iterator[str]:

@@ -218,6 +218,18 @@ class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """m, of those tips."""
     key_force_limit: Positive
     """N, with which no key may be touched."""
+    reach: tuple[tuple[int, int], ...]
+    """Lowest and highest key of each finger, 0 is A0, 87 is C8; what `python -m humanoid_sim.piano reach` computes."""
+
+    @property
+    def hands(self) -> tuple[range, ...]:
+        """The keys of each finger."""
+        return tuple(range(low, high + 1) for low, high in self.reach)
+
+    @property
+    def keys(self) -> frozenset[int]:
+        """The keys of any finger."""
+        return frozenset(key for keys in self.hands for key in keys)
 
 
 class _OfJoints:

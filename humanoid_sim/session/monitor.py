@@ -12,9 +12,10 @@ from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.controllers.rotation import rotate, rotate_inverse
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import has_run_away
+from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
-from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray, MITState
+from humanoid_sim.mit import BASE_LINEAR_VELOCITY, KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.recording.summary import ModeSpan
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
@@ -43,6 +44,7 @@ class RunMonitor(WorkerSink):
         *,
         anchor: AnchorErrors | None = None,
         base: BaseObserver | None = None,
+        keys: PlayedKeys | None = None,
         tell: Callable[[Event], None] = lambda _: None,
     ) -> None:
         """Start empty.
@@ -52,6 +54,7 @@ class RunMonitor(WorkerSink):
             tracker: gets the joint positions of every policy step.
             anchor: gets the states of every policy step.
             base: sees the floating base of a simulated robot, which is free in LOCOMOTION and REMOTE; None for none.
+            keys: gets a piano's keys in every policy step.
             tell: is told of a fall when it happens, on this sink's thread.
         """
         super().__init__("monitor")
@@ -60,6 +63,7 @@ class RunMonitor(WorkerSink):
         self._anchor = anchor
         self.base = None if base is None else BaseMotion()
         self._observer = base
+        self._keys = keys
         self._tell = tell
         self.spans: list[ModeSpan] = []
         self.faults: list[tuple[float, str]] = []
@@ -113,6 +117,9 @@ class RunMonitor(WorkerSink):
                 self._tracker.update(output.policy_step.frame, state.joint_position)
             if self._anchor is not None:
                 self._anchor.update(output.policy_step.frame, state)
+            live = state.extern.get(KEY_PRESSED)
+            if self._keys is not None and live is not None:
+                self._keys.update(output.policy_step.frame, live.value)
         if record.qpos is not None and control.mode.is_free:
             self._watch_base(state, record.qpos)
 

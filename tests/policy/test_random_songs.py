@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.policy.random_songs import APART, LEAD_IN, held_out_songs, most_onsets, random_song
-from humanoid_sim.policy.song import Note, Song, goals
+from humanoid_sim.policy.random_songs import APART, held_out_songs, most_onsets, random_song
+from humanoid_sim.policy.song import LEAD_IN, Note, Song, goals
 
 HANDS = (tuple(range(20, 46)), tuple(range(38, 64)))
 

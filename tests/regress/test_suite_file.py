@@ -46,8 +46,8 @@ def replaced(before: str, after: str) -> str:
         ("- 1\n", "is no suite, expected a mapping"),
         ("name: x\n", "misses the field 'task'"),
         (
-            replaced("task: tracking", "task: piano"),
-            "task: invalid enum value 'piano', expected one of tracking, veloc",
+            replaced("task: tracking", "task: drums"),
+            "task: invalid enum value 'drums', expected one of tracking, velocity, piano",
         ),
         (replaced("mass: [0.9, 1.1]", "mass: [0, 1]"), "randomisation: mass is (0.0, 1.0), expected more than 0"),
         (
@@ -66,6 +66,11 @@ def replaced(before: str, after: str) -> str:
         (replaced("duration: 0.4", "duration: -1"), "cases[0].duration: is -1, expected more than 0"),
         (replaced("motion: wave", "command: [1, 0, 0]"), "cases[0].command: is of no use to a tracking task"),
         (replaced("task: tracking", "task: velocity"), "cases[0].motion: is of no use to a velocity task"),
+        (replaced("task: tracking", "task: piano"), "cases[0].motion: is of no use to a piano task, expected a song"),
+        (
+            replaced("motion: wave", "song: twinkle"),
+            "cases[0].song: is of no use to a tracking task, expected a motion",
+        ),
         (
             replaced("joint_error:", "elbow_error:"),
             "tolerances: unknown tracking metric 'elbow_error'; known: body_pos",
@@ -74,7 +79,7 @@ def replaced(before: str, after: str) -> str:
         (replaced("mass: [0.9, 1.1]", "mass: [1.1, 0.9]"), "randomisation: mass is (1.1, 0.9), expected two finite"),
         (
             replaced("mass: [0.9, 1.1]", "weight: [1, 1]"),
-            "randomisation: unknown field 'weight'; known: mass, friction",
+            "randomisation: unknown field 'weight'; known: mass, ",
         ),
         (replaced("joint_position: 0.05", "joint_position: .nan"), "start.joint_position: is nan, expected a finite"),
         (replaced("[0.01, 0.02, 0.1]", "[0.02, 0.01]"), "margins.sweeps[0].levels: is [0.02, 0.01], expected finite"),

@@ -57,6 +57,8 @@ def test_the_robot_is_the_lite_with_a_piano(name: str, figures: str) -> None:
     [
         ("figures: dep20", "figures: grand", "figures: unknown piano 'grand'; known: dep20, nikomaku"),
         ("_tip, right_finger2_tip]", "_tip]", "fingers: has 1 sites, expected 2, the left hand's first"),
+        ("reach: [[5, 55], ", "reach: [", "reach: has 1 spans, expected one for each of the piano's fingers"),
+        ("[5, 55]", "[5, 88]", "reach[0]: is [5, 88], expected the lowest and the highest key of 0 to 87"),
         ("key_force_limit: 7.1", "key_force_limit: 0", "key_force_limit: is 0.0, expected a finite number > 0"),
     ],
 )

@@ -55,8 +55,11 @@ def test_holding_torque_is_gravity_and_the_key_s_force(fingers: Fingers) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["lite_piano", "lite_piano_nikomaku"])
 def test_each_hand_reaches_51_keys(robot: str) -> None:
-    reach = [Fingers(load_robot(robot)).reachable(hand) for hand in (0, 1)]
+    description = load_robot(robot)
+    reach = [Fingers(description).reachable(hand) for hand in (0, 1)]
     assert [(keys[0], keys[-1], len(keys)) for keys in reach] == [(5, 55, 51), (32, 82, 51)]
+    assert description.piano is not None
+    assert tuple(reach) == tuple(map(tuple, description.piano.hands))
 
 
 def test_a_robot_without_a_piano_is_refused() -> None:

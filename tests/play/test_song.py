@@ -1,0 +1,77 @@
+"""A song on a simulated piano, played by a network that knows two of its keys: goals, score, refusals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from play_fixtures import quick_robot
+from result import Result
+from two_keys import two_key_policy
+
+from humanoid_sim import piano
+from humanoid_sim.cli import run_program
+from humanoid_sim.training.songs import Tune, song_bytes
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return two_key_policy(tmp_path_factory.mktemp("policy") / "two_keys.onnx")
+
+
+@pytest.fixture
+def song(tmp_path: Path) -> Path:
+    """D5 and G3, which the network plays, a C8 that nobody reaches, and an A3 that it does not know."""
+    path = tmp_path / "song.mid"
+    path.write_bytes(song_bytes(Tune("a song", 120, "D5 R D5 C8 | R D5:2", "R G3:2 | R G3 A3")))
+    return path
+
+
+def test_a_song_is_played_and_scored(
+    folder: Path, run: Run, policy: Path, song: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    robot = quick_robot(tmp_path, "lite_piano")
+    result = run("--robot", robot, "--policy", str(policy), "--song", str(song), "--video", "none")
+    assert result.status == 0
+    assert "left out of the song, beyond reach or more notes at a time than fingers: C8" in result.out
+    found = result.summary["piano"]
+    assert (found["note_count"], found["hit_count"], found["false_count"]) == (6, 5, 0)
+    assert found["steps"]["precision"] > 0.95
+    assert 0.75 < found["steps"]["f1"] < 0.95
+    assert "5 of 6 notes struck in time, 0 wrong strokes" in result.out
+    recording = result.summary["recording"]
+    assert run_program(piano.main, ["score", recording, "--json"]) == 0
+    again = json.loads(capfd.readouterr().out)
+    assert again == {name: found[name] for name in again}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["--song", "twinkl"],
+            "--song: 'twinkl' is neither a MIDI file nor a sample song; did you mean twinkle? samples",
+        ),
+        ([], "--song: is missing; "),
+        (["--song", "twinkle", "--motion", "wave"], "--motion and --song: both are given, expected one of them"),
+        (["--song", "HIGH"], "is between D1 and G7, where 'lite_piano' reaches; prepare --song --transpose moves it"),
+    ],
+)
+def test_mistakes_are_one_line(run: Run, policy: Path, tmp_path: Path, words: list[str], message: str) -> None:
+    high = tmp_path / "high.mid"
+    high.write_bytes(song_bytes(Tune("high", 60, "C8 B7", "R A7")))
+    words = [str(high) if word == "HIGH" else word for word in words]
+    result = run("--robot", "lite_piano", "--policy", str(policy), *words)
+    assert result.status == 2
+    assert message in result.err
+
+
+def test_a_policy_that_plays_no_songs_refuses_one(run: Run) -> None:
+    result = run("--song", "twinkle")
+    assert result.status == 2
+    assert "--song: is 'twinkle', but " in result.err
+    assert "lite_tracking.onnx is a tracking policy" in result.err
