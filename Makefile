@@ -7,7 +7,7 @@ LEROBOT := .venv-lerobot
 # ROS 2's wheels restart every Python of the environment that they are in: one of their own, whose nodes the tests start.
 ROS := .venv-ros
 
-.PHONY: play test test-slow test-train test-lerobot test-ros bench lint format types train train-walking clean
+.PHONY: play test test-slow test-train test-lerobot test-ros docs bench lint format types train train-walking clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -31,6 +31,9 @@ test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs
 
 test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/test.done  ## with ROS 2's rclpy, in network namespaces; needs cmake, ninja and g++
 	$(BIN)/python -m pytest -m ros tests/ros2_live $(ARGS)
+
+docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked
+	$(BIN)/python docs/build.py
 
 bench: $(VENV)/play.done  ## this machine's figures
 	$(BIN)/python -m humanoid_sim.bench $(ARGS)
@@ -91,6 +94,10 @@ $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
 
 $(VENV)/dds.done: $(VENV)/play.done
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[console,dds]'
+	touch $@
+
+$(VENV)/docs.done: $(VENV)/play.done
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	touch $@
 
 $(ROS)/test.done: constraints-ros.txt

@@ -22,7 +22,7 @@ from humanoid_sim.robots.description import load_robot
 
 _PAGE = (Path(__file__).parents[2] / "docs" / "first-hour.md").read_text(encoding="utf-8")
 _STEPS = [step.split("\n## ")[0] for step in _PAGE.split("\n- [ ] ")[1:]]
-_COMMAND = re.compile(r"^ {6}python -m humanoid_sim\.(\w+) (.+)$", re.MULTILINE)
+_COMMAND = re.compile(r"^ {4}python -m humanoid_sim\.(\w+) (.+)$", re.MULTILINE)
 _COMMANDS = [match for step in _STEPS for match in _COMMAND.findall(step)]
 _CHANNEL = "virtual:first-hour"
 

@@ -1,0 +1,167 @@
+"""Build the documentation as a site, strictly: `make docs`, or `python docs/build.py`.
+
+The site is made of the Markdown files that the repository shows anyway. They are staged in `build/site-source`, where
+README.md is the first page and links lead from page to page, and built into `build/site`. A link or anchor that leads
+nowhere is an error, and so is anything that a page would load from another server. Links to the outside are listed, and
+not followed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path, PurePosixPath
+from urllib.parse import unquote, urlsplit
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = PurePosixPath("docs")
+ROOT_PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+"""Files beside docs/ that are pages too, and as what."""
+DIAGRAM = re.compile(r"^ *```mermaid$", re.MULTILINE)
+LINK = re.compile(r"\[([^\]]*)\]\((?!https?:|mailto:|#)([^)#\s]+)(#[^)\s]*)?\)")
+"""A Markdown link to a file: its text, the path, the anchor."""
+TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
+
+
+class SiteError(Exception):
+    """What is wrong with the site, a line each."""
+
+
+def page_of(path: PurePosixPath) -> PurePosixPath | None:
+    """Where a file of the repository is in the site; None if it is not there."""
+    if str(path) in ROOT_PAGES:
+        return PurePosixPath(ROOT_PAGES[str(path)])
+    return path.relative_to(DOCS) if path.is_relative_to(DOCS) else None
+
+
+def staged(text: str, source: PurePosixPath) -> str:
+    """A page's Markdown for the site: links lead to pages, by their titles, and a script draws its diagrams."""
+    page = page_of(source)
+    assert page is not None
+
+    def to_page(match: re.Match[str]) -> str:
+        shown, path, anchor = match.groups(default="")
+        target = PurePosixPath(os.path.normpath(source.parent / path))
+        found = page_of(target)
+        if found is None or not (ROOT / target).is_file():
+            raise SiteError(f"{source}: links to {path}, which is no page of the site")
+        if shown in (str(target), target.name):  # a reader of the site knows no files
+            title = TITLE.search((ROOT / target).read_text("utf-8"))
+            shown = title[1] if title else shown
+        return f"[{shown}]({os.path.relpath(found, page.parent)}{anchor})"
+
+    text = LINK.sub(to_page, text)
+    if DIAGRAM.search(text):
+        text += f'\n\n<script src="{os.path.relpath("mermaid.js", page.parent)}"></script>\n'
+    return text
+
+
+def stage(folder: Path) -> None:
+    """Put everything that the site is made of into a folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    pages = folder / "docs"
+    shutil.copytree(ROOT / DOCS, pages, ignore=shutil.ignore_patterns("*.py", "*.toml", "__pycache__"))
+    for path in (*(ROOT / DOCS).rglob("*.md"), *(ROOT / name for name in ROOT_PAGES)):
+        source = PurePosixPath(path.relative_to(ROOT).as_posix())
+        (pages / (page_of(source) or "")).write_text(staged(path.read_text("utf-8"), source), "utf-8")
+    package = importlib.util.find_spec("mermaidx")
+    if package is None or package.origin is None:
+        raise SiteError("the site needs the package 'mermaidx', which is not installed: pip install -e '.[docs]'")
+    shutil.copy(Path(package.origin).parent / "assets" / "mermaid.js", pages)
+    shutil.copy(ROOT / DOCS / "zensical.toml", folder)
+
+
+@dataclass
+class Page(HTMLParser):
+    """What a built page says of itself: where it can be linked to, where it leads, what it loads."""
+
+    text: str
+    anchors: set[str] = field(default_factory=set)
+    links: set[str] = field(default_factory=set)
+    resources: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        super().__init__()
+        self.feed(self.text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note where an element can be found, and what it refers to."""
+        given = {name: value for name, value in attrs if value is not None}
+        self.anchors |= {given[name] for name in ("id", "name") if name in given}
+        if tag == "a" and "href" in given:
+            self.links.add(given["href"])
+        elif "src" in given or ("href" in given and tag in ("link", "image", "use")):
+            self.resources.add(given.get("src") or given["href"])
+
+
+def problems_and_outside(pages: Mapping[str, Page], files: Iterable[str]) -> tuple[list[str], dict[str, str]]:
+    """What is wrong between built pages, and each link to the outside with a page that has it.
+
+    Args:
+        pages: by their paths in the site.
+        files: paths of everything in the site.
+    """
+    known = set(files)
+    problems, outside = [], {}
+    for path, page in sorted(pages.items()):
+        for target in sorted(page.resources | page.links):
+            parts = urlsplit(target)
+            if parts.scheme in ("data", "javascript"):
+                continue
+            if parts.scheme or parts.netloc:
+                if target in page.resources:
+                    problems.append(f"{path}: loads {target} from elsewhere")
+                else:
+                    outside.setdefault(target, path)
+                continue
+            place = os.path.normpath(PurePosixPath(path).parent / unquote(parts.path)) if parts.path else path
+            if os.path.normpath(f"{place}/index.html") in known:  # what a server shows of a folder
+                place = os.path.normpath(f"{place}/index.html")
+            if place not in known:
+                problems.append(f"{path}: {target} does not exist")
+            elif parts.fragment and place in pages and unquote(parts.fragment) not in pages[place].anchors:
+                problems.append(f"{path}: {target} has no such anchor")
+    return problems, outside
+
+
+def check(site: Path) -> None:
+    """Check a built site, and list what it links to outside."""
+    files = [path.relative_to(site).as_posix() for path in site.rglob("*") if path.is_file()]
+    pages = {name: Page((site / name).read_text("utf-8")) for name in files if name.endswith(".html")}
+    pages.pop("404.html", None)  # its addresses begin at the root of whatever server shows it
+    problems, outside = problems_and_outside(pages, files)
+    if problems:
+        raise SiteError("\n".join(problems))
+    print(f"{len(pages)} pages, {sum(len(page.links) for page in pages.values())} links between and out of them")
+    print("links to the outside, not followed:")
+    for target, page in sorted(outside.items()):
+        print(f"  {target}  ({page})")
+
+
+def main() -> int:
+    """Stage, build and check; returns the exit status."""
+    source, site = ROOT / "build" / "site-source", ROOT / "build" / "site"
+    try:
+        stage(source)
+        command = [sys.executable, "-m", "zensical", "build", "--strict", "--clean"]
+        if subprocess.run(command, cwd=source, env={**os.environ, "NO_COLOR": "1"}, check=False).returncode:
+            raise SiteError("the site was not built")
+        check(source / "site")
+        shutil.rmtree(site, ignore_errors=True)
+        (source / "site").replace(site)
+    except SiteError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(f"built: {site / 'index.html'}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

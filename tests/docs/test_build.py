@@ -1,0 +1,69 @@
+"""docs/build.py: what it stages, and what it finds wrong with a built site."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def build() -> Iterator[ModuleType]:
+    path = Path(__file__).parent.parent.parent / "docs" / "build.py"
+    spec = importlib.util.spec_from_file_location("site_build", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(sys.modules, spec.name, module)  # dataclasses look their module up
+        spec.loader.exec_module(module)
+        yield module
+
+
+@pytest.mark.parametrize(
+    ("source", "text", "expected"),
+    [
+        ("README.md", "[a](docs/play.md#modes) ![b](docs/play.png)", "[a](play.md#modes) ![b](play.png)"),
+        ("docs/concepts.md", "[a](../CONTRIBUTING.md#layout)", "[a](contributing.md#layout)"),
+        ("docs/guides/researcher.md", "[a](../play.md) [b](../../README.md)", "[a](../play.md) [b](../index.md)"),
+        ("README.md", "[docs/figures.md](docs/figures.md)", "[Figures](figures.md)"),
+        ("docs/first-hour.md", "[figures.md](figures.md#x) say", "[Figures](figures.md#x) say"),
+        ("docs/play.md", "[a](#here) [b](https://example.org/x.md)", "[a](#here) [b](https://example.org/x.md)"),
+    ],
+)
+def test_links_lead_to_pages(build: ModuleType, source: str, text: str, expected: str) -> None:
+    assert build.staged(text, PurePosixPath(source)) == expected
+
+
+@pytest.mark.parametrize("target", ["nowhere.md", "../LICENSE", "../tests/conftest.py"])
+def test_a_link_out_of_the_site_is_an_error(build: ModuleType, target: str) -> None:
+    with pytest.raises(build.SiteError, match=f"docs/play.md: links to {target}, which is no page of the site"):
+        build.staged(f"[a]({target})", PurePosixPath("docs/play.md"))
+
+
+def test_a_page_with_a_diagram_gets_its_script(build: ModuleType) -> None:
+    text = "```mermaid\nflowchart TB\n```\n"
+    assert build.staged(text, PurePosixPath("docs/guides/researcher.md")).endswith(
+        '\n<script src="../mermaid.js"></script>\n'
+    )
+
+
+def test_links_and_resources_of_a_site_are_judged(build: ModuleType) -> None:
+    pages = {
+        "index.html": '<h1 id="top"></h1><a href="a/b.html#here"></a><a href="#top"></a><a href="https://example.org"></a>',
+        "a/b.html": '<p id="here"></p><a href=".."></a><a href="c.html"></a><a href="../index.html#gone"></a>'
+        '<img src="p%20q.png"><script src="https://cdn.example.org/x.js"></script><link href="//fonts.example.org">',
+    }
+    built = {name: build.Page(text) for name, text in pages.items()}
+    problems, outside = build.problems_and_outside(built, [*pages, "a/p q.png"])
+    assert problems == [
+        "a/b.html: ../index.html#gone has no such anchor",
+        "a/b.html: loads //fonts.example.org from elsewhere",
+        "a/b.html: c.html does not exist",
+        "a/b.html: loads https://cdn.example.org/x.js from elsewhere",
+    ]
+    assert outside == {"https://example.org": "index.html"}

@@ -1,0 +1,88 @@
+"""The pages of the site: each is found in its navigation, and what they list is complete."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from humanoid_sim.cli import VERBS, ExitStatus
+from humanoid_sim.regress import suite
+from humanoid_sim.robots import schema
+from humanoid_sim.ros2.definitions import EVENT, SHADOW_STEP, TICK, schema_text
+
+ROOT = Path(__file__).parent.parent.parent
+DOCS = ROOT / "docs"
+SETTINGS = tomllib.loads((DOCS / "zensical.toml").read_text(encoding="utf-8"))["project"]
+REFERENCE = {path.name: path.read_text(encoding="utf-8") for path in (DOCS / "reference").glob("*.md")}
+FROM_ROOT = {"index.md", "contributing.md", "changelog.md"}
+
+
+def in_navigation(entry: Any) -> list[str]:
+    """The pages of a part of the navigation."""
+    if isinstance(entry, str):
+        return [entry]
+    parts = entry.values() if isinstance(entry, dict) else entry
+    return [page for part in parts for page in in_navigation(part)]
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    shown = in_navigation(SETTINGS["nav"])
+    assert sorted(shown) == sorted({path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")} | FROM_ROOT)
+
+
+def test_what_examples_and_pages_import_is_in_the_reference() -> None:
+    documented = set(re.findall(r"^::: (\S+)", "\n".join(REFERENCE.values()), re.MULTILINE))
+    sources = [*ROOT.glob("examples/**/*.py"), *ROOT.glob("examples/**/*.sh"), *DOCS.rglob("*.md")]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    imported = re.findall(r"^ *from (humanoid_sim[\w.]+) import ([\w, ]+)", text, re.MULTILINE)
+    assert len(imported) > 15
+    missing = {
+        f"{module}.{name}"
+        for module, names in imported
+        for name in names.split(", ")
+        if module != "humanoid_sim.cli" and not {module, f"{module}.{name}"} & documented
+    }
+    assert missing == set()
+
+
+@pytest.mark.parametrize(("page", "module"), [("robot-file.md", schema), ("suite-file.md", suite)])
+def test_a_schema_page_lists_every_field(page: str, module: ModuleType) -> None:
+    structs = {name: kind for name, kind in vars(module).items() if hasattr(kind, "__struct_fields__")}
+    listed = re.findall(r"^::: (\S+)\.(\w+)$.*?members: \[(.+?)\]", REFERENCE[page], re.MULTILINE | re.DOTALL)
+    own = {name for name, kind in structs.items() if kind.__module__ == module.__name__}
+    assert {name for _, name, _ in listed} == own
+    for place, name, members in listed:
+        assert place == module.__name__
+        assert members.split(", ") == [field for field in structs[name].__struct_fields__ if field != "folder"]
+
+
+def test_the_page_of_the_feed_has_the_definitions() -> None:
+    blocks = re.findall(r"```text\n(.*?)\n```", REFERENCE["feed.md"], re.DOTALL)
+    assert blocks == [schema_text(name).strip() for name in (TICK, EVENT, SHADOW_STEP)]
+
+
+def test_the_page_of_exit_statuses_has_every_status_and_known_programs() -> None:
+    page = (DOCS / "exit-statuses.md").read_text(encoding="utf-8")
+    statuses = re.findall(r"^\| (\d+) \|", page, re.MULTILINE)
+    assert statuses == [str(status.value) for status in ExitStatus]
+    programs = re.findall(r"^\| ((?:`[a-z ]+`(?:, )?)+) \|", page, re.MULTILINE)
+    verbs = {name.split()[0] for row in programs for name in re.findall(r"`([^`]+)`", row)}
+    assert len(verbs) > 10
+    assert verbs <= set(VERBS)
+
+
+def test_the_citation_is_of_this_version() -> None:
+    version = next(
+        node.value.value
+        for node in ast.parse((ROOT / "humanoid_sim" / "__init__.py").read_text(encoding="utf-8")).body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
+    )
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"version = {{{version}}}" in (DOCS / "citation.md").read_text(encoding="utf-8")
+    assert f"\n## {version}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
