@@ -8,6 +8,7 @@ not followed.
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import os
 import re
@@ -27,6 +28,8 @@ ROOT_PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CH
 DIAGRAM = re.compile(r"^ *```mermaid$", re.MULTILINE)
 LINK = re.compile(r"\[([^\]]*)\]\((?!https?:|mailto:|#)([^)#\s]+)(#[^)\s]*)?\)")
 """A Markdown link to a file: its text, the path, the anchor."""
+STRUCTS = re.compile(r"^<!-- structs: ([\w.]+), (\w+) first(?:, without (\w+))? -->$", re.MULTILINE)
+"""In whose place a page gets the fields of all structs of a module: which one comes first, which field is none."""
 TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 
 
@@ -39,6 +42,24 @@ def page_of(path: PurePosixPath) -> PurePosixPath | None:
     if str(path) in ROOT_PAGES:
         return PurePosixPath(ROOT_PAGES[str(path)])
     return path.relative_to(DOCS) if path.is_relative_to(DOCS) else None
+
+
+def with_structs(match: re.Match[str]) -> str:
+    """Directives for the reference that list every field of every struct of a module."""
+    module, first, left_out = match.groups()
+    tree = ast.parse((ROOT / f"{module.replace('.', '/')}.py").read_text("utf-8"))
+    structs = [
+        node
+        for node in tree.body
+        if isinstance(node, ast.ClassDef) and any(ast.unparse(base) == "msgspec.Struct" for base in node.bases)
+    ]
+    blocks = []
+    for struct in sorted(structs, key=lambda struct: struct.name != first):
+        fields = [str(ast.unparse(node.target)) for node in struct.body if isinstance(node, ast.AnnAssign)]
+        members = ", ".join(name for name in fields if name != left_out)
+        options = f"    options:\n      show_if_no_docstring: true\n      members: [{members}]\n"
+        blocks.append(f"::: {module}.{struct.name}\n{options}")
+    return "\n".join(blocks)
 
 
 def staged(text: str, source: PurePosixPath) -> str:
@@ -57,7 +78,7 @@ def staged(text: str, source: PurePosixPath) -> str:
             shown = title[1] if title else shown
         return f"[{shown}]({os.path.relpath(found, page.parent)}{anchor})"
 
-    text = LINK.sub(to_page, text)
+    text = STRUCTS.sub(with_structs, LINK.sub(to_page, text))
     if DIAGRAM.search(text):
         text += f'\n\n<script src="{os.path.relpath("mermaid.js", page.parent)}"></script>\n'
     return text

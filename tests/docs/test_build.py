@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from types import ModuleType
 
 import pytest
+
+from humanoid_sim.regress import suite
+from humanoid_sim.robots import schema
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +71,22 @@ def test_links_and_resources_of_a_site_are_judged(build: ModuleType) -> None:
         "a/b.html: loads https://cdn.example.org/x.js from elsewhere",
     ]
     assert outside == {"https://example.org": "index.html"}
+
+
+@pytest.mark.parametrize(
+    ("page", "module", "first"), [("robot-file", schema, "RobotDescription"), ("suite-file", suite, "Suite")]
+)
+def test_a_schema_page_gets_every_field_of_every_struct(
+    build: ModuleType, page: str, module: ModuleType, first: str
+) -> None:
+    source = PurePosixPath("docs", "reference", f"{page}.md")
+    text = build.staged((build.ROOT / source).read_text("utf-8"), source)
+    listed = re.findall(r"^::: (\S+)\.(\w+)$.*?members: \[(.+?)\]", text, re.MULTILINE | re.DOTALL)
+    structs = {name: kind for name, kind in vars(module).items() if hasattr(kind, "__struct_fields__")}
+    assert {name for _, name, _ in listed} == {
+        name for name, kind in structs.items() if kind.__module__ == module.__name__
+    }
+    assert listed[0][1] == first
+    for place, name, members in listed:
+        assert place == module.__name__
+        assert members.split(", ") == [field for field in structs[name].__struct_fields__ if field != "folder"]
