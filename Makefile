@@ -52,7 +52,7 @@ types: $(VENV)/test.done
 
 train: $(VENV)/train.done  ## make the sample motions and train the sample policy again
 	$(BIN)/python -m humanoid_sim.training motions --output assets/motions
-	$(BIN)/python -m humanoid_sim.training train --output $(VENV)/lite_tracking.onnx $(ARGS)
+	$(BIN)/python -m humanoid_sim.training train-sample --output $(VENV)/lite_tracking.onnx $(ARGS)
 	$(BIN)/python -m humanoid_sim.training trace --policy $(VENV)/lite_tracking.onnx --output $(VENV)/lite_tracking.npz
 	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_tracking.onnx --trace $(VENV)/lite_tracking.npz \
 	    --motion assets/motions/wave.mcap --overwrite --output assets/policies/lite_tracking.onnx

@@ -1,4 +1,4 @@
-"""How the sample policies and the sample motions are made, and measured: `python -m humanoid_sim.training`."""
+"""Train policies; and how the sample policies and motions are made, and measured: `python -m humanoid_sim.training`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Annotated, Literal
 
 from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY
 from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.training.ppo.options import CurvesConfig, TrainConfig
 
 __all__ = [
+    "CurvesConfig",
     "EvaluateConfig",
     "EvaluateWalkingConfig",
     "MotionsConfig",
@@ -18,6 +20,7 @@ __all__ = [
     "TraceConfig",
     "TraceWalkingConfig",
     "TrainConfig",
+    "TrainSampleConfig",
     "TrainWalkingConfig",
     "main",
 ]
@@ -40,8 +43,8 @@ class SongsConfig:
 
 
 @dataclass(frozen=True)
-class TrainConfig:
-    """Train the tracking policy for the Lite's arms, and write it as ONNX."""
+class TrainSampleConfig:
+    """Train the sample policy that tracks motions for the Lite's arms, and write it as ONNX."""
 
     output: str = "lite_tracking.onnx"
     """The checkpoint; written under a temporary name and renamed at the end."""
@@ -88,7 +91,7 @@ class TraceConfig:
     """Write a run of the sample policy as its trainer sees it, for `humanoid_sim.policy stamp --trace`."""
 
     policy: str | None = None
-    """ONNX checkpoint, as `train` writes it. Default: the sample policy."""
+    """ONNX checkpoint, as `train-sample` writes it. Default: the sample policy."""
     output: str = "trace.npz"
     """The trace."""
 
@@ -142,29 +145,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
 
     config: (
-        MotionsConfig
+        TrainConfig
+        | CurvesConfig
+        | MotionsConfig
         | SongsConfig
-        | TrainConfig
+        | TrainSampleConfig
         | TraceConfig
         | EvaluateConfig
         | TrainWalkingConfig
         | TraceWalkingConfig
         | EvaluateWalkingConfig
     ) = tyro.cli(
-        Annotated[MotionsConfig, tyro.conf.subcommand("motions", prefix_name=False)]
+        Annotated[TrainConfig, tyro.conf.subcommand("train", prefix_name=False)]
+        | Annotated[CurvesConfig, tyro.conf.subcommand("curves", prefix_name=False)]
+        | Annotated[MotionsConfig, tyro.conf.subcommand("motions", prefix_name=False)]
         | Annotated[SongsConfig, tyro.conf.subcommand("songs", prefix_name=False)]
-        | Annotated[TrainConfig, tyro.conf.subcommand("train", prefix_name=False)]
+        | Annotated[TrainSampleConfig, tyro.conf.subcommand("train-sample", prefix_name=False)]
         | Annotated[TraceConfig, tyro.conf.subcommand("trace", prefix_name=False)]
         | Annotated[EvaluateConfig, tyro.conf.subcommand("evaluate", prefix_name=False)]
         | Annotated[TrainWalkingConfig, tyro.conf.subcommand("train-walking", prefix_name=False)]
         | Annotated[TraceWalkingConfig, tyro.conf.subcommand("trace-walking", prefix_name=False)]
         | Annotated[EvaluateWalkingConfig, tyro.conf.subcommand("evaluate-walking", prefix_name=False)],
         prog="humanoid_sim.training",
-        description="How the sample policies and the sample motions are made, and measured.",
+        description="Train policies; make the sample policies and motions again, and measure them.",
+        config=(tyro.conf.PositionalRequiredArgs,),
         args=arguments,
     )
-    # Each program imports what it needs: only `train` needs PyTorch.
+    # Each program imports what it needs: only training needs PyTorch.
     match config:
+        case TrainConfig() | CurvesConfig():
+            return _any_task(config)
         case MotionsConfig():
             from humanoid_sim.training.motions import write_samples  # noqa: PLC0415
 
@@ -175,14 +185,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
             write_songs(Path(config.output))
             return 0
-        case TrainConfig():
+        case TrainSampleConfig():
             try:
-                from humanoid_sim.training.train import train  # noqa: PLC0415
+                from humanoid_sim.training.train import train_sample  # noqa: PLC0415
             except ModuleNotFoundError as error:
                 if error.name != "torch":
                     raise
-                raise MissingPackageError("torch", "train", "training") from None
-            return train(config)
+                raise MissingPackageError("torch", "train", "training train-sample") from None
+            return train_sample(config)
         case TraceConfig():
             from humanoid_sim.training.trace import write_trace  # noqa: PLC0415
 
@@ -193,6 +203,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return evaluate(config)
         case _:
             return _walking(config)
+
+
+def _any_task(config: TrainConfig | CurvesConfig) -> int:
+    if isinstance(config, CurvesConfig):
+        from humanoid_sim.training.ppo.curves import curves  # noqa: PLC0415
+
+        return curves(config)
+    from humanoid_sim.training.ppo.run import train  # noqa: PLC0415
+
+    return train(config)
 
 
 def _walking(config: TrainWalkingConfig | TraceWalkingConfig | EvaluateWalkingConfig) -> int:

@@ -12,26 +12,24 @@ import torch
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from humanoid_sim.errors import HumanoidSimError, InputError
+from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.training import TrainConfig
+from humanoid_sim.training import TrainSampleConfig
 from humanoid_sim.training.arm import ArmModel
 from humanoid_sim.training.closed_loop import ClosedLoop, train_closed_loop
 from humanoid_sim.training.export import export_policy, sample_contract
+from humanoid_sim.training.export_check import require_same_answers
 from humanoid_sim.training.random_motions import random_motions
 from humanoid_sim.training.statics import PoseBatches, tensor, train_statics
 from humanoid_sim.training.student import ArmNetwork, Student
 from humanoid_sim.training.teacher import training_motions, training_poses
 
-__all__ = ["train"]
-
-_EXPORT_TOLERANCE = 1e-4
-"""action: ONNX Runtime adds up in another order than PyTorch."""
+__all__ = ["train_sample"]
 
 
-def train(config: TrainConfig) -> int:
+def train_sample(config: TrainSampleConfig) -> int:
     """Run the whole training; returns the exit status.
 
     Raises:
@@ -52,7 +50,7 @@ def train(config: TrainConfig) -> int:
     return 0
 
 
-def _check(config: TrainConfig, path: Path) -> None:
+def _check(config: TrainSampleConfig, path: Path) -> None:
     """Find out before the training what would stop it at its end."""
     for name in ("motions", "poses", "static_steps", "loop_steps", "arms", "threads"):
         if getattr(config, name) < 1:
@@ -62,7 +60,7 @@ def _check(config: TrainConfig, path: Path) -> None:
     output_file(path, "--output")
 
 
-def _train(config: TrainConfig, arm: ArmModel, progress: Progress) -> ArmNetwork:
+def _train(config: TrainSampleConfig, arm: ArmModel, progress: Progress) -> ArmNetwork:
     rng = np.random.default_rng(config.seed)
     generator = torch.Generator().manual_seed(config.seed)
 
@@ -90,14 +88,10 @@ def _export(path: Path, description: RobotDescription, network: ArmNetwork) -> N
     """Write the checkpoint and compare it, as ONNX Runtime runs it, with the network that was trained."""
     weights = {name: value.detach().numpy() for name, value in network.named_parameters()}
     export_policy(path, weights, network.origin.numpy(), sample_contract(description))
-    policy = load_checkpoint(path).policy
     observations = torch.randn(16, 78)
     with torch.no_grad():
         expected = Student(network)(observations).numpy()
-    actual = np.array([policy(observation, 0) for observation in observations.numpy()])
-    worst = float(np.abs(actual - expected).max())
-    if not worst <= _EXPORT_TOLERANCE:
-        raise HumanoidSimError(f"{path}: its actions differ from the network's by up to {worst:g}")
+    require_same_answers(load_checkpoint(path), observations.numpy(), expected)
 
 
 def _progress(console: Console) -> Progress:

@@ -50,7 +50,7 @@ def test_evaluate_names_a_missing_file(capsys):
 )
 def test_training_refuses_what_would_stop_it_later(options, message, capsys):
     pytest.importorskip("torch")
-    assert run_program(main, ["train", "--quick", *options]) == 2
+    assert run_program(main, ["train-sample", "--quick", *options]) == 2
     assert message in capsys.readouterr().err
 
 
@@ -67,14 +67,14 @@ def test_training_without_pytorch_says_what_to_install(monkeypatch, capsys):
     for name in [name for name in sys.modules if name.startswith("humanoid_sim.training.")]:
         if name.rsplit(".", 1)[1] in ("train", "student", "statics", "closed_loop"):
             monkeypatch.delitem(sys.modules, name)
-    assert run_program(main, ["train", "--output", "unused.onnx"]) == 2
+    assert run_program(main, ["train-sample", "--output", "unused.onnx"]) == 2
     assert "pip install 'humanoid_sim[train]'" in capsys.readouterr().err
 
 
 def test_quick_training_runs_from_nothing_to_a_checkpoint(tmp_path, capsys):
     pytest.importorskip("torch")
     path = tmp_path / "quick.onnx"
-    assert main(["train", "--quick", "--threads", "1", "--output", str(path)]) == 0
+    assert main(["train-sample", "--quick", "--threads", "1", "--output", str(path)]) == 0
     checkpoint = load_checkpoint(path)
     assert checkpoint.contract.action_count == 14
     assert np.isfinite(checkpoint.policy(np.zeros(78, dtype=np.float32), 0)).all()

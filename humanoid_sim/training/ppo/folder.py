@@ -1,0 +1,107 @@
+"""The folder of a run: what it is a run of, and its checkpoint."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.files import is_file, whole_file
+from humanoid_sim.strict_json import parse_json
+from humanoid_sim.training.ppo.options import TrainConfig
+from humanoid_sim.training.ppo.settings import PPOSettings
+
+__all__ = ["RunFolder", "replace_file"]
+
+_MAY_DIFFER = (
+    *("steps", "minutes", "folder", "output", "resume", "checkpoint_seconds", "video_minutes", "tensorboard"),
+    *("regress", "threads", "task", "contract", "motion"),  # the last three are told by what they came to
+)
+
+
+class RunFolder:
+    """Made if it is missing; refused where another run is."""
+
+    def __init__(
+        self, path: Path, config: TrainConfig, subject: dict[str, str | None], settings: PPOSettings, suffix: str
+    ) -> None:
+        """Begin a run, or find the checkpoint of the one to resume.
+
+        Args:
+            path: of the folder.
+            config: the options.
+            subject: what `task`, `contract` and `motion` came to.
+            settings: of PPO.
+            suffix: of the library's checkpoints.
+
+        Raises:
+            InputError: it cannot be made, it has a checkpoint that is not to be resumed, or one of another run.
+        """
+        self.path, self.checkpoint = path, path / f"checkpoint{suffix}"
+        self._place = path / "run.json"
+        options = {name: value for name, value in asdict(config).items() if name not in _MAY_DIFFER}
+        # as JSON has it
+        self._run: dict[str, Any] = json.loads(json.dumps({**options, **subject, "ppo": asdict(settings)}))
+        self.is_resumed = is_file(self._place)
+        if self.is_resumed:
+            self._check(config.resume)
+        elif config.resume:
+            raise InputError(f"--resume: '{path}' has no run to go on with, expected a folder of `train`")
+        else:
+            self._make()
+            with whole_file(self._place) as file:
+                file.write(json.dumps(self._run, indent=1).encode())
+
+    def _make(self) -> None:
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"--folder: '{self.path}' cannot be made a folder: {error.strerror}") from None
+
+    @property
+    def start(self) -> Path | None:
+        """The checkpoint to go on from; None at the beginning, also of a run that ended before its first."""
+        return self.checkpoint if self.is_resumed and is_file(self.checkpoint) else None
+
+    def save(self, write: Callable[[Path], None]) -> None:
+        """Replace the checkpoint by what `write` writes to a path.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        replace_file(self.checkpoint, write)
+
+    def _check(self, resume: bool) -> None:
+        if not resume:
+            raise InputError(f"--folder: '{self.path}' has a run; --resume goes on with it, another folder begins")
+        try:
+            known = parse_json(self._place.read_bytes())
+        except (OSError, ValueError) as error:
+            raise InputError(f"{self._place}: cannot be read: {error}") from None
+        for name, value in self._run.items():
+            before = known.get(name) if isinstance(known, dict) else None
+            if before != value:
+                option = f"--{name.replace('_', '-')}"
+                raise InputError(
+                    f"{option}: is {value!r}, but the run in '{self.path}' has {before!r}; --resume keeps it"
+                )
+
+
+def replace_file(path: Path, write: Callable[[Path], None]) -> None:
+    """Have a library write a file under a temporary name; it takes its own when it is whole.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,159 @@
+"""What a training tells meanwhile: a line for people, `progress.csv`, and TensorBoard's logs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.files import is_file, whole_file
+from humanoid_sim.training.ppo.meter import EpisodeMeter
+
+__all__ = ["COLUMNS", "PROGRESS", "Journal", "Update", "read_progress"]
+
+PROGRESS = "progress.csv"
+COLUMNS = ("steps", "seconds", "steps_per_second", "return", "episode_steps", "failed", "spread")
+"""Of `progress.csv`: policy steps, s of training, 1/s, mean return and length of the latest episodes that ended, the
+share of them that failed, and the standard deviation of the raw actions."""
+_SHOWN_EVERY = 10.0
+"""s of wall time between two lines."""
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """What a library says after it has updated the network."""
+
+    steps: int
+    """Policy steps of all robots since the beginning of the training."""
+    spread: float
+    """Standard deviation of the raw actions, mean over them."""
+    losses: Mapping[str, float] = field(default_factory=dict)
+
+
+class Journal:
+    """Writes one row and one set of scalars per update, and now and then a line."""
+
+    def __init__(
+        self,
+        folder: Path,
+        steps: int,
+        meter: EpisodeMeter,
+        show: Callable[[str], None],
+        *,
+        done: int = 0,
+        tensorboard: bool = True,
+    ) -> None:
+        """Begin, or go on.
+
+        Args:
+            folder: of the run.
+            steps: at which the training will end.
+            meter: around the environments.
+            show: takes lines for people.
+            done: steps of the checkpoint that the training goes on from; rows beyond it are dropped.
+            tensorboard: write its logs.
+
+        Raises:
+            InputError: a file cannot be read or written, or TensorBoard is not installed.
+        """
+        self._total, self._meter, self._show = steps, meter, show
+        self._path = folder / PROGRESS
+        rows = [row for row in read_progress(self._path) if row["steps"] <= done] if done else []
+        self._before = rows[-1]["seconds"] if rows else 0.0
+        with whole_file(self._path) as file:
+            file.write((",".join(COLUMNS) + "\n").encode())
+            for row in rows:
+                file.write(_line(row))
+        self._writer = _tensorboard(folder, done) if tensorboard else None
+        self._begin = self._shown = time.monotonic()
+        self._latest = (done, self._begin)
+
+    @property
+    def seconds(self) -> float:
+        """S of training, earlier runs of the folder counted in."""
+        return self._before + time.monotonic() - self._begin
+
+    def record(self, update: Update) -> None:
+        """Write down an update.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        now, meter = time.monotonic(), self._meter
+        steps, then = self._latest
+        speed = (update.steps - steps) / max(now - then, 1e-9)
+        self._latest = update.steps, now
+        values = (self.seconds, speed, meter.mean_return, meter.mean_length, meter.failed, update.spread)
+        row = dict(zip(COLUMNS, (update.steps, *values), strict=True))
+        try:
+            with self._path.open("ab") as file:
+                file.write(_line(row))
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
+        if self._writer is not None:
+            scalars = {f"train/{name}": row[name] for name in COLUMNS[2:]}
+            scalars |= {f"reward/{name}": value for name, value in meter.terms().items()}
+            scalars |= {f"loss/{name}": value for name, value in update.losses.items()}
+            for name, value in scalars.items():
+                if math.isfinite(value):
+                    self._writer.add_scalar(name, value, update.steps)
+        if now - self._shown >= _SHOWN_EVERY or update.steps >= self._total:
+            self._shown = now
+            self._show(self.line(row))
+
+    def line(self, row: Mapping[str, float]) -> str:
+        """A row in words."""
+        left = max(self._total - row["steps"], 0) / max(row["steps_per_second"], 1e-9)
+        return (
+            f"{row['steps'] / 1e6:.2f} of {self._total / 1e6:.2f} M steps, {row['steps_per_second']:.0f}/s, "
+            f"return {row['return']:.2f}, episodes of {row['episode_steps']:.0f} steps, {100 * row['failed']:.0f} % "
+            f"failed, {_duration(left)} left"
+        )
+
+    def close(self) -> None:
+        """End TensorBoard's logs."""
+        if self._writer is not None:
+            self._writer.close()
+
+
+def read_progress(path: Path) -> list[dict[str, float]]:
+    """The rows of a `progress.csv`; an unfinished last line is left out.
+
+    Raises:
+        InputError: the file is missing or is none of these.
+    """
+    if not is_file(path):
+        raise InputError(f"{path}: no such file, expected {PROGRESS} of a training")
+    try:
+        text = path.read_text(encoding="utf-8")
+        rows = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
+        if not rows or tuple(rows[0]) != COLUMNS:
+            raise ValueError
+        return [dict(zip(COLUMNS, map(float, row), strict=True)) for row in rows[1:]]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, csv.Error):
+        raise InputError(f"{path}: is no progress of a training, expected the columns {', '.join(COLUMNS)}") from None
+
+
+def _line(row: Mapping[str, float]) -> bytes:
+    return (",".join(f"{row[name]:.6g}" if name != "steps" else f"{row[name]:.0f}" for name in COLUMNS) + "\n").encode()
+
+
+def _duration(seconds: float) -> str:
+    minutes = seconds / 60.0
+    return f"{minutes:.0f} min" if minutes < 120.0 else f"{minutes / 60.0:.1f} h"
+
+
+def _tensorboard(folder: Path, done: int) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - heavy, and can be done without
+    except ImportError:
+        raise MissingPackageError("tensorboard", "rl", "training train (or give --no-tensorboard)") from None
+    return SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1 if done else None)

@@ -1,0 +1,70 @@
+"""A trained network of linear layers as plain arrays, and as an ONNX file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.metadata import write_metadata
+from humanoid_sim.training.graph import Graph, write_model
+
+__all__ = ["Network", "network_graph", "write_network"]
+
+Float32Array = npt.NDArray[np.float32]
+
+_LAYERS = "network"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Network:
+    """Normalised observations through linear layers with ELU between them."""
+
+    mean: Float32Array
+    """Shape (N,), in the observation's units."""
+    deviation: Float32Array
+    """Shape (N,), > 0: what observations are divided by."""
+    layers: tuple[tuple[Float32Array, Float32Array], ...]
+    """Weights (out, in) and bias (out,) of each."""
+    bounds: tuple[Float32Array, Float32Array] | None = None
+    """Least and greatest raw action, shape (m,) each, that the library let pass; None: any."""
+
+    def __call__(self, observation: Float32Array) -> Float32Array:
+        """Raw actions (..., m) for observations (..., N)."""
+        value = (observation - self.mean) / self.deviation
+        for i, (weight, bias) in enumerate(self.layers):
+            value = value @ weight.T + bias
+            if i < len(self.layers) - 1:
+                value = np.where(value > 0.0, value, np.expm1(np.minimum(value, 0.0)))
+        return (value if self.bounds is None else np.clip(value, *self.bounds)).astype(np.float32)
+
+
+def network_graph(network: Network, name: str) -> onnx.GraphProto:
+    """The network as a graph from `obs` (B, N) to `actions` (B, m)."""
+    weights = {}
+    for i, (weight, bias) in enumerate(network.layers):
+        weights[f"{_LAYERS}.{i}.weight"], weights[f"{_LAYERS}.{i}.bias"] = weight, bias
+    g = Graph(weights)
+    seen = g("Div", g("Sub", "obs", g.constant(network.mean)), g.constant(network.deviation))
+    answer = g.perceptron(_LAYERS, seen, "Elu")
+    if network.bounds is None:
+        g("Identity", answer, name="actions")
+    else:
+        low, high = (g.constant(bound) for bound in network.bounds)
+        g("Min", g("Max", answer, low), high, name="actions")
+    return g.build(name, obs=len(network.mean), actions=len(network.layers[-1][1]))
+
+
+def write_network(path: Path, network: Network, contract: PolicyContract, name: str) -> None:
+    """Write a policy that describes itself, without golden vectors; an existing file is replaced only by a whole one.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
+    write_model(path, network_graph(network, name), metadata)

@@ -1,0 +1,73 @@
+"""The options of `train` and `curves`. Nothing heavy is imported here: `--help` must be quick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["CurvesConfig", "TrainConfig"]
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Train a policy for any task and robot, with PPO of stable-baselines3 or of rsl_rl, and write it as ONNX.
+
+    Needs the extra `rl`. The folder gets progress.csv, TensorBoard's logs and checkpoints; at the end the policy is
+    exported with its contract and golden vectors, and `regress` measures it.
+    """
+
+    task: str = "auto"
+    """tracking (arms follow the bodies of a motion), motion (a whole body follows a motion), velocity, walking
+    (velocity, with a gait on the contract's clock), balance, or auto: the one that the contract was made for."""
+    robot: str = "lite"
+    """A shipped robot, the path of a robot's YAML file or of an MJCF."""
+    contract: str | None = None
+    """What the policy observes and commands: a contract.yaml, a checkpoint (.onnx) whose contract is taken, or a
+    shipped name. Default: that of the policy that ships for the robot."""
+    motion: str | None = None
+    """What a policy that follows a motion follows: a sample motion, or a file (.mcap). Default, of the shipped arms'
+    contract: wave."""
+    algorithm: str = "ppo-sb3"
+    """ppo-sb3: PPO of stable-baselines3; ppo-rsl_rl: that of rsl_rl."""
+    steps: int = 2_000_000
+    """Policy steps of all robots together at which the training ends."""
+    minutes: float | None = None
+    """End sooner, after so many minutes of training, earlier runs of the folder counted in. Default: no limit."""
+    robots: int = 128
+    """Simulated at once."""
+    randomisation: str | None = None
+    """A YAML file of fields of the environments' randomisation, such as `mass: [0.9, 1.1]`. Default: none."""
+    privileged: tuple[str, ...] = ()
+    """What the critic sees beside the observation, such as base_linear_velocity; with ppo-rsl_rl."""
+    actuation: Literal["implicit", "affine"] = "implicit"
+    """How the motors are simulated: implicit is several times as fast, affine agrees with the reference."""
+    physics_timestep: float | None = None
+    """s. Default: what suits robot and plant; 2.5 ms for implicit."""
+    folder: str | None = None
+    """For checkpoints and logs; made if it is missing. Default: runs/train/ROBOT-TASK-ALGORITHM."""
+    output: str | None = None
+    """The policy (.onnx). Default: policy.onnx in the folder."""
+    resume: bool = False
+    """Go on from the folder's checkpoint. --steps, --minutes, --output and what is shown meanwhile may differ."""
+    checkpoint_seconds: float = 60.0
+    """s of wall time between two checkpoints."""
+    video_minutes: float | None = None
+    """Every so many minutes, make a video of `play` with the policy as it is then. Default: none."""
+    tensorboard: bool = True
+    """Write TensorBoard's logs."""
+    regress: bool = True
+    """Measure the policy at the end with the shipped suite for the task, where there is one."""
+    seed: int = 0
+    """Of everything random. The same seed gives the same figures, not the same bits: threads share the physics."""
+    threads: int = 1
+    """Of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
+
+
+@dataclass(frozen=True)
+class CurvesConfig:
+    """Draw the learning curves of runs of `train`: return over policy steps, and over wall time."""
+
+    runs: tuple[str, ...]
+    """Folders of `train`; runs of the same robot and task share a diagram."""
+    output: str = "learning-curves.png"
+    """The picture (.png)."""
