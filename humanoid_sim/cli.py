@@ -31,7 +31,7 @@ VERBS = {
     "piano": "how well a recorded run played its song: precision, recall, F1",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
-    "training": "make the sample motions and the sample policy again, and measure them",
+    "training": "train a policy for any task; make the sample policies and motions again",
     "gamepad": "drive a running session with a gamepad",
     "midi": "tell a running session which keys of a MIDI keyboard are down",
     "gravity": "compensate gravity in REMOTE, on a running session",

@@ -167,7 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         | Annotated[TraceWalkingConfig, tyro.conf.subcommand("trace-walking", prefix_name=False)]
         | Annotated[EvaluateWalkingConfig, tyro.conf.subcommand("evaluate-walking", prefix_name=False)],
         prog="humanoid_sim.training",
-        description="Train policies; make the sample policies and motions again, and measure them.",
+        description="Train policies; make the sample policies, motions and songs again, and measure them.",
         config=(tyro.conf.PositionalRequiredArgs,),
         args=arguments,
     )
@@ -175,16 +175,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     match config:
         case TrainConfig() | CurvesConfig():
             return _any_task(config)
-        case MotionsConfig():
-            from humanoid_sim.training.motions import write_samples  # noqa: PLC0415
-
-            write_samples(Path(config.output))
-            return 0
-        case SongsConfig():
-            from humanoid_sim.training.songs import write_songs  # noqa: PLC0415
-
-            write_songs(Path(config.output))
-            return 0
+        case MotionsConfig() | SongsConfig():
+            return _samples(config)
         case TrainSampleConfig():
             try:
                 from humanoid_sim.training.train import train_sample  # noqa: PLC0415
@@ -203,6 +195,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return evaluate(config)
         case _:
             return _walking(config)
+
+
+def _samples(config: MotionsConfig | SongsConfig) -> int:
+    if isinstance(config, SongsConfig):
+        from humanoid_sim.training.songs import write_songs  # noqa: PLC0415
+
+        write_songs(Path(config.output))
+        return 0
+    from humanoid_sim.training.motions import write_samples  # noqa: PLC0415
+
+    write_samples(Path(config.output))
+    return 0
 
 
 def _any_task(config: TrainConfig | CurvesConfig) -> int:

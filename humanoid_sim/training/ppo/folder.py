@@ -21,6 +21,7 @@ _MAY_DIFFER = (
     *("steps", "minutes", "folder", "output", "resume", "checkpoint_seconds", "video_minutes", "tensorboard"),
     *("regress", "threads", "task", "contract", "motion"),  # the last three are told by what they came to
 )
+_PPO = "ppo"
 
 
 class RunFolder:
@@ -45,7 +46,7 @@ class RunFolder:
         self._place = path / "run.json"
         options = {name: value for name, value in asdict(config).items() if name not in _MAY_DIFFER}
         # as JSON has it
-        self._run: dict[str, Any] = json.loads(json.dumps({**options, **subject, "ppo": asdict(settings)}))
+        self._run: dict[str, Any] = json.loads(json.dumps({**options, **subject, _PPO: asdict(settings)}))
         self.is_resumed = is_file(self._place)
         if self.is_resumed:
             self._check(config.resume)
@@ -85,7 +86,7 @@ class RunFolder:
         for name, value in self._run.items():
             before = known.get(name) if isinstance(known, dict) else None
             if before != value:
-                option = f"--{name.replace('_', '-')}"
+                option = "PPO's settings" if name == _PPO else f"--{name.replace('_', '-')}"
                 raise InputError(
                     f"{option}: is {value!r}, but the run in '{self.path}' has {before!r}; --resume keeps it"
                 )

@@ -111,7 +111,7 @@ class Journal:
         """A row in words."""
         left = max(self._total - row["steps"], 0) / max(row["steps_per_second"], 1e-9)
         return (
-            f"{row['steps'] / 1e6:.2f} of {self._total / 1e6:.2f} M steps, {row['steps_per_second']:.0f}/s, "
+            f"{_millions(row['steps'])} of {_millions(self._total)} M steps, {row['steps_per_second']:.0f}/s, "
             f"return {row['return']:.2f}, episodes of {row['episode_steps']:.0f} steps, {100 * row['failed']:.0f} % "
             f"failed, {_duration(left)} left"
         )
@@ -144,6 +144,10 @@ def read_progress(path: Path) -> list[dict[str, float]]:
 
 def _line(row: Mapping[str, float]) -> bytes:
     return (",".join(f"{row[name]:.6g}" if name != "steps" else f"{row[name]:.0f}" for name in COLUMNS) + "\n").encode()
+
+
+def _millions(steps: float) -> str:
+    return f"{steps / 1e6:.2f}" if steps >= 1e4 else f"{steps / 1e6:.4f}"
 
 
 def _duration(seconds: float) -> str:

@@ -72,6 +72,7 @@ def learner_class(algorithm: str) -> type[Learner]:
 
         return RslRlLearner
     except ModuleNotFoundError as error:
-        if error.name not in ("torch", "stable_baselines3", "rsl_rl", "tensordict"):
+        package = str(error.name).partition(".")[0]
+        if package not in ("torch", "stable_baselines3", "rsl_rl", "tensordict"):
             raise
-        raise MissingPackageError(str(error.name), "rl", "training train") from None
+        raise MissingPackageError(package, "rl", "training train") from None

@@ -110,7 +110,7 @@ def _known(option: str, what: str, name: str, known: Iterable[str]) -> None:
     if name in names:
         return
     alike = {_plain(known): known for known in names}
-    near = difflib.get_close_matches(_plain(name), list(alike), n=1)
+    near = difflib.get_close_matches(_plain(name), list(alike), n=1, cutoff=0.7)
     meant = alike[near[0]] if near else ""
     hint = f" (did you mean '{meant}'?)" if meant else ""
     raise InputError(f"{option}: {known_names(what, name, names)}{hint}")

@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.training.ppo.folder import RunFolder, replace_file
+from humanoid_sim.training.ppo.options import TrainConfig
+from humanoid_sim.training.ppo.settings import SETTINGS
+
+SUBJECT = {"task": "tracking", "contract": "lite_tracking", "motion": "wave"}
+
+
+def folder(path: Path, config: TrainConfig | None = None, **subject: str) -> RunFolder:
+    return RunFolder(path, config or TrainConfig(), {**SUBJECT, **subject}, SETTINGS, ".zip")
+
+
+def test_a_run_is_begun_and_resumed(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "run"
+    new = folder(path)
+    assert (new.is_resumed, new.start) == (False, None)
+    known = json.loads((path / "run.json").read_text())
+    assert (known["robot"], known["task"], known["ppo"]["gamma"]) == ("lite", "tracking", 0.99)
+    assert folder(path, TrainConfig(resume=True)).start is None  # it ended before its first checkpoint
+    new.save(lambda file: file.write_bytes(b"network") and None)
+    resumed = folder(path, TrainConfig(resume=True, steps=5, minutes=1.0, tensorboard=False))
+    assert resumed.start == path / "checkpoint.zip"
+    assert sorted(file.name for file in path.iterdir()) == ["checkpoint.zip", "run.json"]
+
+
+def test_a_run_is_neither_overwritten_nor_mixed_with_another(tmp_path: Path) -> None:
+    folder(tmp_path)
+    with pytest.raises(InputError, match="has a run; --resume goes on with it, another folder begins"):
+        folder(tmp_path)
+    with pytest.raises(InputError, match=r"--robots: is 7, but the run in '.*' has 128; --resume keeps it"):
+        folder(tmp_path, TrainConfig(resume=True, robots=7))
+    with pytest.raises(InputError, match=r"--task: is 'balance', but the run in '.*' has 'tracking'"):
+        folder(tmp_path, TrainConfig(resume=True), task="balance")
+    other = dataclasses.replace(SETTINGS, gamma=0.5)
+    with pytest.raises(InputError, match=r"PPO's settings: is .*0.5.*, but the run in"):
+        RunFolder(tmp_path, TrainConfig(resume=True), SUBJECT, other, ".zip")
+    (tmp_path / "run.json").write_text("[")
+    with pytest.raises(InputError, match=r"run\.json: cannot be read: "):
+        folder(tmp_path, TrainConfig(resume=True))
+
+
+def test_nothing_to_resume_leaves_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no run to go on with, expected a folder of `train`"):
+        folder(tmp_path / "new", TrainConfig(resume=True))
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(InputError, match=r"--folder: .*taken' cannot be made a folder: File exists"):
+        folder(tmp_path / "taken")
+
+
+def test_a_checkpoint_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint.pt"
+    replace_file(path, lambda file: file.write_bytes(b"first") and None)
+
+    def fails(file: Path) -> None:
+        file.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(InputError, match=r"checkpoint\.pt: cannot be written: No space left on device"):
+        replace_file(path, fails)
+    assert path.read_bytes() == b"first"
+    assert list(tmp_path.iterdir()) == [path]

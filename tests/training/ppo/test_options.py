@@ -1,0 +1,107 @@
+"""What `train` refuses, in one line, before anything is trained or written."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.envs.tasks import TASKS
+from humanoid_sim.training import main
+from humanoid_sim.training.ppo.learner import ALGORITHMS
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (
+            ["--task", "trackin"],
+            "--task: unknown task 'trackin'; known: auto, tracking, motion, velocity, walking, balance "
+            "(did you mean 'tracking'?)",
+        ),
+        (
+            ["--task", "dance"],
+            "--task: unknown task 'dance'; known: auto, tracking, motion, velocity, walking, balance\n",
+        ),
+        (
+            ["--algorithm", "sb3-ppo"],
+            "--algorithm: unknown algorithm 'sb3-ppo'; known: ppo-sb3, ppo-rsl_rl (did you mean 'ppo-sb3'?)",
+        ),
+        (["--algorithm", "PPO_RSL"], "(did you mean 'ppo-rsl_rl'?)"),
+        (["--robot", "lite_bipd"], "unknown robot 'lite_bipd': neither a file nor one of: lite, lite_biped"),
+        (["--task", "velocity"], "lite: has a fixed base, expected a floating one, to walk with"),
+        (["--robot", "lite_biped", "--task", "tracking"], "task: tracking needs a motion with motion_body_pos_b"),
+        (["--robot", "lite_biped", "--motion", "wave"], "follows no motion"),
+        (["--contract", "no.yaml"], "no.yaml: no such file"),
+        (["--motion", "waltz"], "'waltz' is neither a file nor a sample motion"),
+        (["--randomisation", "no.yaml"], "no.yaml: no such file"),
+        (["--steps", "0"], "--steps: is 0, expected at least 1"),
+        (["--robots", "0"], "--robots: is 0, expected at least 1"),
+        (["--threads", "0"], "--threads: is 0, expected at least 1"),
+        (["--seed", "-1"], "--seed: is -1, expected at least 0"),
+        (["--minutes", "0"], "--minutes: is 0, expected a number > 0"),
+        (["--checkpoint-seconds", "inf"], "--checkpoint-seconds: is inf, expected a number > 0"),
+        (["--video-minutes", "nan"], "--video-minutes: is nan, expected a number > 0"),
+        (["--output", "policy.txt"], "--output: is 'policy.txt', expected a name that ends in .onnx"),
+        (["--output", "no/where.onnx"], "--output: the folder 'no' does not exist"),
+        (["--privileged", "joint_torque"], "--privileged: stable-baselines3's critic sees what the policy sees"),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(
+    options: list[str],
+    expected: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_program(main, ["train", *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines(keepends=True)
+    assert line.startswith("error: ")
+    assert expected in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bad_randomisation_names_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "spread.yaml"
+    file.write_text("weight: [0.9, 1.1]\n")
+    assert run_program(main, ["train", "--randomisation", str(file)]) == 2
+    assert f"{file}: randomisation: unknown field 'weight'; known: mass, " in capsys.readouterr().err
+
+
+def test_help_names_every_task_and_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["train", "--help"])
+    assert ended.value.code == 0
+    words = re.findall(r"[\w-]+", re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out))
+    assert {*TASKS, *ALGORITHMS} <= set(words)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "missing", "module"),
+    [("ppo-sb3", "stable_baselines3", "sb3"), ("ppo-rsl_rl", "rsl_rl", "rsl")],
+)
+def test_a_missing_library_says_what_to_install(
+    algorithm: str,
+    missing: str,
+    module: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in [name for name in sys.modules if name == missing or name.startswith(f"{missing}.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, missing, None)
+    for name in (
+        f"humanoid_sim.training.ppo.{module}",
+        "humanoid_sim.envs.stable_baselines",
+        "humanoid_sim.envs.rsl_rl",
+    ):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    assert run_program(main, ["train", "--algorithm", algorithm]) == 2
+    assert "pip install 'humanoid_sim[rl]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

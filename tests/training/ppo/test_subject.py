@@ -1,0 +1,47 @@
+import gymnasium
+import numpy as np
+import pytest
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.training.ppo.options import TrainConfig
+from humanoid_sim.training.ppo.settings import first_spread
+from humanoid_sim.training.ppo.subject import subject_of
+
+
+def test_a_robot_alone_is_trained_for_what_its_policy_does() -> None:
+    arms = subject_of(TrainConfig())
+    assert (arms.task, arms.source, arms.motion) == ("tracking", "lite_tracking", "wave")
+    legs = subject_of(TrainConfig(robot="lite_biped"))
+    assert (legs.task, legs.source, legs.motion) == ("velocity", "lite_biped_velocity", None)
+    assert legs.contract.phase is not None
+    assert subject_of(TrainConfig(robot="lite_biped", task="walking")).task == "walking"
+    # 0.2 rad of 0.5 rad per unit of action, and 0.1 rad of 0.25
+    assert first_spread(arms.contract, is_floating=False) == pytest.approx(0.4)
+    assert first_spread(legs.contract, is_floating=True) == pytest.approx(0.4)
+
+
+def test_the_environments_are_those_of_the_options() -> None:
+    envs = subject_of(TrainConfig(actuation="implicit", physics_timestep=0.005)).environments(2)
+    assert (envs.scenario.actuation, envs.scenario.physics_timestep) == ("implicit", 0.005)
+    assert envs.metadata["autoreset_mode"] is gymnasium.vector.AutoresetMode.SAME_STEP
+    plain = gymnasium.make_vec(
+        "humanoid_sim/LiteTracking-v0",
+        num_envs=2,
+        actuation="implicit",
+        physics_timestep=0.005,
+        autoreset_mode="SameStep",
+    )
+    np.testing.assert_array_equal(envs.reset(seed=3)[0], plain.reset(seed=3)[0])
+    action = np.full((2, 14), 0.1, dtype=np.float32)
+    np.testing.assert_array_equal(envs.step(action)[0], plain.step(action)[0])
+    envs.close()
+    plain.close()
+
+
+def test_what_the_critic_sees_is_rsl_rls_affair() -> None:
+    subject = subject_of(TrainConfig(algorithm="ppo-rsl_rl", privileged=("joint_torque",)))
+    envs = subject.environments(1)
+    assert envs.reset(seed=0)[1]["privileged"].shape == (1, 14)
+    envs.close()
+    with pytest.raises(InputError, match="privileged: base_height is of a floating base"):
+        subject_of(TrainConfig(algorithm="ppo-rsl_rl", privileged=("base_height",))).environments(1)
