@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 from humanoid_sim.errors import InputError
@@ -14,6 +15,7 @@ from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.ros2.dds.domain import check_network_interface
 
 __all__ = [
+    "EMULATED_KEYBOARD",
     "has_keys",
     "needs_gamepad",
     "operated_by",
@@ -21,6 +23,7 @@ __all__ = [
     "require_gamepad",
     "shows_window",
     "wanted_front_ends",
+    "with_keyboard",
 ]
 
 _LOOK_WITHIN = 20.0
@@ -68,7 +71,7 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
         check_network_interface("--dds-interface", config.dds_interface)
         wanted.append(Wanted("dds", ("--interface", config.dds_interface), f"dds {config.dds_interface}"))
     if config.midi is not None:
-        wanted.append(Wanted("midi", _keyboard_options(config.midi)))
+        wanted.append(Wanted("midi", _keyboard_options(config)))
     if config.foxglove or config.foxglove_control:
         wanted.append(Wanted("foxglove", ("--control",) if config.foxglove_control else ()))
     if shows_window(config):
@@ -83,15 +86,31 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     return tuple(wanted)
 
 
-def _keyboard_options(named: tuple[str, ...]) -> tuple[str, ...]:
-    """Of the MIDI front end, for a part of its port's name, or the path of a device.
+EMULATED_KEYBOARD = "virtual"
+"""Of --midi: the keyboard of emulated motors' own piano."""
+
+
+def _keyboard_options(config: PlayConfig) -> tuple[str, ...]:
+    """Of the MIDI front end, for a part of its port's name, the path of a device, or an emulated keyboard.
 
     Raises:
-        InputError: more than one is named.
+        InputError: more than one is named, or there are no emulated motors.
     """
+    named = config.midi or ()
     if len(named) > 1:
         raise InputError(f"--midi: is {' '.join(named)}, expected one port or device")
-    return ("--device" if "/" in named[0] else "--port", named[0]) if named else ()
+    if named == (EMULATED_KEYBOARD,) and not (config.hardware or "").startswith("virtual:"):
+        raise InputError(
+            "--midi: is virtual, the keyboard of an emulated piano, and means nothing without --hardware virtual:NAME"
+        )
+    is_device = bool(named) and (named[0] == EMULATED_KEYBOARD or "/" in named[0])
+    return ("--device" if is_device else "--port", named[0]) if named else ()
+
+
+def with_keyboard(front_ends: Sequence[Wanted], path: str) -> tuple[Wanted, ...]:
+    """The front ends, of which one that was to listen to an emulated keyboard listens to the one at that path."""
+    emulated = ("--device", EMULATED_KEYBOARD)
+    return tuple(replace(one, options=("--device", path)) if one.options == emulated else one for one in front_ends)
 
 
 def needs_gamepad(config: PlayConfig) -> bool:

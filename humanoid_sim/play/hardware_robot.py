@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import msgspec
 import numpy as np
@@ -16,11 +19,13 @@ from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.checks import Verdict
+from humanoid_sim.hardware.emulation.midi_keyboard import MidiKeyboard
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.imu.interface import SimulatedImu, make_imu
 from humanoid_sim.hardware.robstride.firmware import parse_version
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
+from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup
 from humanoid_sim.policy.robot_check import motor_findings
@@ -57,7 +62,17 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
         raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
     offsets, notices = _homing_offsets(config, description, emulated=all(is_virtual))
     motors = _emulated(description, addresses, offsets) if all(is_virtual) else None
+    keyboard: MidiKeyboard | None = None
+
+    def release() -> None:
+        if keyboard is not None:
+            keyboard.close()
+        if motors is not None:
+            motors.close()
+
     try:
+        if motors is not None and config.midi == (EMULATED_KEYBOARD,):
+            keyboard = _emulated_keyboard(description, motors)
         imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
         if imu is None and motors is not None:
             imu = SimulatedImu(lambda: motors.truth.imu)
@@ -86,11 +101,11 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             bring_up=_BringUp(robot, description, addresses, emulated=motors is not None),
             figures=lambda: _figures(robot),
             failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
-            release=(lambda: None) if motors is None else motors.close,
+            keyboard="" if keyboard is None else str(keyboard.path),
+            release=release,
         )
     except BaseException:
-        if motors is not None:
-            motors.close()
+        release()
         raise
 
 
@@ -120,6 +135,18 @@ def _emulated(
     # Real motors are not held up by whatever else runs on this computer.
     with punctual_threads(behind=10):
         return VirtualMotors(description, addresses, settings=EmulationSettings(homing_offset=offsets))
+
+
+def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> MidiKeyboard:
+    """The keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process.
+
+    Raises:
+        InputError: the robot has no piano.
+    """
+    if description.piano is None:
+        raise InputError(f"--midi: is virtual, but {description.name} has no piano; a robot with one is lite_piano")
+    path = Path(tempfile.gettempdir()) / f"humanoid_sim-{os.getpid()}-{uuid4().hex[:8]}.midi"
+    return MidiKeyboard(path, lambda: motors.truth.live[KEY_PRESSED])
 
 
 def _check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:

@@ -95,7 +95,8 @@ class PlayConfig:
     description and transforms go out, commands for REMOTE come in. Whoever is on that network can send some."""
     midi: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PORT]")] = None
     """Take the keys that are down from a MIDI keyboard, for a piano policy whose robot does not know them itself.
-    PORT is part of its port's name, or the path of a raw MIDI device such as /dev/snd/midiC1D0."""
+    PORT is part of its port's name, the path of a raw MIDI device such as /dev/snd/midiC1D0, or virtual: the keyboard
+    of the piano that --hardware virtual:NAME emulates."""
     foxglove: bool = False
     """Start a live server for Foxglove on this machine, which shows, and damps."""
     foxglove_control: bool = False

@@ -23,7 +23,7 @@ from humanoid_sim.play.conflicts import (
     refuse_unheard_keys,
     refuse_without_effect,
 )
-from humanoid_sim.play.front_ends import has_keys, operated_by, require_gamepad, wanted_front_ends
+from humanoid_sim.play.front_ends import has_keys, operated_by, require_gamepad, wanted_front_ends, with_keyboard
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy, parse_branch
@@ -170,7 +170,7 @@ def make_plan(config: PlayConfig) -> Plan:
             injector=injector,
             clock=clock,
             outputs=Outputs() if config.dry_run else choose_outputs(config, _inputs(config, policy)),
-            front_ends=() if config.dry_run else front_ends,
+            front_ends=() if config.dry_run else with_keyboard(front_ends, setup.keyboard),
             notices=tuple(text for text in texts if text),
         )
     except BaseException:

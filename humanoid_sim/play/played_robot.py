@@ -86,6 +86,8 @@ class RobotSetup:
     """What an operator should know about it, one line each."""
     bring_up: BringUp | None = None
     """Of a real robot."""
+    keyboard: str = ""
+    """Path of the byte stream of an emulated MIDI keyboard; empty without one."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None
     """What happened on its buses, for the summary: JSON, with `lines` for people."""
     failure: Callable[[], str] = lambda: ""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import models
-import numpy as np
 import pytest
-from result import Document, Result
+from pressing import KEY, press_in_standby
+from result import Result
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim import replay
@@ -19,30 +18,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.play.conflicts import refuse_unheard_keys
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.fingers import Fingers
-
-LEFT, KEY = 0, 31
-"""E3, under the left hand."""
-
-
-@cache
-def pressing_pose() -> list[float]:
-    """Where the joints are commanded to for the left finger to hold the key down, rad; the right hand stays above."""
-    fingers = Fingers(load_robot("lite_piano"))
-    key = fingers.keys[KEY]
-    pose = fingers.ready.copy()
-    arm = fingers.arms[LEFT]
-    pose[arm] = fingers.solve(LEFT, fingers.tip_above(key, 0.0, 0.9))
-    stiffness = np.array(fingers.description.standby_controller_a.target_stiffness)
-    pose[arm] += fingers.holding_torque(LEFT, pose[arm], 2.0) / stiffness[arm]
-    return [float(value) for value in pose]
-
-
-def press_in_standby(document: Document) -> None:
-    standby = document["standby_controller_a"]
-    standby["pose_segments"].append(pressing_pose())
-    standby["segment_durations"] = [0.3, 0.3, 0.3]
 
 
 def test_a_key_that_a_finger_presses_is_told_everywhere(

@@ -22,8 +22,15 @@ ATTEMPTS = 4
 
 def lost(folder: Path, mode: Mode, loss: str) -> Log:
     """A run on a machine that was in time, which was in that mode when the keyboard was lost."""
-    hardware = ("--hardware", f"virtual:{folder.name}", "--yes", "--allow-script", "--robot", quick_robot(folder))
-    options = (*piano_options(folder), *hardware, "--script", script(mode))
+    hardware = (
+        "--hardware",
+        f"virtual:{folder.name}",
+        "--yes",
+        "--allow-script",
+        "--robot",
+        quick_robot(folder, "lite_piano"),
+    )
+    options = (*piano_options(folder, "lite_piano"), *hardware, "--script", script(mode))
     for _ in range(ATTEMPTS):
         with plugged_in(folder) as keyboard, playing(folder, *options) as play:
             play_and_lose(play, keyboard, mode, loss)

@@ -1,0 +1,94 @@
+"""A piano policy on emulated motors: the keys that its fingers press come back as a MIDI keyboard's bytes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from models import linear_model
+from pressing import KEY, press_in_standby, pressing_pose
+from result import Result
+
+from humanoid_sim import piano, replay
+from humanoid_sim.cli import run_program
+from humanoid_sim.messages import Mode
+from humanoid_sim.policy.motion import Motion, write_motion
+from humanoid_sim.robots.description import load_robot
+
+CONTRACT = """
+task_type: piano
+joint_names: {joints}
+observation: [joint_pos, target_keys, key_pressed]
+default_joint_pos: {pose}
+joint_stiffness: {stiffness}
+joint_damping: {damping}
+action_scale: 1.0e-6
+policy_dt: 0.02
+"""
+"""Of a policy that holds the pose, whatever it sees."""
+
+
+def holding(folder: Path) -> tuple[str, ...]:
+    """Options of `play` for that policy, and a song that asks for the key all the time."""
+    lite = load_robot("lite_piano")
+    standby = lite.standby_controller_a
+    n = lite.joint_count
+    onnx.save(linear_model({}, inputs=n + 2 * 88, outputs=n), str(folder / "piano.onnx"))
+    fields = (lite.joint_names, pressing_pose(), standby.target_stiffness, standby.target_damping)
+    texts = dict(
+        zip(("joints", "pose", "stiffness", "damping"), (json.dumps(list(one)) for one in fields), strict=True)
+    )
+    (folder / "contract.yaml").write_text(CONTRACT.format(**texts), encoding="utf-8")
+    song = np.zeros((200, 88), dtype=np.float32)
+    song[:, KEY] = 1.0
+    write_motion(folder / "song.mcap", Motion(song, (), 0.02, task_type="piano"))
+    return "--policy", str(folder / "piano.onnx"), "--motion", str(folder / "song.mcap")
+
+
+@pytest.mark.slow
+def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(
+    run: Callable[..., Result], make_robot: Callable[..., str], folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    walk = "hold 0.3; damp; hold 0.1; load_a; wait; hold 0.5; start_locomotion; hold 2; damp; hold 0.1"
+    robot = make_robot("lite_piano", change=press_in_standby)
+    hardware = ("--hardware", "virtual:piano", "--allow-script", "--script", walk, "--midi", "virtual")
+    result = run("--robot", robot, *holding(folder), *hardware)
+    assert (result.status, result.err) == (0, "")
+    assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
+    driven = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
+    for tick in driven:
+        heard = tick.input.state.extern["key_pressed"]
+        assert heard.value.nonzero()[0].tolist() == [KEY]
+        assert tick.input.state.time - heard.arrival_time < 0.5 == heard.timeout
+    steps = [tick.output.policy_step for tick in driven if tick.output.policy_step is not None]
+    assert all(step.observation[14 + 88 + KEY] == 1.0 for step in steps)
+    hardware_figures = result.summary["hardware"]
+    assert hardware_figures["commanded"] == hardware_figures["acknowledged"] >= 14 * len(result.ticks)
+    assert run_program(replay.main, ["r.mcap"]) == 0
+    capfd.readouterr()
+    assert run_program(piano.main, ["score", "r.mcap", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["steps"]["f1"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (
+            ("--midi", "virtual"),
+            "--midi: is virtual, the keyboard of an emulated piano, and means nothing without --hardware virtual:NAME",
+        ),
+        (
+            ("--midi", "virtual", "--hardware", "virtual:none", "--robot", "lite"),
+            "--midi: is virtual, but lite has no piano; a robot with one is lite_piano",
+        ),
+    ],
+)
+def test_an_emulated_keyboard_needs_an_emulated_piano(
+    run: Callable[..., Result], options: tuple[str, ...], problem: str
+) -> None:
+    refused = run(*options, "--policy", "placeholder", record=False)
+    assert (refused.status, refused.err) == (2, f"error: {problem}\n")
