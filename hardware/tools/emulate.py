@@ -6,6 +6,8 @@ import math
 import signal
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
+from pathlib import Path
 from queue import SimpleQueue
 from types import FrameType
 
@@ -13,11 +15,12 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.faults import Fault, describe_faults, parse_fault
+from humanoid_sim.hardware.emulation.midi_keyboard import MidiKeyboard
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.fields import Scale
 from humanoid_sim.hardware.tools.options import Emulate
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.realtime import punctual_threads
 
@@ -47,6 +50,8 @@ def emulate(config: Emulate) -> int:
     _refuse_host_faults(faults)
     if config.duration is not None and not (math.isfinite(config.duration) and config.duration > 0.0):
         raise InputError(f"--duration: is {config.duration}, expected a finite number above 0")
+    if config.midi is not None and description.piano is None:
+        raise InputError(f"--midi: is '{config.midi}', but {description.name} has no piano; lite_piano has one")
     news: SimpleQueue[str] = SimpleQueue()  # printed here: the motors wait for no terminal
     ending = threading.Event()
     handlers = [(number, signal.signal(number, _ender(ending))) for number in (signal.SIGINT, signal.SIGTERM)]
@@ -59,7 +64,7 @@ def emulate(config: Emulate) -> int:
                 faults=faults,
                 told=None if config.quiet else lambda time, text: news.put(f"{time:9.3f} s  {text}"),
             )
-        with motors:
+        with motors, nullcontext() if config.midi is None else _keyboard(config.midi, motors):
             channels = ", ".join(str(address) for address in addresses)
             print(f"{len(motors.joints)} motors of {description.name} on {channels}; {punctuality}", flush=True)
             _wait(config, motors, HandSweep(description, motors.truth.joint_position), news, ending)
@@ -74,6 +79,10 @@ def emulate(config: Emulate) -> int:
         for number, handler in handlers:
             signal.signal(number, handler)
     return 0
+
+
+def _keyboard(path: Path, motors: VirtualMotors) -> AbstractContextManager[MidiKeyboard]:
+    return closing(MidiKeyboard(path, lambda: motors.truth.live[KEY_PRESSED]))
 
 
 def _wait(

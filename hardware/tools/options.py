@@ -244,6 +244,8 @@ class Emulate:
     """bit/s of the modelled bus time; 0 where the channel itself takes time, as a real bus does."""
     scale: Literal["reference", "manual"] = "reference"
     """Convention in which the motors read and write signed values; `manual` is half a step off around 0."""
+    midi: Path | None = None
+    """Play the keys of the robot's piano, as they are pressed, as a MIDI keyboard on a FIFO of this name, made here."""
     sweep: bool = False
     """A hand leads the joints to and fro between their limits, one after the other, 4 s each, to try `calibrate`."""
     duration: float | None = None

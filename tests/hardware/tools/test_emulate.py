@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -52,6 +53,30 @@ def test_a_signal_ends_it(emulate: Callable[..., tuple[int, str, str]]) -> None:
         killer.join()
     assert status == 0
     assert "load on average" in out
+
+
+def test_a_piano_s_keys_are_played_on_a_fifo(emulate: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    fifo, found = tmp_path / "keys", []
+
+    def listen() -> None:
+        while not fifo.exists():
+            time.sleep(0.01)
+        with open(fifo, "rb") as stream:
+            found.append(stream.read())
+
+    listener = threading.Thread(target=listen)
+    listener.start()
+    options = ("--channel", CHANNEL, "--robot", "lite_piano", "--quiet", "--duration", "0.6")
+    status, _, err = emulate(*options, "--midi", str(fifo))
+    listener.join()
+    assert (status, err) == (0, "")
+    assert found[0].count(b"\xfe") >= 2, "active sensing"
+    assert not fifo.exists()
+    status, _, err = emulate("--channel", CHANNEL, "--midi", str(fifo))
+    assert (status, err) == (
+        2,
+        f"error: --midi: is '{fifo}', but lite has no piano; lite_piano has one\n",
+    )
 
 
 def test_without_a_channel_there_is_nowhere_to_be(emulate: Callable[..., tuple[int, str, str]]) -> None:
