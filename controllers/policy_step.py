@@ -100,19 +100,24 @@ class PolicyWiring:
         set_field(self, "layout", resolve_observation(self.contract, self.joints, self.reference, self.extern))
         set_field(self, "takes_velocity_command", self.contract.takes_velocity_command)
 
-    def activate(self, state: MITState) -> PolicyMemory:
-        """Frame 0, no last action, and the reference laid onto the robot as it stands.
+    def activate(self, state: MITState, frame: Frame | None = None) -> PolicyMemory:
+        """No last action, and the reference laid onto the robot as it stands.
 
         Without anchor poses there is nothing to align; a pose that is not known makes the first observation NaN.
+
+        Args:
+            state: shape (...), of the robot.
+            frame: shape (...), of the reference, to begin with; None: 0.
         """
         batch = state.joint_position.shape[:-1]
         aligns = self.contract.align_reference and "anchor_pos" in self.reference.terms
         live = state.extern.get(ANCHOR_POSE) if aligns else None
+        begin: Frame = (np.zeros(batch, dtype=np.int64) if batch else 0) if frame is None else frame
         return PolicyMemory(
-            frame=np.zeros(batch, dtype=np.int64) if batch else 0,
+            frame=begin,
             last_action=np.zeros((*batch, self.contract.action_count), dtype=np.float32),
             walked=np.zeros(batch) if batch else 0.0,
-            alignment=None if live is None else self.reference.align(live.value),
+            alignment=None if live is None else self.reference.align(live.value, begin),
         )
 
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:
@@ -163,7 +168,7 @@ class PolicyWiring:
 
     def act(self, memory: PolicyMemory, action: Float32Array) -> tuple[PolicyMemory, MITCommand]:
         """The command of an action, shape (..., m), and the memory with it, one frame on."""
-        frame = self.reference.clamp(memory.frame + 1)
+        frame = self.reference.following(memory.frame)
         advanced = PolicyMemory(frame, action, memory.history, memory.walked, memory.alignment)
         return advanced, action_command(self.action_map, action)
 

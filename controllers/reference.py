@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -41,10 +41,23 @@ class MotionReference:
     """Each of shape (frame_count, width), in the term's own unit. Beside terms that observations name:
     `reference_joint_pos`, `reference_joint_vel` (n, policy order, rad and rad/s) and `anchor_pos` (3), `anchor_quat`
     (4, w x y z) of the anchor body in the motion's world."""
+    lengths: tuple[int, ...] = ()
+    """Frames of each of several motions that follow one another in the tables; empty for one motion."""
+    _bounds: npt.NDArray[np.int64] = field(init=False, repr=False)
+    """Shape (2, frame_count), the first and the last frame of each frame's motion."""
 
     def __post_init__(self) -> None:
         if self.frame_count < 1:
             raise FieldError(f"MotionReference.frame_count: is {self.frame_count}, expected at least 1")
+        lengths = np.array(self.lengths or (self.frame_count,))
+        if lengths.min() < 1 or lengths.sum() != self.frame_count:
+            raise FieldError(
+                f"MotionReference.lengths: are {self.lengths}, expected numbers >= 1 whose sum is {self.frame_count}"
+            )
+        ends = np.cumsum(lengths)
+        bounds = np.repeat(np.stack([ends - lengths, ends - 1]), lengths, axis=1)
+        bounds.setflags(write=False)
+        object.__setattr__(self, "_bounds", bounds)
         frozen = {}
         for name, values in self.terms.items():
             table = np.array(values, dtype=np.float32)
@@ -59,8 +72,44 @@ class MotionReference:
             frozen[name] = table
         object.__setattr__(self, "terms", MappingProxyType(frozen))
 
-    def __reduce__(self) -> tuple[type[MotionReference], tuple[int, dict[str, Float32Array]]]:
-        return MotionReference, (self.frame_count, dict(self.terms))
+    def __reduce__(self) -> tuple[type[MotionReference], tuple[int, dict[str, Float32Array], tuple[int, ...]]]:
+        return MotionReference, (self.frame_count, dict(self.terms), self.lengths)
+
+    @classmethod
+    def joined(cls, motions: Sequence[MotionReference]) -> MotionReference:
+        """Several motions with the same terms, one after the other.
+
+        Raises:
+            FieldError: they have other terms, or other widths of them.
+        """
+        first, *others = motions
+        for other in others:
+            widths = [{name: table.shape[1] for name, table in motion.terms.items()} for motion in (first, other)]
+            if widths[0] != widths[1]:
+                raise FieldError(f"motions: have other terms: {widths[0]} and {widths[1]}")
+        if not others:
+            return first
+        terms = {name: np.concatenate([motion.terms[name] for motion in motions]) for name in first.terms}
+        lengths = tuple(motion.frame_count for motion in motions)
+        return cls(sum(lengths), terms, lengths)
+
+    def first(self, frame: Frame) -> Frame:
+        """The first frame of the motion that a frame belongs to."""
+        return self._bound(0, frame)
+
+    def last(self, frame: Frame) -> Frame:
+        """The last frame of the motion that a frame belongs to."""
+        return self._bound(1, frame)
+
+    def _bound(self, which: int, frame: Frame) -> Frame:
+        bound = self._bounds[which, self.clamp(frame)]
+        return int(bound) if isinstance(frame, int) else bound
+
+    def following(self, frame: Frame) -> Frame:
+        """The next frame of the same motion, or its last one again."""
+        if isinstance(frame, int):
+            return min(frame + 1, int(self.last(frame)))
+        return np.minimum(frame + 1, self.last(frame))
 
     def clamp(self, frame: Frame) -> Frame:
         """The frame itself, or the last one from the end of the motion on: there it is held."""
@@ -75,9 +124,11 @@ class MotionReference:
 
     def progress(self, frame: Frame) -> float | npt.NDArray[np.float64]:
         """Frame over last frame, [0, 1]; 1 for a motion of one frame."""
-        last = max(self.frame_count - 1, 1)
         clamped = self.clamp(frame)
-        return clamped / last if self.frame_count > 1 else np.ones_like(clamped, dtype=np.float64)
+        done, length = clamped - self.first(clamped), self.last(clamped) - self.first(clamped)
+        if isinstance(length, int):
+            return done / length if length else 1.0
+        return np.where(length > 0, done / np.maximum(length, 1), 1.0)
 
     def anchor(self, frame: Frame, alignment: Alignment | None) -> tuple[FloatArray, FloatArray]:
         """Where the anchor body should be: position (..., 3), m, and quaternion (..., 4), world frame."""
@@ -87,9 +138,9 @@ class MotionReference:
             return position, quaternion
         return rotate(alignment.yaw, position) + alignment.offset, multiply(alignment.yaw, quaternion)
 
-    def align(self, pose: FloatArray) -> Alignment:
-        """Lay frame 0 onto an anchor body's pose, shape (..., 7): its heading and its place, but not its height."""
-        position, quaternion = self.anchor(0, None)
+    def align(self, pose: FloatArray, frame: Frame = 0) -> Alignment:
+        """Lay a frame onto an anchor body's pose, shape (..., 7): its heading and its place, but not its height."""
+        position, quaternion = self.anchor(frame, None)
         yaw = yaw_quaternion(multiply(pose[..., 3:], conjugate(quaternion)))
         offset = pose[..., :3] - rotate(yaw, position)
         return Alignment(yaw, offset * np.array([1.0, 1.0, 0.0]))

@@ -22,13 +22,12 @@ from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.randomised_robot import RandomisedRobot
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
 from humanoid_sim.envs.resets import velocity_option
-from humanoid_sim.envs.scenario import Named, make_scenario
+from humanoid_sim.envs.scenario import Motions, Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
-from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import Randomisation
 from humanoid_sim.simulation.mujoco_robot import StateSampling
@@ -67,7 +66,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         self,
         contract: Named | PolicyContract,
         robot: Named | RobotDescription,
-        motion: Named | Motion | None = None,
+        motion: Motions | None = None,
         *,
         task: str = "auto",
         actuation: Actuation = "affine",
@@ -93,8 +92,9 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         Args:
             contract: of the policy; or the name or path of a checkpoint (.onnx) or a contract file (.yaml).
             robot: a description, or what `load_robot` takes.
-            motion: a sample motion by name, a file by path, or the motion itself; None for the one that a checkpoint
-                carries in its graph, and for policies that follow none.
+            motion: a sample motion by name, a file by path, or the motion itself, or several of these, of which each
+                episode has one; None for the one that a checkpoint carries in its graph, and for policies that follow
+                none.
             task: `tracking`, `motion`, `velocity`, `balance`, or `auto` for the one that the contract was made for.
             actuation: `affine`, stepped natively, or `qfrc_applied`, the reference; they agree to 1e-9;
                 `implicit`, the faster approximation.
@@ -117,7 +117,9 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
                 by name.
             privileged: what `info["privileged"]` holds for a critic: names out of `PRIVILEGED_TERMS`, or functions by
                 name.
-            task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes them.
+            task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes
+                them, and `reference_start`: the share of the episodes that begin at a random frame of the motion, in
+                the motion's own state.
 
         Raises:
             InputError: one line that says what cannot be read, or what does not fit.
@@ -204,12 +206,12 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             InputError: an option is unknown, or does not hold what it should.
         """
         super().reset(seed=seed)
-        plant, memory = self._begin({} if options is None else dict(options), is_seeded=seed is not None)
+        plant, memory, frame = self._begin({} if options is None else dict(options), is_seeded=seed is not None)
         self.robot.place(plant)
         self._steps = 0
         velocity = self.scenario.task.command(self._commands, 0)
         self._loop = loop = ClosedLoop(
-            self.robot, self.scenario.wiring, velocity, self.scenario.live, self.scenario.guards
+            self.robot, self.scenario.wiring, velocity, self.scenario.live, self.scenario.guards, frame
         )
         if memory is not None:
             loop.observation, loop.memory = loop.wiring.observe(memory, loop.state)
@@ -218,15 +220,19 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         self._show(loop.state, MITCommand.zeros(len(self.robot.joints)))
         return self._observation.copy(), {"frame": int(loop.memory.frame), **self._true(loop)}
 
-    def _begin(self, options: dict[str, Any], *, is_seeded: bool) -> tuple[PlantState, PolicyMemory | None]:
-        """Where the robot begins, with the policy's memory if it is not a fresh one; sets the episode's commands."""
+    def _begin(self, options: dict[str, Any], *, is_seeded: bool) -> tuple[PlantState, PolicyMemory | None, int]:
+        """Where the robot begins, with the policy's memory if it is not a fresh one, and the first frame that is shown.
+
+        It sets the episode's commands.
+        """
         scenario, amounts = self.scenario, amounts_at(self._curriculum, self._progress)
-        start = scenario.start(self.np_random.random(scenario.draws), amounts)
+        start = scenario.starts(self.np_random.random(scenario.starts.draws), amounts)
         if isinstance(self.robot, RandomisedRobot):
             is_new = is_seeded or self._drawn_from != self.np_random_seed
             self._drawn_from = self.np_random_seed
             self.robot.draw(self.np_random_seed % 2**64 if is_new else None, amounts.randomisation)
         plant, self._commands = self.robot.started(start), start.commands
+        frame = 0 if start.frame is None or options.keys() & {"recording", "state"} else int(start.frame)
         if "recording" in options:
             plant, recorded = recorded_start(options.pop("recording"), scenario.description)
             live = recorded.extern.get(VELOCITY_COMMAND)
@@ -239,7 +245,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             raise InputError(f"reset: {known_names('option', next(iter(options)), known)}")
         if not isinstance(plant, PlantState):
             raise InputError(f"reset: state is a {type(plant).__name__}, expected a PlantState")
-        return plant, None if memory is None else _policy_memory(memory)
+        return plant, None if memory is None else _policy_memory(memory), frame
 
     def step(self, action: Array) -> Step:
         """One policy step.

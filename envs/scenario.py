@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,12 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
-from humanoid_sim.envs.curriculum import Amounts
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
+from humanoid_sim.envs.starts import EpisodeStarts
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
-from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE, KEY_PRESSED, VELOCITY_COMMAND, FloatArray, point_velocity
+from humanoid_sim.mit import ANCHOR_POSE, BASE, KEY_PRESSED, VELOCITY_COMMAND, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -32,10 +33,12 @@ from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.plant import Actuation, check_actuation, timestep_of
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["Named", "Scenario", "make_scenario", "read_policy"]
+__all__ = ["Motions", "Named", "Scenario", "make_scenario", "read_policy"]
 
 Named = str | Path
 """The name of a file that ships with the package, or a path."""
+Motions = Named | Motion | Sequence[Named | Motion]
+"""One motion, or several."""
 
 _CONTRACTS = (".yaml", ".yml")
 
@@ -60,10 +63,15 @@ class Scenario:
     """How the motors are simulated."""
     live: LiveInputs
     """What feeds the live inputs that the contract declares."""
-    terrain: Terrain | None = None
-    """What the robot walks on; None for a level floor."""
+    starts: EpisodeStarts
+    """Where episodes begin."""
     guards: Guards | None = None
     """Those of the deployed control stack, which end an episode as they end LOCOMOTION there."""
+
+    @property
+    def terrain(self) -> Terrain | None:
+        """What the robot walks on; None for a level floor."""
+        return self.starts.terrain
 
     @property
     def contract(self) -> PolicyContract:
@@ -77,25 +85,6 @@ class Scenario:
         return (*tracked, *self.task.bodies)
 
     @property
-    def draws(self) -> int:
-        """Random numbers that the start of an episode takes."""
-        return self.task.draws + (0 if self.terrain is None else self.terrain.draws)
-
-    def start(self, numbers: FloatArray, amounts: Amounts) -> Start:
-        """The start that uniform random numbers in [0, 1), shape (..., draws), stand for, in its place on the ground.
-
-        Args:
-            numbers: of one robot or a batch.
-            amounts: of commands and ground that the curriculum allows.
-        """
-        own = self.task.draws
-        start = self.task.start(numbers[..., :own])
-        start = replace(start, commands=amounts.commands * start.commands)
-        if self.terrain is None:
-            return start
-        return replace(start, base_offset=self.terrain.spawn(numbers[..., own:], amounts.terrain))
-
-    @property
     def velocity_points(self) -> tuple[str, ...]:
         """Where the velocity of a floating base's robot is told: for the policy, and for the task."""
         return tuple(dict.fromkeys((*self.contract.velocity_points, *self.task.bodies)))
@@ -104,7 +93,7 @@ class Scenario:
 def make_scenario(
     contract: Named | PolicyContract | Checkpoint,
     robot: Named | RobotDescription,
-    motion: Named | Motion | None = None,
+    motion: Motions | None = None,
     *,
     task: str = "auto",
     physics_timestep: float | None = None,
@@ -114,6 +103,7 @@ def make_scenario(
     live: Mapping[str, LiveInput] | None = None,
     guards: bool = True,
     terrain: Terrain | Mapping[str, Any] | str | None = None,
+    reference_start: float = 0.0,
     **task_options: Any,
 ) -> Scenario:
     """Read what is named, and check that it fits together.
@@ -121,7 +111,7 @@ def make_scenario(
     Args:
         contract: of the policy, as `read_policy` takes it.
         robot: a description, or what `load_robot` takes.
-        motion: what the policy follows, as `read_policy` takes it.
+        motion: what the policy follows, as `read_policy` takes it; or several, of which each episode has one.
         task: as `make_task` takes it.
         physics_timestep: s; None for what suits robot and plant.
         actuation: how the motors are simulated, see `humanoid_sim.simulation.plant`.
@@ -132,6 +122,7 @@ def make_scenario(
             (..., width).
         guards: whether the guards of the robot's description watch the joints.
         terrain: what the robot walks on: `flat`, `rough`, `slopes`, `steps`, `mixed`, or a `Terrain` or its fields.
+        reference_start: share of the episodes that begin at a random frame of the motion, in the motion's own state.
         task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise` and `rewards`, as `Task` takes them.
 
     Raises:
@@ -144,7 +135,7 @@ def make_scenario(
         if name not in TASK_OPTIONS:
             raise InputError(known_names("task option", name, TASK_OPTIONS))
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
-    loaded = read_policy(contract, motion, described.joint_names, motion_source)
+    loaded = _read_policy(contract, motion, described.joint_names, motion_source)
     read = with_joint_limits(loaded.contract, described)
     description = with_contract(described, read)
     points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
@@ -167,19 +158,55 @@ def make_scenario(
     timestep = timestep_of(description, actuation, physics_timestep)
     model = build_model(description, physics_timestep=timestep, scene="floor")
     start = StartPose(model, description, joint_addresses(model, description.joint_names))
+    made = make_task(task, description, read, loaded.reference, standing_height=start.standing_height, **task_options)
     return Scenario(
         description=description,
         wiring=wiring,
-        task=make_task(
-            task, description, read, loaded.reference, standing_height=start.standing_height, **task_options
-        ),
+        task=made,
         policy=loaded.policy,
         physics_timestep=timestep,
         actuation=actuation,
         live=fed,
         guards=guards_of(description) if guards else None,
-        terrain=ground,
+        starts=EpisodeStarts(
+            made,
+            loaded.reference,
+            ground,
+            reference_start,
+            _states(description, read, loaded.reference, reference_start),
+            turns=read.align_reference and ANCHOR_POSE in told,
+        ),
     )
+
+
+def _states(
+    description: RobotDescription, contract: PolicyContract, reference: MotionReference, share: float
+) -> ReferenceStates | None:
+    """Where episodes begin in a motion's middle, if any do."""
+    if not (isinstance(share, int | float) and 0.0 <= share <= 1.0):
+        raise InputError(f"reference_start: is {share!r}, expected a number from 0 to 1")
+    states = reference_states(description, contract, reference) if share else None
+    if share and states is None:
+        raise InputError(f"reference_start: is {share:g}, but the policy follows no motion with poses")
+    return states
+
+
+def _read_policy(
+    source: Named | PolicyContract | Checkpoint, motion: Motions | None, joints: tuple[str, ...], motion_source: str
+) -> LoadedPolicy:
+    """As `read_policy`, with one motion or several."""
+    if motion is None or isinstance(motion, str | Path | Motion):
+        return read_policy(source, motion, joints, motion_source)
+    checkpoint = source if isinstance(source, Checkpoint) else _checkpoint(source, joints)
+    if not motion:
+        raise InputError("motion: is an empty list, expected a motion or several")
+    if checkpoint.motion is not None:
+        raise InputError(f"motion: is a list, and {checkpoint.source} carries its own in its graph, expected one")
+    loaded = [read_policy(checkpoint, one, joints, f"{motion_source}[{i}]") for i, one in enumerate(motion)]
+    try:
+        return replace(loaded[0], reference=MotionReference.joined([one.reference for one in loaded]))
+    except FieldError as error:
+        raise InputError(f"motion: {error}") from None
 
 
 def read_policy(

@@ -18,13 +18,12 @@ from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progres
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
-from humanoid_sim.envs.scenario import Named, make_scenario
+from humanoid_sim.envs.scenario import Motions, Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.vector_info import VectorInfo
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation
@@ -61,7 +60,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         num_envs: int,
         contract: Named | PolicyContract,
         robot: Named | RobotDescription,
-        motion: Named | Motion | None = None,
+        motion: Motions | None = None,
         *,
         task: str = "auto",
         actuation: BatchActuation = "affine",
@@ -107,7 +106,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
             terrain: as `PolicyEnv` takes it.
             privileged: as `PolicyEnv` takes it.
-            task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes them.
+            task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes
+                them, and `reference_start` as `make_scenario` does.
 
         Raises:
             InputError: one line that says what cannot be read, or what does not fit.
@@ -165,7 +165,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self._longest = count_option("max_episode_steps", unlimited)
         self.max_episode_steps = min(self._longest, scenario.task.episode_steps)
-        self._numbers = StartNumbers(num_envs, scenario.draws)
+        self._numbers = StartNumbers(num_envs, scenario.starts.draws)
         self._loop: ClosedLoop | None = None
         self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)
         self._commands: FloatArray = scenario.task.start(np.zeros((num_envs, scenario.task.draws))).commands
@@ -250,7 +250,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         if first.any():
             self.simulation.reseed(self._numbers.seeds[first], np.flatnonzero(first), amounts.randomisation)
         self.simulation.redraw(chosen[~first[chosen]], amounts.randomisation)
-        start = scenario.start(self._numbers.take(chosen), amounts)
+        start = scenario.starts(self._numbers.take(chosen), amounts)
         self.simulation.reset(chosen, **start.pose)
         self._commands[chosen] = start.commands if command is None else command[chosen, None]
         self._steps[chosen] = 0
@@ -258,10 +258,10 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         velocity = scenario.task.command(self._commands, self._steps).copy()
         if self._loop is None or len(chosen) == self.num_envs:
             self._loop = ClosedLoop(
-                self.simulation, self.scenario.wiring, velocity, self.scenario.live, self.scenario.guards
+                self.simulation, scenario.wiring, velocity, scenario.live, scenario.guards, start.frame
             )
         else:
-            self._loop.restart(chosen, velocity)
+            self._loop.restart(chosen, velocity, start.frame)
         self._observation[chosen] = np.clip(self._loop.observation[chosen], self._low, self._high)
         return self._loop
 

@@ -56,7 +56,7 @@ class MotionTask(Task):
         self._order = joint_indices(contract.joint_names, description.joint_names, "joint_names of the policy")
         self.has_anchor = "anchor_pos" in reference.terms and bool(contract.anchor_body)
         """Whether the motion and the contract say where a body is in the world."""
-        self._last_frame = self.episode_steps = reference.frame_count - 1
+        self.episode_steps = max(reference.lengths or (reference.frame_count,)) - 1
 
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         target = self.reference.term("reference_joint_pos", sample.frame)
@@ -81,4 +81,4 @@ class MotionTask(Task):
         return describe_stray(self.anchor_error(sample), i)
 
     def _is_over(self, sample: StepSample) -> BoolArray:
-        return np.asarray(sample.frame) >= self._last_frame
+        return np.asarray(sample.frame) >= self.reference.last(sample.frame)

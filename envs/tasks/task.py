@@ -44,13 +44,20 @@ class Start:
     """Shape (...), rad, about the vertical, on top of the robot's own start; only floating bases turn."""
     commands: FloatArray
     """Shape (..., k, 3), the velocity commands one after the other: vx, vy in m/s, yaw rate in rad/s, heading frame."""
+    frame: npt.NDArray[np.integer] | None = None
+    """Shape (...), of the reference, that is shown first; None: 0."""
     base_offset: FloatArray | None = None
     """Shape (..., 3), m, world frame, by which a floating base is moved then; None for not at all."""
+    base_pose: FloatArray | None = None
+    """Shape (..., 7), m and w x y z, world frame, of a floating base instead of all that; rows of NaN, or None, where
+    it stands."""
+    base_velocity: FloatArray | None = None
+    """Shape (..., 6), m/s, world frame, and rad/s, base frame, where `base_pose` says where it is."""
 
     @property
     def pose(self) -> dict[str, FloatArray | None]:
         """Where the robot begins, as `StartPose.arrays` takes it."""
-        names = "joint_position", "joint_velocity", "base_yaw", "base_offset"
+        names = "joint_position", "joint_velocity", "base_yaw", "base_offset", "base_pose", "base_velocity"
         return {name: getattr(self, name) for name in names}
 
 
@@ -152,17 +159,26 @@ class Task(ABC):
         self.draws = 2 * len(order) + 1
         """Random numbers that one start takes."""
 
-    def start(self, numbers: FloatArray) -> Start:
+    def start(self, numbers: FloatArray, around: tuple[FloatArray, FloatArray, BoolArray] | None = None) -> Start:
         """The start that uniform random numbers in [0, 1), shape (..., draws), stand for.
 
         Joints start around the contract's default pose, within their limits; a floating base has any heading.
+
+        Args:
+            numbers: of one robot or a batch.
+            around: joint positions, rad, and velocities, rad/s, (..., n), around which they start instead, of those
+                robots where the third, (...), says so.
         """
         n = len(self._pose)
+        pose, motion = self._pose, np.zeros(n)
+        if around is not None:
+            is_there = around[2][..., None]
+            pose, motion = np.where(is_there, around[0], pose), np.where(is_there, around[1], motion)
         spread = 2.0 * numbers - 1.0
         position, velocity = self._noise
         return Start(
-            joint_position=np.clip(self._pose + position * spread[..., :n], self._lower, self._upper),
-            joint_velocity=velocity * spread[..., n : 2 * n],
+            joint_position=np.clip(pose + position * spread[..., :n], self._lower, self._upper),
+            joint_velocity=motion + velocity * spread[..., n : 2 * n],
             base_yaw=np.pi * spread[..., 2 * n] if self._is_floating else np.zeros(numbers.shape[:-1]),
             commands=self._commands(numbers[..., 2 * n + 1 :]),
         )

@@ -49,7 +49,7 @@ class TrackingTask(Task):
         """As `Task`, with a reference that has `motion_body_pos_b` and `motion_body_ori_b`."""
         super().__init__(description, contract, reference, **options)
         count = len(contract.body_names)
-        self._last_frame = self.episode_steps = reference.frame_count - 1
+        self.episode_steps = max(reference.lengths or (reference.frame_count,)) - 1
         self._position = reference.terms["motion_body_pos_b"].astype(np.float64).reshape(-1, count, 3)
         columns = reference.terms["motion_body_ori_b"].astype(np.float64).reshape(-1, count, 6)
         self._quaternion = quaternion_from_matrix(rotation_from_6d(columns))
@@ -82,4 +82,4 @@ class TrackingTask(Task):
         return describe_body_stray(distance, self.contract.body_names)
 
     def _is_over(self, sample: StepSample) -> BoolArray:
-        return np.asarray(sample.frame) >= self._last_frame
+        return np.asarray(sample.frame) >= self.reference.last(sample.frame)

@@ -88,6 +88,7 @@ class ClosedLoop:
         velocity: FloatArray,
         live: LiveInputs | None = None,
         guards: Guards | None = None,
+        frame: Frame | None = None,
     ) -> None:
         """Begin where the robots now are.
 
@@ -97,6 +98,7 @@ class ClosedLoop:
             velocity: shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: the commands.
             live: feeds the live inputs that the contract declares; None: nothing does.
             guards: that watch the joints, as in the control stack; None: nothing does.
+            frame: shape (...), of the reference, to begin with; None: 0.
         """
         self.robots = robots
         self.wiring = wiring
@@ -105,7 +107,7 @@ class ClosedLoop:
         """Shape (..., 3): the commands that are observed."""
         self.state = self._reported()
         """That is observed; with the velocity command, where the policy depends on one."""
-        self.observation, self.memory = wiring.observe(wiring.activate(self.state), self.state)
+        self.observation, self.memory = wiring.observe(wiring.activate(self.state, frame), self.state)
         self.action = self.previous = self.memory.last_action
         """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
         self.asked = velocity
@@ -130,13 +132,19 @@ class ClosedLoop:
         vars(loop).update(snapshot, robots=robots, wiring=wiring, live=live)
         return loop
 
-    def restart(self, chosen: IndexArray, velocity: FloatArray) -> None:
-        """Some robots of a batch, indices (k,), are at the start of an episode; `velocity` (N, 3) is for all."""
+    def restart(self, chosen: IndexArray, velocity: FloatArray, frame: Frame | None = None) -> None:
+        """Some robots of a batch are at the start of an episode.
+
+        Args:
+            chosen: shape (k,), indices.
+            velocity: shape (N, 3), the commands, of all.
+            frame: shape (k,), of the reference, to begin with; None: 0.
+        """
         self.velocity = velocity
         self.asked = _with(self.asked, chosen, velocity[chosen])
         self.state = self._reported()
         rows = _state_rows(self.state, chosen)
-        observation, memory = self.wiring.observe(self.wiring.activate(rows), rows)
+        observation, memory = self.wiring.observe(self.wiring.activate(rows, frame), rows)
         if self.guards is not None:
             self._watched = self.guards.restarted(self._watched, chosen)
         self.observation = _with(self.observation, chosen, observation)

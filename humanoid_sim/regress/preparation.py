@@ -10,20 +10,18 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from humanoid_sim.assets import motion_path
-from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.envs.reference_states import reference_joints
 from humanoid_sim.envs.scenario import Scenario, make_scenario
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.motion import Motion, body_poses, read_motion
+from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.regress.batched_policy import BatchedPolicy
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
-from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 
 __all__ = [
     "PreparedCase",
@@ -35,8 +33,6 @@ __all__ = [
     "prepare_suite",
 ]
 
-_IK_DAMPING = 1e-3
-"""m/rad: the poses of a motion can be reached, and the joints are to be exact."""
 _JUDGING = ("seeds", "first_seed", "tolerances", "case_tolerance", "confidence", "resamples", "margins")
 _NAMES = ("name", "summary", "robot", "cases")
 _INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
@@ -233,21 +229,11 @@ def prepare_case(
     if case.duration is not None:
         wanted = round(case.duration / scenario.contract.policy_dt)
     steps = max(wanted, 1)
-    joints = None if motion is None else _joint_reference(scenario, motion, steps + 1)
+    reference = scenario.wiring.reference
+    joints = None
+    if motion is not None:
+        joints = reference_joints(scenario.description, scenario.contract, reference, steps + 1)
     return PreparedCase(suite, case, checkpoint, policy, description, motion, scenario, steps, joints)
-
-
-def _joint_reference(scenario: Scenario, motion: Motion, count: int) -> FloatArray | None:
-    """The motion's joints in its first `count` frames; of one that has bodies only, those that bring them there."""
-    description, contract, terms = scenario.description, scenario.contract, scenario.wiring.reference.terms
-    if "reference_joint_pos" in terms:
-        order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
-        return terms["reference_joint_pos"][:count, order].astype(np.float64)
-    if "motion_body_pos_b" not in terms:
-        return None
-    position, rotation = body_poses(motion.frames[:count], len(contract.body_names))
-    solver = InverseKinematics(description, contract.body_names, damping=_IK_DAMPING)
-    return solver.solve_path(position, rotation, np.array(description.initial_position))
 
 
 def distinct_names(sources: Sequence[Path]) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from rig import contract, reference
@@ -105,3 +107,35 @@ def test_a_batch_is_aligned_like_its_robots():
         alone = motion.align(pose)
         assert np.array_equal(batch.yaw[i], alone.yaw)
         assert np.array_equal(batch.offset[i], alone.offset)
+
+
+def joined() -> MotionReference:
+    return MotionReference.joined([reference(3), reference(1), reference(4)])
+
+
+def test_motions_one_after_the_other_are_each_held_at_their_end():
+    motions = joined()
+    assert (motions.frame_count, motions.lengths) == (8, (3, 1, 4))
+    assert [motions.following(frame) for frame in range(8)] == [1, 2, 2, 3, 5, 6, 7, 7]
+    assert motions.following(np.arange(8)).tolist() == [1, 2, 2, 3, 5, 6, 7, 7]
+    assert motions.following(99) == 7
+    assert motions.first(np.arange(8)).tolist() == [0, 0, 0, 3, 4, 4, 4, 4]
+    assert [motions.last(frame) for frame in range(8)] == [2, 2, 2, 3, 7, 7, 7, 7]
+    assert motions.progress(np.arange(8)).tolist() == [0.0, 0.5, 1.0, 1.0, 0.0, 1 / 3, 2 / 3, 1.0]
+    assert motions.progress(3) == 1.0
+    assert motions.term("motion_body_pos_b", 5).tolist() == [1.0, 1.25, 1.5]
+
+
+def test_one_motion_is_itself_and_others_must_be_like_it():
+    one = reference(3)
+    assert MotionReference.joined([one]) is one
+    with pytest.raises(FieldError, match="motions: have other terms"):
+        MotionReference.joined([one, no_reference()])
+    with pytest.raises(FieldError, match=r"lengths: are \(1, 1\), expected numbers >= 1 whose sum is 3"):
+        MotionReference(3, one.terms, (1, 1))
+
+
+def test_several_motions_are_pickled_whole():
+    copied = pickle.loads(pickle.dumps(joined()))
+    assert copied.lengths == (3, 1, 4)
+    assert copied.following(2) == 2
