@@ -21,6 +21,7 @@ from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
+from humanoid_sim.simulation.keys import Touch
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import timestep_of
@@ -30,6 +31,7 @@ __all__ = [
     "BringUp",
     "PlayedRobot",
     "RobotSetup",
+    "Touches",
     "simulated_robot",
 ]
 
@@ -62,6 +64,32 @@ class BringUp(Protocol):
         """The operator accepts them."""
 
 
+class Touches:
+    """How hard the keys of a simulated piano were touched, mode by mode; it is told of each new mode."""
+
+    def __init__(self, robot: MujocoRobot) -> None:
+        """Nothing was touched yet."""
+        self._robot, self._mode = robot, Mode.ZERO_TORQUE
+        self._hardest: dict[Mode, Touch] = {}
+
+    def __call__(self, mode: Mode) -> str:
+        """A mode begins; it tells nothing."""
+        self._note()
+        self._mode = mode
+        return ""
+
+    def hardest(self) -> Mapping[Mode, Touch]:
+        """The hardest touch in each mode in which there was one."""
+        self._note()
+        return dict(self._hardest)
+
+    def _note(self) -> None:
+        touch, before = self._robot.hardest_touch, self._hardest.get(self._mode)
+        if touch is not None and (before is None or touch.force > before.force):
+            self._hardest[self._mode] = touch
+        self._robot.forget_touches()
+
+
 @dataclass(frozen=True, slots=True)
 class RobotSetup:
     """A robot, and how a run shows and drives it."""
@@ -82,6 +110,8 @@ class RobotSetup:
     """Sees its floating base, from the thread of one who watches; None where it has none, or nobody can tell."""
     mode_listener: Callable[[Mode], str] | None = None
     """Told of each new mode; see `Session`."""
+    touches: Touches | None = None
+    """How hard the keys of a simulated piano were touched."""
     notices: tuple[str, ...] = ()
     """What an operator should know about it, one line each."""
     bring_up: BringUp | None = None
@@ -129,6 +159,7 @@ def simulated_robot(
         pushes=pushes,
     )
 
+    touches = None if description.piano is None else Touches(robot)
     bare = bare_model(description)
     imu = (f"IMU: {imu_line(bare, description)}; --imu-site takes another",) if description.is_floating else ()
 
@@ -141,12 +172,13 @@ def simulated_robot(
     return RobotSetup(
         robot,
         live=robot.extern,
+        touches=touches,
         qpos=lambda _: robot.qpos,
         model=lambda: build_model(description),
         simulated=True,
         check_policy=check_policy,
         base=BaseObserver(robot.model, description) if description.is_floating else None,
-        mode_listener=partial(support_in_mode, robot) if description.is_floating else None,
+        mode_listener=partial(support_in_mode, robot) if description.is_floating else touches,
         notices=(
             *imu,
             *(f"pushed by {push.vx:g},{push.vy:g} m/s at {push.time:g} s" for push in pushes),

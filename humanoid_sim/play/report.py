@@ -19,14 +19,17 @@ from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
 from humanoid_sim.files import whole_file
+from humanoid_sim.messages import Mode
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.status_line import MODE_STYLES
+from humanoid_sim.policy.song import key_name
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
 
 __all__ = [
+    "key_force",
     "loop_figures",
     "loop_table",
     "print_report",
@@ -34,6 +37,7 @@ __all__ = [
     "write_summary",
 ]
 
+_LIMP = (Mode.ZERO_TORQUE, Mode.DAMPING)
 _SHOWN = 10
 """Faults, and safety statuses, that are printed; the summary has them all."""
 
@@ -68,6 +72,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "anchor": _figures(run.anchor),
         "base": _figures(run.monitor.base),
         "piano": _piano_figures(run),
+        "key_force": key_force(run),
         "doctor": _doctor(plan.config),
         "definitions": dict(DEFINITIONS),
         "hardware": plan.setup.figures(),
@@ -114,6 +119,11 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         console.print(_base(summary["base"]))
     if summary["piano"]:
         console.print(_piano(summary["piano"]))
+    if summary["key_force"]:
+        force = summary["key_force"]
+        where = f" ({force['key']} at {force['time']:.3f} s)" if force["key"] else ""
+        limit = f"the limit is {force['limit']:g} N; {force['sunk']:.2f} N where the arms were limp"
+        console.print(f"hardest touch of a key: {force['force']:.2f} N{where}, {limit}", markup=False)
     if summary["shadow"]:
         console.print(_shadow(summary["shadow"]))
     console.print(loop_table(summary["loop"], summary["effort"]))
@@ -157,6 +167,22 @@ def _piano_figures(run: Run) -> dict[str, Any] | None:
     """The score, and how hard the keys were touched; None where no song was played."""
     performance = None if run.keys is None else run.keys.performance()
     return None if performance is None else asdict(performance.score())
+
+
+def key_force(run: Run) -> dict[str, Any] | None:
+    """How hard a key of a simulated piano was touched at most, against the robot's limit; None without a piano.
+
+    The limit is for a robot that is driven. In DAMPING and ZERO_TORQUE arms sink onto the keys by their weight.
+    """
+    piano, touches = run.plan.description.piano, run.plan.setup.touches
+    if piano is None or touches is None:
+        return None
+    hardest = touches.hardest()
+    driven = [touch for mode, touch in hardest.items() if mode not in _LIMP]
+    limp = max((touch.force for mode, touch in hardest.items() if mode in _LIMP), default=0.0)
+    touch = max(driven, key=lambda touch: touch.force, default=None)
+    at = {"force": 0.0, "key": None, "time": None} if touch is None else {**asdict(touch), "key": key_name(touch.key)}
+    return {**at, "limit": piano.key_force_limit, "sunk": limp}
 
 
 def _tracking_figures(tracking: TrackingSummary) -> dict[str, Any] | None:

@@ -20,7 +20,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan, make_plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import with_recorded_options
-from humanoid_sim.play.report import print_report, summarise, write_summary
+from humanoid_sim.play.report import key_force, print_report, summarise, write_summary
 from humanoid_sim.play.signals import handled_signals
 from humanoid_sim.rendering.video import VideoSink, save_snapshot
 from humanoid_sim.session.reactivation import flattened
@@ -104,6 +104,10 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         ("robot", run.plan.setup.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
+    touch = key_force(run)
+    if touch is not None and touch["force"] > touch["limit"]:
+        hit = f"{touch['key']} was touched with {touch['force']:.2f} N at {touch['time']:.3f} s"
+        found.append(f"piano: {hit}, the limit is {touch['limit']:g} N")
     if run.recorder is not None and run.recorder.lost:
         found.append(f"recording: {run.recorder.lost} ticks left out, the disk was too slow")
     for part, sink in (("final table", run.monitor), ("console", run.console)):

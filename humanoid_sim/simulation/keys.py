@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +13,19 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.piano import TRIGGER, key_joint_names
 from humanoid_sim.simulation.model import joint_addresses
 
-__all__ = ["PianoKeys"]
+__all__ = ["PianoKeys", "Touch", "hardest_touch"]
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """A key that is touched."""
+
+    force: float
+    """N, normal to the surfaces."""
+    key: int
+    """0 is A0, 87 is C8."""
+    time: float
+    """s"""
 
 
 class PianoKeys:
@@ -67,3 +81,23 @@ class PianoKeys:
                 mujoco.mj_contactForce(model, data, contact, wrench)
                 force[touched[contact]] += wrench[0]
         return force
+
+
+def hardest_touch(
+    keys: PianoKeys, model: mujoco.MjModel, data: mujoco.MjData, time: float, before: Touch | None
+) -> Touch | None:
+    """The hardest touch of the latest physics step, or the one before if that was as hard; None for none so far.
+
+    Args:
+        keys: of the model.
+        model: as `PianoKeys.force` takes it.
+        data: likewise.
+        time: s, of that step.
+        before: the hardest so far.
+    """
+    if not data.ncon:
+        return before
+    force = keys.force(model, data)
+    key = int(force.argmax())
+    least = 0.0 if before is None else before.force
+    return Touch(float(force[key]), key, time) if force[key] > least else before

@@ -17,6 +17,7 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.delay import DelayLine, delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
+from humanoid_sim.simulation.keys import PianoKeys, Touch, hardest_touch
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.plant import Actuation, make_plant, timestep_of
 from humanoid_sim.simulation.push import Push, Pushes
@@ -128,6 +129,11 @@ class MujocoRobot:
             )
         self._sensors = BodySensors(self._plant.model, description, anchor_body, velocity_at)
 
+        self._keys = None if description.piano is None else PianoKeys(self._plant.model)
+        self._touch: Touch | None = None
+        # The implicit plant's steps depend on how many are taken at a time.
+        self._steps_at_once = 1 if self._keys is not None and actuation != "implicit" else steps
+
         self._pushes = Pushes(pushes, self._plant.model, description)
 
         self._steps = steps
@@ -210,6 +216,18 @@ class MujocoRobot:
         """Pose and motion of a floating base at the present simulation time, None for a fixed one. For monitors."""
         data = self._plant.data
         return None if self._observer is None else self._observer.at(data.qpos, data.qvel)
+
+    @property
+    def hardest_touch(self) -> Touch | None:
+        """How hard a key of its piano was touched since `forget_touches`, at most; None for not at all.
+
+        Of every physics step, or, of the implicit plant, of the last one in each control period.
+        """
+        return self._touch
+
+    def forget_touches(self) -> None:
+        """Look for the hardest touch from here on."""
+        self._touch = None
 
     @property
     def qpos(self) -> FloatArray:
@@ -340,9 +358,13 @@ class MujocoRobot:
         self._is_closed = True
 
     def _advance(self, steps: int) -> None:
-        if steps:
-            self._plant.step(steps)
-            self._step += steps
+        while steps:
+            count = min(steps, self._steps_at_once)
+            self._plant.step(count)
+            self._step += count
+            steps -= count
+            if self._keys is not None:
+                self._touch = hardest_touch(self._keys, self._plant.model, self._plant.data, self.time, self._touch)
 
     def _arrive(self) -> None:
         """The command written `command_delay` ago reaches the motors, which may answer."""

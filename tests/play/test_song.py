@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -42,11 +43,24 @@ def test_a_song_is_played_and_scored(
     assert (found["note_count"], found["hit_count"], found["false_count"]) == (6, 5, 0)
     assert found["steps"]["precision"] > 0.95
     assert 0.75 < found["steps"]["f1"] < 0.95
+    force = result.summary["key_force"]
+    assert 1.0 < force["force"] < force["limit"] == 7.1
+    assert force["key"] in ("G3", "D5")
+    assert f"hardest touch of a key: {force['force']:.2f} N ({force['key']} at " in result.out
     assert "5 of 6 notes struck in time, 0 wrong strokes" in result.out
     recording = result.summary["recording"]
     assert run_program(piano.main, ["score", recording, "--json"]) == 0
     again = json.loads(capfd.readouterr().out)
     assert again == {name: found[name] for name in again}
+
+
+def test_a_key_that_is_touched_too_hard_fails_the_run(run: Run, policy: Path, song: Path, tmp_path: Path) -> None:
+    robot = quick_robot(tmp_path, "lite_piano", lambda document: document["piano"].update(key_force_limit=0.5))
+    result = run("--robot", robot, "--policy", str(policy), "--song", str(song), "--video", "none")
+    assert result.status == 1
+    assert re.search(
+        r"failed: piano: (G3|D5) was touched with \d\.\d\d N at \d\.\d{3} s, the limit is 0\.5 N", result.out
+    )
 
 
 @pytest.mark.parametrize(

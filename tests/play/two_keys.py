@@ -15,7 +15,7 @@ from humanoid_sim.simulation.fingers import Fingers
 
 KEYS = (34, 53)
 """G3 for the left hand, D5 for the right."""
-_HOVER = 0.012
+_HOVER = 0.006
 """m of the fingers above the keys."""
 
 
@@ -28,10 +28,10 @@ def two_key_policy(path: Path, robot: RobotDescription | None = None) -> Path:
     for hand, key in enumerate(KEYS):
         arm = fingers.arms[hand]
         raised = fingers.solve(hand, fingers.tip_above(fingers.keys[key], _HOVER))
-        pressed = fingers.solve(hand, fingers.tip_above(fingers.keys[key], 0.0, 1.0), raised)
+        pressed = fingers.solve(hand, fingers.tip_above(fingers.keys[key], 0.0, 0.9), raised)
         # The commanded pose is beyond the real one by what holds the arm: gravity, and the key.
         above[arm] = raised + fingers.holding_torque(hand, raised, 0.0) / robot.stiffness[arm]
-        down = pressed + fingers.holding_torque(hand, pressed, 3.0) / robot.stiffness[arm]
+        down = pressed + fingers.holding_torque(hand, pressed, 2.0) / robot.stiffness[arm]
         weights[key, arm] = down - above[arm]
     contract = PolicyContract(
         task_type="piano",

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import KEY_PRESSED
+from humanoid_sim.mit import KEY_PRESSED, MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.fingers import Fingers
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
@@ -73,6 +74,26 @@ def test_a_key_sounds_strictly_beyond_its_trigger() -> None:
     assert keys.pressed(qpos)[:, 40].tolist() == [0.0, 1.0, 1.0]
     assert keys.pressed(qpos).sum() == 2.0
     assert keys.qpos.tolist() == list(range(14, 102))
+
+
+def test_the_hardest_touch_is_kept_with_its_key() -> None:
+    """A hand that presses the white key below it against its stop: the force is the one that was applied."""
+    robot = MujocoRobot(ROBOT)
+    assert robot.hardest_touch is None
+    fingers = Fingers(ROBOT)
+    pose = np.array(ROBOT.standby_controller_a.pose_segments[-1])
+    pose[fingers.arms[0]] = fingers.solve(0, fingers.tip_above(fingers.keys[34], 0.001))
+    robot.begin_at(0.0, pose, np.zeros(14), np.array([1.0, 0.0, 0.0, 0.0]))
+    target = pose.copy()
+    target[fingers.arms[0]] += fingers.holding_torque(0, pose[fingers.arms[0]], 4.0) / ROBOT.stiffness[fingers.arms[0]]
+    command = MITCommand(target, np.zeros(14), np.zeros(14), ROBOT.stiffness, ROBOT.damping)
+    for _ in range(200):
+        robot.write(command)
+    touch = robot.hardest_touch
+    assert touch is not None
+    assert touch.key == 34
+    assert 1.0 < touch.force < 7.1
+    assert 0.0 < touch.time <= 1.0
 
 
 def test_a_robot_without_a_piano_has_no_keys() -> None:
