@@ -6,12 +6,17 @@ BIN    := $(VENV)/bin
 LEROBOT := .venv-lerobot
 # ROS 2's wheels restart every Python of the environment that they are in: one of their own, whose nodes the tests start.
 ROS := .venv-ros
+# What pip downloads is shown, and how far it is. Where nobody watches (CI), a line for each package.
+PIP := --disable-pip-version-check --progress-bar $(if $(CI),off,on)
 
 .PHONY: play test test-slow test-train test-lerobot test-ros docs bench lint format types train train-walking clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
 	$(BIN)/python -m humanoid_sim.play $(ARGS)
+	@echo 'Its files are above, in runs/. Next:'
+	@echo '  make play ARGS="--robot lite_biped --command 0.3,0,0"   a policy that walks'
+	@echo '  . $(BIN)/activate; python -m humanoid_sim                what else there is'
 
 test: $(VENV)/test.done  ## lint, the direction of imports, types, and the tests that finish in minutes
 	$(BIN)/ruff check .
@@ -69,31 +74,32 @@ clean:
 	rm -rf $(VENV) $(LEROBOT) $(ROS) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 
 $(VENV)/bin/pip:
+	@echo "Making the environment $(VENV) with $(PYTHON): a minute or two, mostly downloading."
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/play.done: pyproject.toml constraints.txt | $(VENV)/bin/pip
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(BIN)/pip install $(PIP) -c constraints.txt -e .
 	touch $@
 
 $(VENV)/test.done: $(VENV)/play.done
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[test]'
 	touch $@
 
 $(VENV)/train.done: $(VENV)/play.done
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[train]'
+	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[train]'
 	touch $@
 
 $(VENV)/slow.done: $(VENV)/test.done $(VENV)/train.done
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[cluster,notebooks,rl,test-frontends,menagerie,midi,minari]'
+	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[cluster,notebooks,rl,test-frontends,menagerie,midi,minari]'
 	touch $@
 
 $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
 	$(PYTHON) -m venv $(LEROBOT)
-	$(LEROBOT)/bin/pip install --quiet --disable-pip-version-check -c constraints-lerobot.txt -e '.[lerobot,wandb,test,test-video]'
+	$(LEROBOT)/bin/pip install $(PIP) -c constraints-lerobot.txt -e '.[lerobot,wandb,test,test-video]'
 	touch $@
 
 $(VENV)/dds.done: $(VENV)/play.done
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[console,dds]'
+	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[console,dds]'
 	touch $@
 
 $(VENV)/docs.done: $(VENV)/play.done
@@ -102,5 +108,5 @@ $(VENV)/docs.done: $(VENV)/play.done
 
 $(ROS)/test.done: constraints-ros.txt
 	$(PYTHON) -m venv $(ROS)
-	$(ROS)/bin/pip install --quiet --disable-pip-version-check -r constraints-ros.txt
+	$(ROS)/bin/pip install $(PIP) -r constraints-ros.txt
 	touch $@

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from pathlib import Path
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
 
 if __name__ != "humanoid_sim.assets":
@@ -23,6 +22,7 @@ __all__ = [
     "motion_path",
     "sample_policy",
     "sample_songs",
+    "shipped",
     "song_path",
 ]
 
@@ -32,6 +32,7 @@ WALKING_POLICY = ASSETS / "policies" / "lite_biped_velocity.onnx"
 PIANO_POLICY = ASSETS / "policies" / "lite_piano.onnx"
 SAMPLE_MOTION = "wave"
 SAMPLE_SONG = "ode_to_joy"
+_ENDS = {"robots": ".yaml", "suites": ".yaml", "motions": ".mcap", "policies": ".onnx", "songs": ".mid"}
 
 
 def sample_policy(robot: str) -> Path:
@@ -42,6 +43,13 @@ def sample_policy(robot: str) -> Path:
 def asset_path(*parts: str) -> Path:
     """The path of a file or folder that ships with the package."""
     return ASSETS.joinpath(*parts)
+
+
+def shipped(kind: str) -> tuple[str, ...]:
+    """The names of what ships with the package: of `robots`, `suites`, `motions`, `songs`, `policies`."""
+    return tuple(
+        sorted(path.name.removesuffix(end) for end in (_ENDS[kind],) for path in (ASSETS / kind).glob(f"*{end}"))
+    )
 
 
 def motion_path(name: str) -> Path:
@@ -55,14 +63,13 @@ def motion_path(name: str) -> Path:
         return sample
     path = Path(name)
     if not os.path.exists(path):
-        known = ", ".join(sorted(file.stem for file in asset_path("motions").glob("*.mcap")))
-        raise InputError(f"--motion: '{name}' is neither a file nor a sample motion; samples: {known}")
+        raise InputError(f"--motion: {known_names('motion', name, shipped('motions'))}; or a file that exists (.mcap)")
     return path
 
 
 def sample_songs() -> tuple[str, ...]:
     """Names of the sample songs."""
-    return tuple(sorted(file.stem for file in asset_path("songs").glob("*.mid")))
+    return shipped("songs")
 
 
 def song_path(name: str) -> Path:
@@ -75,8 +82,5 @@ def song_path(name: str) -> Path:
     if name in songs:
         return asset_path("songs", f"{name}.mid")
     if not os.path.exists(name):
-        close = difflib.get_close_matches(name.lower(), songs, n=1, cutoff=0.5)
-        hint = f"; did you mean {close[0]}?" if close else ";"
-        known = ", ".join(songs)
-        raise InputError(f"--song: '{name}' is neither a MIDI file nor a sample song{hint} samples: {known}")
+        raise InputError(f"--song: {known_names('song', name, songs)}; or a MIDI file that exists")
     return Path(name)

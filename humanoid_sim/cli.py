@@ -13,13 +13,13 @@ from collections.abc import Callable, Sequence
 from enum import IntEnum
 from functools import partial
 
-from humanoid_sim.errors import InputError, RobotError, was_interrupted
+from humanoid_sim.errors import InputError, RobotError, known_names, was_interrupted
 
 __all__ = ["VERBS", "ExitStatus", "complain", "load_program", "main", "mute_output", "run_program"]
 
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
-    "robot": "tell what is read from an MJCF, and write a robot file with it",
+    "robot": "show what is read from an MJCF, and write a robot file with it",
     "policy": "show, check, stamp or diagnose a checkpoint",
     "mode": "send an intent to a running session",
     "replay": "repeat a recording bit for bit",
@@ -171,22 +171,84 @@ def _output_problem() -> OSError | None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """`humanoid-sim <verb> …`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if not words or words[0] in ("-h", "--help"):
-        print("usage: humanoid-sim <verb> [options]\n")
-        for verb, purpose in VERBS.items():
-            print(f"  {verb:<14} {purpose}")
-        print("\n'humanoid-sim <verb> --help' covers the rest.")
-        return 0 if words else ExitStatus.BAD_INPUT
+    if not words:
+        print(_start_page())
+        return ExitStatus.OK
+    if words[0] in ("-h", "--help"):
+        print(_list_of_verbs())
+        return ExitStatus.OK
+    if words[0] == "--completion":
+        return run_program(_print_completion, words[1:])
     if words[0] == "--version":
         from humanoid_sim import __version__  # noqa: PLC0415 - only for this option
 
         print(__version__)
-        return 0
+        return ExitStatus.OK
     verb, *rest = words
     if verb not in VERBS:
-        complain(f"error: unknown verb '{verb}'; known: {', '.join(VERBS)}")
+        complain(f"error: {known_names('verb', verb, VERBS)}")
         return ExitStatus.BAD_INPUT
     return run_program(partial(_run_verb, verb), rest)
+
+
+_START = """\
+Run, test and deploy humanoid policies: in simulation and on the robot.
+
+See something move:
+  python -m humanoid_sim.play
+  python -m humanoid_sim.play --robot lite_biped --command 0.3,0,0
+
+A policy of your own:
+  python -m humanoid_sim.policy show x.onnx                  what is it?
+  python -m humanoid_sim.policy check x.onnx --robot ROBOT   does it fit?
+  python -m humanoid_sim.play --policy x.onnx --robot ROBOT  does it work?
+  python -m humanoid_sim.policy doctor x.onnx --robot ROBOT  why does it fall?
+  python -m humanoid_sim.regress x.onnx --baseline y.onnx    is it worse?
+
+ROBOT is the path of an MJCF or of a robot's YAML file, robot_descriptions:NAME
+for a public robot, such as robot_descriptions:g1, or an included one:
+
+{shipped}
+
+All verbs: python -m humanoid_sim --help. Each takes -h for the options that
+most people need, and --help for all. Documentation: README.md and docs/ in the
+project's repository."""
+
+
+def _start_page() -> str:
+    """What can be done, for somebody who starts the package to find out."""
+    import textwrap  # noqa: PLC0415 - only for this page, like the next
+
+    from humanoid_sim.assets import shipped  # noqa: PLC0415
+
+    rows: list[str] = []
+    for kind in ("robots", "motions", "songs", "suites", "policies"):
+        rows += textwrap.wrap(f"{kind:<10}" + ", ".join(shipped(kind)), 78, subsequent_indent=" " * 10)
+    shown = textwrap.indent("\n".join(rows), "  ")
+    return _START.format(shipped=shown)
+
+
+def _list_of_verbs() -> str:
+    import textwrap  # noqa: PLC0415 - only for this page
+
+    lines = ["usage: python -m humanoid_sim VERB [options], or: humanoid-sim VERB [options]", ""]
+    for verb, purpose in VERBS.items():
+        lines += textwrap.wrap(purpose, 80, initial_indent=f"  {verb:<16}", subsequent_indent=" " * 18)
+    lines += [
+        "",
+        "'python -m humanoid_sim VERB --help' covers the rest.",
+        "--completion bash prints what makes the Tab key complete all this; --version.",
+    ]
+    return "\n".join(lines)
+
+
+def _print_completion(arguments: Sequence[str] | None) -> int:
+    from humanoid_sim.command_line.completion import bash_completion  # noqa: PLC0415 - only for this option
+
+    if list(arguments or ()) != ["bash"]:
+        raise InputError(f"--completion: is '{' '.join(arguments or ())}', expected bash")
+    print(bash_completion({verb: load_program(verb) for verb in VERBS}))
+    return ExitStatus.OK
 
 
 def _run_verb(verb: str, arguments: Sequence[str] | None) -> int:

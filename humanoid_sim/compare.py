@@ -11,13 +11,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-import tyro
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.reader import open_recording
@@ -39,6 +39,10 @@ class CompareConfig:
     """One or more; from the second on, each is also compared with the first of them."""
     json: bool = False
     """Print the result as JSON."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("simulated.mcap real.mcap", "how far is the robot from its simulation?"),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,9 +88,7 @@ class Distance:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `compare` with command-line arguments; returns the exit status."""
-    config = tyro.cli(
-        CompareConfig, prog="humanoid_sim.compare", args=arguments, config=(tyro.conf.PositionalRequiredArgs,)
-    )
+    config = parse(CompareConfig, "compare", arguments, positional=True)
     if not config.others:
         raise InputError("others: are missing, expected at least one recording to compare with the first")
     reference = read_policy_run(config.reference)

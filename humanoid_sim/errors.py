@@ -58,10 +58,21 @@ class RobotError(HumanoidSimError):
     """A robot cannot be activated; the message lists everything that is wrong with it."""
 
 
-def known_names(what: str, name: str, known: Iterable[str]) -> str:
-    """The body of an "unknown name" message: `unknown joint 'x'; known: a, b`."""
-    listed = ", ".join(known) or "none"
-    return f"unknown {what} '{name}'; known: {listed}"
+def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = True) -> str:
+    """The body of an "unknown name" message: `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`.
+
+    Args:
+        what: kind of name.
+        name: the unknown one.
+        known: those that exist.
+        listed: name them all; without, only one that is near.
+    """
+    from humanoid_sim.names import near_miss  # noqa: PLC0415 - only where something is wrong
+
+    names = list(known)
+    near = near_miss(name, names)
+    meant = f" (did you mean '{near}'?)" if near else ""
+    return f"unknown {what} '{name}'{meant}" + (f"; known: {', '.join(names) or 'none'}" if listed else "")
 
 
 def one_line(text: str) -> str:

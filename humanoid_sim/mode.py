@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 # Nothing here loads NumPy, nor tyro: somebody waits for a DAMP.
 from humanoid_sim.cli import ExitStatus, complain, run_program
@@ -13,27 +14,38 @@ from humanoid_sim.errors import InputError
 
 __all__ = ["main"]
 
-WORDS = ("damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate")
+Intent: TypeAlias = Literal["damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate"]
+WORDS: tuple[Intent, ...] = get_args(Intent)
 
 _TIMEOUT = 2.0
 _REACTIVATE_TIMEOUT = 30.0
 """s; a bus may have many motors, each of which is asked for its identity."""
 
 
-_HELP = """\
-Send an intent to a session that runs on this machine, and print what became of it.
+@dataclass(frozen=True)
+class ModeOptions:
+    """Send an intent to a session that runs on this machine, and print what became of it.
 
-damp goes to all sessions that run. reactivate, in ZERO_TORQUE or DAMPING, verifies and enables the
-robot afresh, as a relaunch would; the FSM then begins in ZERO_TORQUE.
-"""
+    damp goes to all sessions that run. reactivate, in ZERO_TORQUE or DAMPING, verifies and enables the robot afresh, as
+    a relaunch would; the FSM then begins in ZERO_TORQUE. Exit status 1 if it was refused, or failed.
+    """
+
+    intent: Intent
+    """What to ask for: damp, load_a, load_b, start_locomotion, start_remote, quit or reactivate."""
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("damp", "stop every robot of this machine"),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `mode` with command-line arguments; returns the exit status: 1 if it was refused, or failed."""
-    parser = ArgumentParser("humanoid_sim.mode", description=_HELP, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("intent", choices=WORDS, help="what to ask for")
-    parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
-    config = parser.parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    config = _read_usual(words)
+    if config is None:
+        from humanoid_sim.command_line import parse  # noqa: PLC0415 - help, and what is wrong, may take a moment
+
+        config = parse(ModeOptions, "mode", words, positional=True)
     timeout = _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT
     granted, problems = [], []
     try:
@@ -50,6 +62,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for problem in problems:
         complain(f"error: {problem}")
     return ExitStatus.of(all(granted) and not problems)
+
+
+def _read_usual(words: Sequence[str]) -> ModeOptions | None:
+    """What is usually typed, read without anything that takes time to load; None: it is something else."""
+    match words:
+        case [word] if word in WORDS:
+            return ModeOptions(word)
+        case [word, "--session", number] if word in WORDS and number.isascii() and number.isdecimal():
+            return ModeOptions(word, int(number))
+    return None
 
 
 if __name__ == "__main__":

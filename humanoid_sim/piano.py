@@ -8,10 +8,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import ClassVar
 
 import tyro
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.piano_score import Performance, PlayedKeys
 from humanoid_sim.mit import KEY_PRESSED
@@ -40,12 +42,14 @@ class Score:
     overwrite: bool = False
     """Replace the picture if it exists."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("run.mcap --picture roll.png", "figures, and what was hit and missed"),
+    )
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `piano` with command-line arguments; returns the exit status."""
-    options: Score = tyro.extras.subcommand_cli_from_dict(
-        {"score": Score}, prog="humanoid_sim.piano", description="A piano's songs and scores.", args=arguments
-    )
+    options: Score = parse(Commands("Score how a song was played.", {"score": Score}), "piano", arguments)
 
     from humanoid_sim.files import output_file, whole_file  # noqa: PLC0415 - heavy imports stay out of `--help`
 

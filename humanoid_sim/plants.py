@@ -8,12 +8,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
-
-import tyro
+from typing import Any, ClassVar
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, sample_policy
 from humanoid_sim.cli import run_program
+from humanoid_sim.command_line import parse
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.accuracy import PlantError, commanded_motion, describe_error, plant_errors
@@ -44,7 +43,7 @@ class PlantsConfig:
     policy: str | None = None
     """ONNX checkpoint. Default: the sample policy for the robot."""
     robot: str = "lite"
-    """Shipped robot, YAML file or MJCF."""
+    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
     motion: str | None = None
     """What the policy follows: a sample motion or a file. Default: wave for the sample policy, else its own."""
     command: str = "0.3,0,0"
@@ -56,10 +55,12 @@ class PlantsConfig:
     json: bool = False
     """Print the result as JSON."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--robot lite --motion wave", "the sample policy's"),)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `plants` with command-line arguments; returns the exit status."""
-    config = tyro.cli(PlantsConfig, prog="humanoid_sim.plants", args=arguments)
+    config = parse(PlantsConfig, "plants", arguments)
     if not (math.isfinite(config.seconds) and config.seconds > 0.0):
         raise InputError(f"--seconds: is {config.seconds}, expected a finite number > 0")
     for step in config.step:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, assert_never
+from typing import Annotated, ClassVar, assert_never
 
 import tyro
 from rich.console import Console
@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.evaluation.definitions import DEFINITIONS, differing
 from humanoid_sim.record_export import Export, export
 from humanoid_sim.recording.reader import open_recording
@@ -37,6 +38,8 @@ class Info:
     json: bool = False
     """Print everything as JSON."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("runs/run.mcap", "what happened in a run"),)
+
 
 @dataclass(frozen=True)
 class Recover:
@@ -52,15 +55,21 @@ class Recover:
     force: bool = False
     """Replace the output if it exists."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("runs/run.mcap", "save what is sound of a recording that was cut off"),
+    )
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record` with command-line arguments; returns the exit status."""
-    command: Info | Recover | Export = tyro.cli(
-        Info | Recover | Export,
-        prog="humanoid_sim.record",
-        description="Look into a recording, recover one that was cut off or damaged, or export it for other programs.",
-        args=arguments,
-        config=(tyro.conf.PositionalRequiredArgs,),
+    command: Info | Recover | Export = parse(
+        Commands(
+            "Look into a recording, recover one that was cut off or damaged, or export it for other programs.",
+            {"info": Info, "recover": Recover, "export": Export},
+        ),
+        "record",
+        arguments,
+        positional=True,
     )
     match command:
         case Info():

@@ -8,11 +8,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,15 +51,14 @@ class RecordDataset:
     reference: bool = False
     """Add the reference motion that the policy was shown, as features reference.*."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("runs/a.mcap runs/b.mcap -o dataset", "two runs, for training"),
+    )
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record_dataset` with command-line arguments; returns the exit status."""
-    config = tyro.cli(
-        RecordDataset,
-        prog="humanoid_sim.record_dataset",
-        args=arguments,
-        config=(tyro.conf.PositionalRequiredArgs,),
-    )
+    config = parse(RecordDataset, "record_dataset", arguments, positional=True)
     return _record_dataset(config)
 
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -44,6 +44,10 @@ class Export:
     """The robot's YAML file or MJCF, where the recording's own MJCF is not among the shipped robots'."""
     overwrite: bool = False
     """Replace files that exist."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("runs/run.mcap --csv run.csv --mp4 run.mp4", "a table and a video"),
+    )
 
 
 def export(options: Export) -> int:

@@ -8,12 +8,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import tyro
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
 
 from humanoid_sim.cli import ExitStatus, run_program
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.messages import PolicyStep, TickRecord
@@ -50,12 +50,15 @@ class ReplayConfig:
     json: bool = False
     """Print the result as JSON."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("runs/run.mcap", "does the stack still do exactly that?"),
+        ("runs/run.mcap --infer", "... and the network?"),
+    )
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `replay` with command-line arguments; returns the exit status."""
-    config = tyro.cli(
-        ReplayConfig, prog="humanoid_sim.replay", args=arguments, config=(tyro.conf.PositionalRequiredArgs,)
-    )
+    config = parse(ReplayConfig, "replay", arguments, positional=True)
     return replay(config)
 
 

@@ -9,11 +9,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,6 +42,11 @@ class Describe:
     overwrite: bool = False
     """Replace the output if it exists."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("robot_descriptions:g1", "a public robot"),
+        ("scene.xml -o my_robot.yaml", "a file with all that can be changed"),
+    )
+
 
 @dataclass(frozen=True)
 class Convert:
@@ -60,14 +66,17 @@ class Convert:
     overwrite: bool = False
     """Replace the output if it exists."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("robot.urdf --base floating", "a walking robot's URDF"),)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `robot` with command-line arguments; returns the exit status."""
-    options: Describe | Convert = tyro.extras.subcommand_cli_from_dict(
-        {"describe": Describe, "convert": Convert},
-        prog="humanoid_sim.robot",
-        description="Tell what a robot is.",
-        args=arguments,
+    options: Describe | Convert = parse(
+        Commands(
+            "Show what is read from a robot's files, or convert a URDF.", {"describe": Describe, "convert": Convert}
+        ),
+        "robot",
+        arguments,
     )
     return _convert(options) if isinstance(options, Convert) else _describe(options)
 

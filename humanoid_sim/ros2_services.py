@@ -134,7 +134,7 @@ def answer(word: str, process: int | None) -> tuple[bool, str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until a signal, or the end of the session that was asked for; returns the exit status."""
     parser = ArgumentParser(
-        "humanoid_sim.ros2_services", description=_HELP, formatter_class=RawDescriptionHelpFormatter
+        "python -m humanoid_sim.ros2_services", description=_HELP, formatter_class=RawDescriptionHelpFormatter
     )
     parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
     config = parser.parse_args(arguments)

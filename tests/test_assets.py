@@ -14,7 +14,7 @@ def test_sample_motions_go_by_name_and_files_by_path(tmp_path: Path, monkeypatch
     assert motion_path("wave").name == "wave.mcap"
     (tmp_path / "mine.mcap").touch()
     assert motion_path("mine.mcap") == Path("mine.mcap")
-    with pytest.raises(InputError, match="'mine' is neither a file nor a sample motion; samples: circle, "):
+    with pytest.raises(InputError, match="unknown motion 'mine'; known: circle, "):
         motion_path("mine")
 
 
@@ -23,8 +23,8 @@ def test_sample_songs_go_by_name_and_a_near_miss_is_named(tmp_path: Path, monkey
     assert song_path("twinkle").name == "twinkle.mid"
     (tmp_path / "mine.mid").touch()
     assert song_path("mine.mid") == Path("mine.mid")
-    message = "'ode-to-joy' is neither a MIDI file nor a sample song; did you mean ode_to_joy? samples: black_keys, con"
+    message = "unknown song 'ode-to-joy' (did you mean 'ode_to_joy'?); known: black_keys, con"
     with pytest.raises(InputError, match=re.escape(f"--song: {message}")):
         song_path("ode-to-joy")
-    with pytest.raises(InputError, match="--song: 'xyz' is neither a MIDI file nor a sample song; samples: black_keys"):
+    with pytest.raises(InputError, match="--song: unknown song 'xyz'; known: black_keys"):
         song_path("xyz")

@@ -54,7 +54,7 @@ def test_every_line_that_is_shown_can_be_taken(hopper: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "error"),
     [
-        (["describe", "nobody"], "unknown robot 'nobody': neither a file nor one of: "),
+        (["describe", "nobody"], "unknown robot 'nobody'; known: "),
         (["describe", "lite", "-o", "x.yaml"], "--output: is for an MJCF (.xml), and 'lite' is none"),
         (["describe", "{hopper}", "-o", "x.txt"], "--output: "),
         (["describe", "{hopper}", "--imu-site", "head"], "imu of 'hopper': unknown site or body 'head'; known: my_imu"),

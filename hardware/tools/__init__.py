@@ -14,17 +14,12 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `hardware` with command-line arguments; returns the exit status."""
-    import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
+    from humanoid_sim.command_line import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
+    from humanoid_sim.hardware.tools.options import TOOLS, Get, Param, Save, Set  # noqa: PLC0415
 
-    from humanoid_sim.hardware.tools.options import Tool  # noqa: PLC0415
-
-    options: Any = tyro.cli(
-        Tool,
-        prog="humanoid_sim.hardware",
-        description="Find, test, set up and calibrate motors on a CAN bus, or emulate them.",
-        args=arguments,
-        config=(tyro.conf.OmitSubcommandPrefixes,),
-    )
+    options: Any = parse(TOOLS, "hardware", arguments)
+    if isinstance(options, Get | Set | Save):
+        options = Param(options)
     from humanoid_sim.hardware.tools.bench import SilentMotorError  # noqa: PLC0415
 
     # The options of `bring-up` are `BringUp`, its module and function are `bring_up`.

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal
 
 import tyro
 
+from humanoid_sim.command_line import Commands
+
 __all__ = [
+    "TOOLS",
     "BringUp",
     "Budget",
     "Calibrate",
@@ -22,11 +26,11 @@ __all__ = [
     "Set",
     "SetId",
     "SetZero",
-    "Tool",
 ]
 
 _Channel = Annotated[str, tyro.conf.Positional]
 """`can0`, or `interface:channel` for any interface of python-can."""
+_MotorId = Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="MOTOR_ID")]
 ParameterKind = Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32"]
 
 
@@ -54,6 +58,8 @@ class Discover:
     host_id: int = 0xFD
     """Our own id on the bus, 253 (0xFD) in the vendor's tools."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 --robot lite", "who is there, who is missing?"),)
+
 
 @dataclass(frozen=True)
 class Ping:
@@ -64,7 +70,7 @@ class Ping:
 
     channel: _Channel
     """Such as can0."""
-    motor_id: Annotated[int, tyro.conf.Positional]
+    motor_id: _MotorId
     """1 to 127."""
     count: int = 10
     """Times to ask."""
@@ -77,6 +83,8 @@ class Ping:
     host_id: int = 0xFD
     """Our own id on the bus."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "one motor"),)
+
 
 @dataclass(frozen=True)
 class Get:
@@ -84,7 +92,7 @@ class Get:
 
     channel: _Channel
     """Such as can0."""
-    motor_id: Annotated[int, tyro.conf.Positional]
+    motor_id: _MotorId
     """1 to 127."""
     names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """Names such as canTimeout, or indices such as 0x7028. Default: all that have a name."""
@@ -93,6 +101,8 @@ class Get:
     host_id: int = 0xFD
     """Our own id on the bus."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11 canTimeout", "one parameter"),)
+
 
 @dataclass(frozen=True)
 class Set:
@@ -100,11 +110,11 @@ class Set:
 
     channel: _Channel
     """Such as can0."""
-    motor_id: Annotated[int, tyro.conf.Positional]
+    motor_id: _MotorId
     """1 to 127."""
     name: Annotated[str, tyro.conf.Positional]
     """A name such as canTimeout, or an index such as 0x7028."""
-    value: Annotated[float, tyro.conf.Positional]
+    value: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="VALUE")]
     """In the parameter's own unit."""
     type: ParameterKind | None = None
     """Type of the value, for an index without a name."""
@@ -114,6 +124,8 @@ class Set:
     host_id: int = 0xFD
     """Our own id on the bus."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11 canTimeout 0.1", "write one"),)
+
 
 @dataclass(frozen=True)
 class Save:
@@ -121,7 +133,7 @@ class Save:
 
     channel: _Channel
     """Such as can0."""
-    motor_id: Annotated[int, tyro.conf.Positional]
+    motor_id: _MotorId
     """1 to 127."""
     host_id: int = 0xFD
     """Our own id on the bus."""
@@ -134,11 +146,7 @@ class Param:
     Exit status 3 if it does not answer.
     """
 
-    action: (
-        Annotated[Get, tyro.conf.subcommand("get")]
-        | Annotated[Set, tyro.conf.subcommand("set")]
-        | Annotated[Save, tyro.conf.subcommand("save")]
-    )
+    action: Get | Set | Save
 
 
 @dataclass(frozen=True)
@@ -153,7 +161,7 @@ class Calibrate:
     channels: _Channel
     """One channel for all motors, or one for each of the robot's buses: can0,can1."""
     robot: str = "lite"
-    """A shipped robot's name, or its YAML file."""
+    """A shipped robot ({robots}), or its YAML file."""
     output: Path = Path("calibration.yaml")
     """The file to write, and to keep the other joints of."""
     joints: tuple[str, ...] = ()
@@ -171,6 +179,8 @@ class Calibrate:
     host_id: int = 0xFD
     """Our own id on the bus."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 --robot my_robot.yaml", "write calibration.yaml"),)
+
 
 @dataclass(frozen=True)
 class Identify:
@@ -184,7 +194,7 @@ class Identify:
     joint: Annotated[str, tyro.conf.Positional]
     """The joint's name."""
     robot: str = "lite"
-    """A shipped robot's name, or its YAML file."""
+    """A shipped robot ({robots}), or its YAML file."""
     angle: float = 0.15
     """rad to move, in the joint's positive direction, and back."""
     torque: float = 1.5
@@ -199,6 +209,8 @@ class Identify:
     host_id: int = 0xFD
     """Our own id on the bus."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 left_elbow_pitch", "move one joint a little"),)
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -208,7 +220,7 @@ class Budget:
     """
 
     robot: str = "lite"
-    """A shipped robot's name, or its YAML file."""
+    """A shipped robot ({robots}), or its YAML file."""
     channels: str | None = None
     """One channel for all motors, or one for each of the robot's buses: can0,can1. Default: both layouts, unnamed."""
     rate: float | None = None
@@ -217,6 +229,8 @@ class Budget:
     """With the active reports that `play --hardware` switches on where the firmware has them, every 10 ms."""
     bitrate: float = 1e6
     """bit/s."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--robot lite --rate 200", "does the bus keep up?"),)
 
 
 @dataclass(frozen=True)
@@ -232,7 +246,7 @@ class Emulate:
     """Required. One channel for all motors, such as `can0` or `udp_multicast:239.74.163.2`, or one for each of the
     robot's buses, separated by commas."""
     robot: str = "lite"
-    """A shipped robot's name, or its YAML file."""
+    """A shipped robot ({robots}), or its YAML file."""
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A fault to inject, KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name or CAN id, times in s:
     `over_temperature:left_elbow_pitch@5+2`, `lost=0.2`, `silent:14`. May be repeated."""
@@ -254,6 +268,10 @@ class Emulate:
     """Of the faults that happen by chance."""
     quiet: bool = False
     """Do not print what happens to the motors."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("--channel vcan0 --fault lost=0.01", "on a CAN interface of the kernel"),
+    )
 
 
 @dataclass(frozen=True)
@@ -284,6 +302,8 @@ class BringUp:
     check: bool = False
     """Write nothing; look at what is in force."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0,can1 --check", "is the computer set up for this?"),)
+
 
 @dataclass(frozen=True)
 class SetId:
@@ -294,12 +314,14 @@ class SetId:
 
     channel: _Channel
     """Such as can0."""
-    new_id: Annotated[int, tyro.conf.Positional]
+    new_id: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="NEW_ID")]
     """1 to 127."""
     yes: bool = False
     """Do not ask first."""
     host_id: int = 0xFD
     """Our own id on the bus."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "the only motor on the bus becomes 11"),)
 
 
 @dataclass(frozen=True)
@@ -317,4 +339,19 @@ class SetZero:
     """Our own id on the bus."""
 
 
-Tool: TypeAlias = Discover | Ping | Param | Calibrate | Identify | Budget | Emulate | BringUp | SetId | SetZero
+TOOLS = Commands(
+    "Find, test, set up and calibrate motors on a CAN bus, or emulate them.",
+    {
+        "discover": Discover,
+        "ping": Ping,
+        "param": Commands(inspect.cleandoc(Param.__doc__ or ""), {"get": Get, "set": Set, "save": Save}),
+        "calibrate": Calibrate,
+        "identify": Identify,
+        "budget": Budget,
+        "emulate": Emulate,
+        "bring-up": BringUp,
+        "set-id": SetId,
+        "set-zero": SetZero,
+    },
+)
+"""By the name that calls them."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-import tyro
+from humanoid_sim.command_line import parse
 
 __all__ = ["BenchOptions", "main"]
 
@@ -25,10 +26,12 @@ class BenchOptions:
     json: bool = False
     """Print JSON instead of a table."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--only play", "the rows about play"),)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `bench` with command-line arguments; returns the exit status."""
-    options = tyro.cli(BenchOptions, prog="humanoid_sim.bench", args=arguments)
+    options = parse(BenchOptions, "bench", arguments)
 
     from humanoid_sim.bench.figures import print_figures  # noqa: PLC0415 - MuJoCo stays out of `--help`
 

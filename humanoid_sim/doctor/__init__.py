@@ -6,14 +6,13 @@ ranking. Nothing heavy is imported here: `--help` must be quick.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import tyro
 
-__all__ = ["DoctorConfig", "main"]
+__all__ = ["DoctorConfig"]
 
 
 @dataclass(frozen=True)
@@ -28,13 +27,14 @@ class DoctorConfig:
     checkpoint: tyro.conf.Positional[Path]
     """ONNX file."""
     robot: str
-    """Shipped robot (lite, lite_biped), YAML file or MJCF."""
+    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
     imu_site: str | None = None
     """The site or body of the robot's MJCF that is its IMU. Default: the robot's; of an MJCF its gyro's site."""
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     motion: str | None = None
-    """Motion to follow, if the checkpoint does not carry one: an .mcap file, or the name of a sample motion."""
+    """Motion to follow, if the checkpoint does not carry one: a sample motion ({motions}), or an .mcap
+    file."""
     command: str | None = None
     """Velocity command vx,vy,wz in m/s, m/s and rad/s. Default: forward, turning and backward."""
     seconds: float = 4.0
@@ -53,11 +53,7 @@ class DoctorConfig:
     json: bool = False
     """Print the whole ranking as JSON."""
 
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `policy doctor` with command-line arguments; returns the exit status: 0 if nothing wrong was found."""
-    config = tyro.cli(DoctorConfig, prog="humanoid_sim.policy doctor", args=arguments)
-
-    from humanoid_sim.doctor.run import doctor  # noqa: PLC0415 - heavy imports stay out of `--help`
-
-    return doctor(config)
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("x.onnx --robot scene.xml", "why does it fall?"),
+        ("x.onnx --robot lite --motion wave", "a policy that follows a motion"),
+    )

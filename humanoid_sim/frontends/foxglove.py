@@ -11,11 +11,10 @@ import queue
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import tyro
+from typing import Any, ClassVar
 
 from humanoid_sim.client import Intake, SessionError, SessionInfo
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
@@ -50,6 +49,8 @@ class FoxgloveConfig:
     control: bool = False
     """Offer services for all intents: every page open in a browser on this machine can then move the robot."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("", "open ws://localhost:8765 in Foxglove"),)
+
 
 def service_words(control: bool) -> tuple[str, ...]:
     """The intents that are offered as services; `control`: all of them."""
@@ -58,7 +59,7 @@ def service_words(control: bool) -> tuple[str, ...]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until the session ends; returns the exit status."""
-    config = tyro.cli(FoxgloveConfig, prog="humanoid_sim.foxglove", args=arguments)
+    config = parse(FoxgloveConfig, "foxglove", arguments)
     if not 0 <= config.port <= 65535:
         raise InputError(f"--port: is {config.port}, expected 0 to 65535")
     require_packages("foxglove")

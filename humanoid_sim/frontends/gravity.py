@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-import tyro
 
 from humanoid_sim.client import Sample, SessionError
+from humanoid_sim.command_line import parse
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand
@@ -82,10 +82,12 @@ class GravityConfig:
     form: GravityForm = "effort"
     """How it commands: as feed-forward effort, or as a PD position offset."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--form pd", "the arms keep their pose"),)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
-    config = tyro.cli(GravityConfig, prog="humanoid_sim.gravity", args=arguments)
+    config = parse(GravityConfig, "gravity", arguments)
     with attached(config.session, "gravity") as attachment:
         producer = GravityProducer(attachment, config.form)
         ready(f"gravity compensation ({config.form}) for {attachment.session}")

@@ -17,12 +17,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, ClassVar
 from urllib.parse import quote
 
-import tyro
-
 from humanoid_sim.client import Sample
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
@@ -59,6 +58,8 @@ class RerunConfig:
     web: bool = False
     """A page for browsers on this machine, in place of a window; also where there is no display."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--web", "in a browser on this machine"),)
+
 
 def status_text(record: TickRecord | None, late: str, clock: str) -> str:
     """What the viewer's text says of the present, as Markdown.
@@ -76,7 +77,7 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the viewer is closed; returns the exit status."""
-    config = tyro.cli(RerunConfig, prog="humanoid_sim.rerun", args=arguments)
+    config = parse(RerunConfig, "rerun", arguments)
     require_packages("rerun")
     with attached(config.session, "rerun", niceness=10) as attachment:
         try:

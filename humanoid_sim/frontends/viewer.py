@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
-import tyro
 
 from humanoid_sim.client import Sample
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
 from humanoid_sim.messages import TickRecord
@@ -34,7 +34,9 @@ class ViewerConfig:
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
     robot: str | None = None
-    """A robot to show without a session: a shipped one, or the path of a robot's YAML file or of an MJCF."""
+    """A robot to show without a session: a shipped one ({robots}), or the path of a robot's YAML file or of an MJCF."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--robot lite", "move a robot's joints by sliders"),)
 
 
 def window_texts(record: TickRecord | None, late: str, clock: str) -> list[tuple[int, int, str, str]]:
@@ -61,7 +63,7 @@ def window_texts(record: TickRecord | None, late: str, clock: str) -> list[tuple
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the window is closed; returns the exit status."""
-    config = tyro.cli(ViewerConfig, prog="humanoid_sim.viewer", args=arguments)
+    config = parse(ViewerConfig, "viewer", arguments)
     if config.robot is None:
         with attached(config.session, "viewer", niceness=10) as attachment:
             model = attachment.model()

@@ -10,13 +10,12 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `play` with command-line arguments; returns the exit status."""
-    import tyro  # noqa: PLC0415 - heavy imports stay out of `--help` and of importing this package
-
+    from humanoid_sim.command_line import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
     from humanoid_sim.play.front_ends import refuse_old_names  # noqa: PLC0415
     from humanoid_sim.play.options import PlayConfig  # noqa: PLC0415
 
     refuse_old_names(sys.argv[1:] if arguments is None else arguments)
-    config = tyro.cli(PlayConfig, prog="humanoid_sim.play", args=arguments)
+    config = parse(PlayConfig, "play", arguments)
 
     from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import tyro
 
@@ -20,40 +21,40 @@ class PlayConfig:
     START_LOCOMOTION, DAMP. With --manual or --script the FSM is yours.
     """
 
-    policy: str | None = None
+    policy: Annotated[str | None, tyro.conf.arg(metavar="FILE.onnx")] = None
     """ONNX checkpoint; 'placeholder' for a policy that answers zeros. Default: the sample policy."""
-    contract: str | None = None
+    contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
-    """Motion to follow: an .mcap file, or the name of a sample motion. Default with the sample policy: wave."""
+    """Motion to follow: a sample motion ({motions}), or an .mcap file. Default with the sample policy: wave."""
     song: str | None = None
-    """Song of a piano policy: a sample song's name, or a MIDI file (.mid). Default with the sample policy:
+    """Song of a piano policy: a sample song ({songs}), or a MIDI file (.mid). Default with the sample policy:
     ode_to_joy."""
-    again: str | None = None
+    again: Annotated[str | None, tyro.conf.arg(metavar="RECORDING")] = None
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
     with the same motion or command. Options override the recording's."""
-    branch: str | None = None
+    branch: Annotated[str | None, tyro.conf.arg(metavar="RECORDING@SECONDS")] = None
     """FILE@SECONDS: begin a simulation in that instant of a recording (.mcap) of play, and go on with what it took in,
     or with another --policy, --contract (gains), --motion, --command, --script, --manual or --push."""
-    shadow: str | None = None
+    shadow: Annotated[str | None, tyro.conf.arg(metavar="FILE.onnx")] = None
     """ONNX checkpoint that only looks on: while the robot is in DAMPING or STANDBY it runs on the real state, and what
     it sees, answers and would command is recorded. Nothing of it reaches a motor, and no other policy runs; --contract,
     --motion and --command are its."""
     robot: str = DEFAULT_ROBOT
-    """A shipped robot (lite, lite_neck, lite_biped, lite_piano, lite_sito), or the path of a robot's YAML file
-    or of an MJCF."""
+    """A shipped robot ({robots}), robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
+    of a robot's YAML file or of an MJCF."""
     imu_site: str | None = None
     """Site or body of the robot's MJCF that is its IMU, in simulation. Default: the robot's; of an MJCF its gyro's."""
-    command: str = "0,0,0"
+    command: Annotated[str, tyro.conf.arg(metavar="VX,VY,WZ")] = "0,0,0"
     """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks."""
-    yaw: float = 0.0
+    yaw: Annotated[float, tyro.conf.arg(metavar="RAD")] = 0.0
     """Heading in rad at which a free-standing robot starts, in simulation."""
-    base_height: float | None = None
+    base_height: Annotated[float | None, tyro.conf.arg(metavar="M")] = None
     """Height in m at which a free-standing robot is held until its policy starts. Default: the robot's."""
-    hardware: str | None = None
+    hardware: Annotated[str | None, tyro.conf.arg(metavar="CHANNELS")] = None
     """CAN channels of a real robot, such as can0, can0,can1 or udp_multicast:239.74.163.2; virtual:NAME emulates the
     motors in this process. Default: simulation."""
-    calibration: str | None = None
+    calibration: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """The real robot's calibration. Default: calibration.yaml in this folder; none where the motors' own zeros are the
     joints', as those of emulated motors are."""
     allow_no_timeout: bool = False
@@ -64,29 +65,29 @@ class PlayConfig:
     """On hardware: enable the motors without asking first."""
     host_id: int = 253
     """This host's id on the CAN buses of a real robot: above every motor's, and that which its motors answer."""
-    can_timeout: float = 0.1
+    can_timeout: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.1
     """s without a command after which each motor of a real robot stops by itself, and its joint falls."""
-    accept_firmware: tuple[str, ...] = ()
+    accept_firmware: Annotated[tuple[str, ...], tyro.conf.arg(metavar="VERSION")] = ()
     """Versions of motor firmware that no document mentions, such as 0.5.3.12, to be driven all the same."""
     allow_script: bool = False
     """Let --script move a real robot, with nobody at the keys."""
     imu: str = "none"
     """IMU of a real robot: none, or microstrain:PORT, or microstrain:PORT@BAUD. Emulated motors bring their own."""
-    imu_mounting: str = "0,1,0,0"
+    imu_mounting: Annotated[str, tyro.conf.arg(metavar="W,X,Y,Z")] = "0,1,0,0"
     """The IMU's own axes in the robot's IMU frame, as a quaternion w,x,y,z. Default: label up, x forward."""
     viewer: Literal["auto", "none", "native", "rerun"] = "auto"
     """MuJoCo's window, or rerun's viewer, in a process of its own; auto opens MuJoCo's window where there is a display,
     but none on hardware."""
     console: bool = False
     """Start the console, a page for the operator, for browsers on this machine; prints its address."""
-    record: str = "auto"
+    record: Annotated[str, tyro.conf.arg(metavar="FILE.mcap")] = "auto"
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False
     """Replace files named by --record, --video, --snapshot or --summary that exist."""
-    gamepad: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    gamepad: bool = False
     """Drive the FSM with a gamepad. On a real bus one must be there, asked for or not; with --hardware its loss damps
     the robot."""
-    no_gamepad: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    no_gamepad: bool = False
     """On a real bus: do without a gamepad."""
     dds: bool = False
     """Start the DDS bridge: ROS 2's topics on this machine's loopback interface, and commands for REMOTE from there."""
@@ -106,9 +107,9 @@ class PlayConfig:
     its own."""
     gravity_form: Literal["effort", "pd"] = "effort"
     """How gravity compensation commands: as feed-forward effort, or as a PD position offset."""
-    duration: float | None = None
+    duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Seconds on the robot's clock after which the run ends. Default: when the motion or the script ends."""
-    policy_seconds: float | None = None
+    policy_seconds: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Seconds for which the policy drives the robot where nobody drives the FSM. Default: until its motion ends; 10
     for a policy that follows none."""
     action_limit: float | None = None
@@ -120,32 +121,59 @@ class PlayConfig:
     """Drive the FSM by a script, such as "damp; load_b; wait; start_remote; hold 5; damp"."""
     pose: Literal["a", "b"] = "a"
     """Standby pose to walk through when the FSM is driven automatically."""
-    inject: tuple[str, ...] = ()
+    inject: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FAULT@SECONDS")] = ()
     """Faults to inject, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
-    push: tuple[str, ...] = ()
+    push: Annotated[tuple[str, ...], tyro.conf.arg(metavar="VX,VY@SECONDS")] = ()
     """Pushes of a free-standing robot's base, in simulation, each as VX,VY@SECONDS: within 0.1 s it is given this
     velocity in m/s, in the world's axes."""
     pace: Literal["auto", "realtime", "fast"] = "auto"
     """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
-    video: str = "auto"
+    video: Annotated[str, tyro.conf.arg(metavar="FILE.mp4")] = "auto"
     """Video of the run (.mp4); auto makes one of a simulation where there is no display; none for no video."""
-    snapshot: str | None = None
+    snapshot: Annotated[str | None, tyro.conf.arg(metavar="FILE.png")] = None
     """Picture of the robot at the end of the motion (.png)."""
-    summary: str | None = None
+    summary: Annotated[str | None, tyro.conf.arg(metavar="FILE.json")] = None
     """The final table as JSON."""
     actuation: Literal["qfrc_applied", "affine", "implicit"] = "qfrc_applied"
     """How the simulated motors run the MIT law: at every physics step in Python, or as MuJoCo's own actuators, which
     agree with that, or, with longer steps and implicit damping, come close to it."""
-    control_frequency: float | None = None
+    control_frequency: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
     """Hz; default: the robot's, for simulation and for hardware."""
-    physics_timestep: float | None = None
+    physics_timestep: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """s; default: the robot's."""
-    command_delay: float = 0.0
+    command_delay: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.0
     """s from writing a command to the motors' obeying it, in simulation."""
-    state_delay: float = 0.0
+    state_delay: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.0
     """s from a joint's state to its being read, in simulation."""
     state_sampling: Literal["now", "on_command"] = "now"
     """When the simulated joints are sampled: at reading, or, as on a CAN bus, at the last command."""
+
+    GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "most used": (
+            *("policy", "robot", "motion", "song", "command", "manual", "console", "viewer", "record", "video"),
+            *("duration", "policy_seconds", "hardware"),
+        ),
+        "the policy": ("contract", "action_limit", "again", "shadow"),
+        "driving the modes": ("script", "pose", "gamepad", "no_gamepad", "remote", "gravity_form"),
+        "other programs": ("midi", "dds", "dds_interface", "foxglove", "foxglove_control"),
+        "output": ("snapshot", "summary", "overwrite"),
+        "simulation": (
+            *("branch", "push", "inject", "yaw", "base_height", "imu_site", "pace", "actuation"),
+            *("control_frequency", "physics_timestep", "command_delay", "state_delay", "state_sampling"),
+        ),
+        "a real robot": (
+            *("dry_run", "yes", "calibration", "allow_script", "allow_no_timeout", "accept_firmware"),
+            *("can_timeout", "host_id", "imu", "imu_mounting"),
+        ),
+    }
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("", "the sample policy moves the simulated arms"),
+        ("--robot lite_biped --command 0.3,0,0", "a policy that walks"),
+        ("--policy x.onnx --robot g1.xml --command 0.5,0,0", "your own policy and robot"),
+        ("--manual --console", "drive the modes yourself, from keyboard and browser"),
+        ("--again runs/run.mcap --video again.mp4", "the same policy once more, as a video"),
+        ("--hardware can0 --policy x.onnx --dry-run", "check a real robot; no motor is enabled"),
+    )
 
     @property
     def checkpoint(self) -> str | None:

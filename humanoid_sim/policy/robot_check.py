@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -13,6 +11,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.mit import IMU
+from humanoid_sim.names import near_miss
 from humanoid_sim.policy.readers.partial import is_from_robot
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS, MotorModel
@@ -30,7 +29,6 @@ __all__ = [
     "model_damping_findings",
     "motor_findings",
     "naming_findings",
-    "near_miss",
     "point_findings",
     "range_findings",
     "rate_finding",
@@ -46,6 +44,8 @@ _TOLERANCE = 1e-3
 """rad. Exporters round poses to three decimals."""
 _STUCK = 0.02
 """rad. A joint that an action of one unit moves by less hardly moves."""
+_ALIKE = 0.85
+"""Likeness of two names from which they are taken for one: a wrong pair would be worse than none."""
 _COARSE = 0.02
 """Relative error at which the rounding of a gain by the motor's format is worth a word."""
 
@@ -72,20 +72,16 @@ def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
-_AFFIXES = re.compile(r"^(joint_)|(_joint|_link|_dof|_motor)$")
-_SIDES = ((r"^l_", "left_"), (r"^r_", "right_"), (r"_l$", "_left"), (r"_r$", "_right"))
-
-
 def joint_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
     """Joints that only the policy or only the robot has."""
     robot, policy = description.joint_names, contract.joint_names
     surplus = [name for name in robot if name not in policy]
     for name in policy:
         if name not in robot:
-            meant = near_miss(name, surplus)
+            meant = near_miss(name, surplus, _ALIKE)
             hint = f", which has '{meant}': rename it in a contract.yaml" if meant else ""
             yield Finding("error", "joint_names", f"is not a joint of '{description.name}'{hint}", joint=name)
-    meant_ones = {near_miss(name, surplus) for name in policy if name not in robot}
+    meant_ones = {near_miss(name, surplus, _ALIKE) for name in policy if name not in robot}
     for name in surplus:
         if name not in meant_ones:
             message = f"'{description.name}' has it, the policy does not; its joints have to be the robot's"
@@ -163,7 +159,7 @@ def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -
         named.append(("anchor_body", contract.anchor_body))
     for field, name in named:
         if name not in bodies:
-            meant = near_miss(name, bodies)
+            meant = near_miss(name, bodies, _ALIKE)
             hint = f", which has '{meant}'" if meant else f"; it has: {', '.join(bodies)}"
             yield Finding("error", field, f"'{name}' is not a body of '{robot}'{hint}")
     if contract.anchor_body and contract.body_names and contract.anchor_body not in contract.body_names:
@@ -175,35 +171,10 @@ def point_findings(contract: PolicyContract, sites: Sequence[str], robot: str) -
     """Points whose velocity is observed, and that the robot's model lacks; `sites` are all that it has."""
     for term in contract.terms:
         if term.at in contract.velocity_points and term.at not in (IMU, *sites):
-            meant = near_miss(term.at, sites)
+            meant = near_miss(term.at, sites, _ALIKE)
             hint = f"which has '{meant}'" if meant else f"which has: {', '.join(sites) or 'none'}"
             message = f"at is '{term.at}', neither base nor imu nor a site of '{robot}', {hint}"
             yield Finding("error", f"observation term {term.name}", message)
-
-
-def near_miss(name: str, known: Sequence[str]) -> str:
-    """The one of the known names that was probably meant; empty if none is close."""
-    plain = {_plain(other): other for other in known}
-    if _plain(name) in plain:
-        return plain[_plain(name)]
-    close = difflib.get_close_matches(_plain(name), list(plain), n=1, cutoff=0.85)
-    # left_knee and right_knee are close in letters and far in meaning.
-    if close and _side(close[0]) == _side(_plain(name)):
-        return plain[close[0]]
-    return ""
-
-
-def _plain(name: str) -> str:
-    """A name without what exporters add, drop or spell differently."""
-    text = name.rpartition("/")[2].lower().replace("-", "_").replace(" ", "_")
-    text = _AFFIXES.sub("", text)
-    for pattern, side in _SIDES:
-        text = re.sub(pattern, side, text)
-    return text
-
-
-def _side(name: str) -> str:
-    return "left" if "left" in name else "right" if "right" in name else ""
 
 
 def range_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:

@@ -5,19 +5,18 @@ Nothing heavy is imported here: `--help` must be quick.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, assert_never
+from typing import Annotated, ClassVar, assert_never
 
 import tyro
 
+from humanoid_sim.command_line import Commands, parse
+from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.errors import InputError
 
-__all__ = ["Check", "Doctor", "Show", "Stamp", "main"]
-
-_DOCTOR = "doctor"
+__all__ = ["Check", "Show", "Stamp", "main"]
 
 
 @dataclass(frozen=True)
@@ -29,9 +28,12 @@ class Show:
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     robot: str | None = None
-    """Shipped robot, YAML file or MJCF; only for contracts that name the joints by their places on the robot."""
+    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
+    name the joints by their places on the robot."""
     json: bool = False
     """Print everything as JSON."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("x.onnx", "what it needs to run, and where that is from"),)
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Check:
     checkpoint: tyro.conf.Positional[Path]
     """ONNX file."""
     robot: str
-    """Shipped robot (lite, lite_biped), YAML file or MJCF."""
+    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
     imu_site: str | None = None
     """The site or body of the robot's MJCF that is its IMU. Default: the robot's; of an MJCF its gyro's site."""
     contract: Path | None = None
@@ -52,6 +54,8 @@ class Check:
     """s of the simulation. Default: the robot's."""
     json: bool = False
     """Print the findings as JSON."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("x.onnx --robot scene.xml", "does it fit the robot?"),)
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,8 @@ class Stamp:
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     robot: str | None = None
-    """Shipped robot, YAML file or MJCF: for joints given by place, and for a trace's anchor poses."""
+    """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF: for joints given by
+    place, and for a trace's anchor poses."""
     trace: Path | None = None
     """The trainer's run (.npz) to take golden vectors from. Default: the program's own, which only show drift."""
     motion: Path | None = None
@@ -73,24 +78,20 @@ class Stamp:
     overwrite: bool = False
     """Replace the output if it exists."""
 
-
-@dataclass(frozen=True)
-class Doctor:
-    """Find out what is wired wrongly in a policy that does not behave; see `doctor --help`."""
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("x.onnx --contract contract.yaml -o y.onnx", "one file that says everything about itself"),
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `policy` with command-line arguments; returns the exit status."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if words and words[0] == _DOCTOR:  # a program of its own, with its own options
-        from humanoid_sim.doctor import main as doctor  # noqa: PLC0415 - heavy, like the other commands below
-
-        return doctor(words[1:])
-    command: Show | Check | Stamp | Doctor = tyro.cli(
-        Show | Check | Stamp | Doctor,
-        prog="humanoid_sim.policy",
-        description="Look into a checkpoint, check it against a robot, complete it, or find out what is wrong with it.",
-        args=words,
+    command: Show | Check | Stamp | DoctorConfig = parse(
+        Commands(
+            "Look into a checkpoint, check it against a robot, complete it, or find out what is wrong with it.",
+            {"show": Show, "check": Check, "stamp": Stamp, "doctor": DoctorConfig},
+        ),
+        "policy",
+        arguments,
     )
     from humanoid_sim.policy.onnx_policy import has_onnxruntime  # noqa: PLC0415
 
@@ -109,7 +110,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
 
             return stamp_copy(command)
-        case Doctor():  # only its line of help is here: `doctor` was handled above
-            raise AssertionError(_DOCTOR)
+        case DoctorConfig():
+            from humanoid_sim.doctor.run import doctor  # noqa: PLC0415
+
+            return doctor(command)
         case _:
             assert_never(command)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import tyro
+
+from humanoid_sim.command_line import parse
 
 __all__ = ["PrepareOptions", "main"]
 
@@ -28,7 +30,7 @@ class PrepareOptions:
     wandb_file: Annotated[str | None, tyro.conf.arg(aliases=["--wandb-checkpoint-name"])] = None
     """The checkpoint's file name in the run. Default: the newest model_*."""
     robot: str = "lite"
-    """A shipped robot, or the path of a robot's YAML file or MJCF (.xml)."""
+    """A shipped robot ({robots}), robot_descriptions:NAME, or the path of a robot's YAML file or MJCF (.xml)."""
     motion: Annotated[str | None, tyro.conf.arg(aliases=["--motion-file"])] = None
     """Motion: an .npz or .csv file, or the folder of a LeRobot dataset."""
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--registry-name"])] = None
@@ -85,10 +87,27 @@ class PrepareOptions:
     timeout: float = 30.0
     """Seconds to wait for an answer from the network."""
 
+    GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "most used": ("policy", "motion", "dataset", "robot", "output", "name", "overwrite"),
+        "the checkpoint": ("contract", "wandb_run_path", "wandb_file"),
+        "what the motion's file leaves open": (
+            *("episode", "features", "fps", "joint_order", "body_order", "quaternions", "conjugate"),
+            *("angle_unit", "length_unit", "velocities"),
+        ),
+        "checks": ("resample", "tolerance", "angle_tolerance", "timeout"),
+        "songs": ("song", "tracks", "transpose", "voices", "keys", "sustain"),
+    }
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("--policy x.onnx --motion walk.npz", "a motion of mjlab's for this policy"),
+        ("--motion wave.csv --fps 50 --joint-order robot", "a table of joint positions"),
+        ("--policy x.onnx --dataset user/name --episode 0", "an episode of a LeRobot dataset"),
+        ("--policy x.onnx --song etude.mid --keys C3-C6", "a song for a piano policy"),
+    )
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `prepare` with command-line arguments; returns the exit status."""
-    options = tyro.cli(PrepareOptions, prog="humanoid_sim.prepare", args=arguments)
+    options = parse(PrepareOptions, "prepare", arguments)
 
     from humanoid_sim.prepare.preparation import prepare  # noqa: PLC0415 - MuJoCo stays out of `--help`
 

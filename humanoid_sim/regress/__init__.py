@@ -9,13 +9,10 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `regress` with command-line arguments; returns the exit status."""
-    import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
-
+    from humanoid_sim.command_line import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
     from humanoid_sim.regress.options import RegressConfig  # noqa: PLC0415
 
-    config = tyro.cli(
-        RegressConfig, prog="humanoid_sim.regress", args=arguments, config=(tyro.conf.PositionalRequiredArgs,)
-    )
+    config = parse(RegressConfig, "regress", arguments, positional=True)
 
     from humanoid_sim.regress.run import regress  # noqa: PLC0415
 

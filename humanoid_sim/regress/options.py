@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
+
+import tyro
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
@@ -24,12 +27,13 @@ class RegressConfig:
     policies: tuple[str, ...]
     """ONNX checkpoints under test."""
     suite: str = "lite_tracking"
-    """A shipped suite (lite_tracking, velocity), or the path of a suite's YAML file."""
-    baseline: str | None = None
+    """A shipped suite ({suites}), or the path of a suite's YAML file."""
+    baseline: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
     """What to compare with: an ONNX checkpoint, which is run too, or a file of --write-baseline. Default: nothing."""
     robot: str | None = None
-    """Instead of the suite's: a shipped robot, or the path of a robot's YAML file or of an MJCF."""
-    contract: str | None = None
+    """Instead of the suite's: a shipped robot ({robots}), robot_descriptions:NAME, or the path of a robot's
+    YAML file or of an MJCF."""
+    contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml for all the checkpoints. Default: the one beside each."""
     actuation: Literal["affine", "implicit"] | None = None
     """How the motors are simulated. Default: as the suite says, which is affine unless it says otherwise."""
@@ -40,13 +44,13 @@ class RegressConfig:
     """Seeds per case. Default: the suite's."""
     first_seed: int | None = None
     """The first of them. Default: the suite's."""
-    only: str | None = None
+    only: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None
     """Run only the cases whose name contains this text."""
     strict: bool = False
     """Fail what is unclear, too: what the episodes are too few to decide."""
     margins: bool = False
     """Also raise each of the suite's disturbances until the policy fails."""
-    episode: str | None = None
+    episode: Annotated[str | None, tyro.conf.arg(metavar="CASE:SEED")] = None
     """CASE:SEED: run nothing but this episode of each policy and write it as a recording, whether it fails or not, to
     --record-failures, or to runs."""
     write_baseline: Path | None = None
@@ -64,12 +68,27 @@ class RegressConfig:
     """Recordings per policy at most, the first of each case before the second of any."""
     threads: int | None = None
     """Threads that step physics. Default: one per processor."""
-    ray: str | None = None
+    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """Share the episodes out over a Ray cluster: its address, or 'local' to start one here."""
     overwrite: bool = False
     """Replace output files that exist."""
     quiet: bool = False
     """Print verdicts only."""
+
+    GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "most used": ("suite", "baseline", "robot", "seeds", "only", "report", "json", "junit", "record_failures"),
+        "what is run": (
+            *("contract", "first_seed", "episode", "margins", "actuation", "baseline_actuation", "threads", "ray"),
+        ),
+        "verdict": ("strict",),
+        "output": ("write_baseline", "record_limit", "overwrite", "quiet"),
+    }
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("x.onnx --baseline y.onnx --report report.html", "is it worse than last week's?"),
+        ("x.onnx --suite velocity --robot scene.xml", "a policy that walks, on your robot"),
+        ("x.onnx --write-baseline released.json", "keep figures to compare with"),
+        ("x.onnx --baseline released.json --junit ci.xml", "... and compare with them, in CI"),
+    )
 
 
 _OUTPUTS = ("write_baseline", "json", "junit", "report")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from humanoid_sim.assets import asset_path
+from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import METRICS
@@ -32,7 +32,7 @@ _CHOICES = {"task": tuple(METRICS), "axis": tuple(AXES)}
 
 def shipped_suites() -> tuple[str, ...]:
     """Names of the suites that come with the package."""
-    return tuple(sorted(path.stem for path in asset_path("suites").glob("*.yaml")))
+    return shipped("suites")
 
 
 def load_suite(name_or_path: str) -> tuple[Suite, Path]:
@@ -41,11 +41,10 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     Raises:
         InputError: one line, such as `mine.yaml: seeds: is 1, expected at least 2`.
     """
-    shipped = shipped_suites()
-    if name_or_path not in shipped and not is_file(name_or_path):
-        known = ", ".join(shipped)
-        raise InputError(f"--suite: is '{name_or_path}', expected a suite's YAML file or one of: {known}")
-    path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in shipped else Path(name_or_path)
+    known = shipped_suites()
+    if name_or_path not in known and not is_file(name_or_path):
+        raise InputError(f"--suite: {known_names('suite', name_or_path, known)}; or a suite's YAML file that exists")
+    path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in known else Path(name_or_path)
     document = read_yaml(path)
     if not isinstance(document, dict):
         raise InputError(f"{path}: is no suite, expected a mapping with name, task, cases, seeds and tolerances")

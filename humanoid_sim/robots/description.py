@@ -11,7 +11,7 @@ from typing import Any, get_args
 import msgspec
 import numpy as np
 
-from humanoid_sim.assets import asset_path
+from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
@@ -36,7 +36,7 @@ __all__ = [
 
 def shipped_robots() -> tuple[str, ...]:
     """Names of the robots that come with the package."""
-    return tuple(sorted(path.stem for path in asset_path("robots").glob("*.yaml")))
+    return shipped("robots")
 
 
 def load_robot(name_or_path: str | Path) -> RobotDescription:
@@ -99,7 +99,7 @@ def _find(name_or_path: str) -> tuple[Path, str]:
             f"{name_or_path}: is a folder, expected a robot's YAML file, an MJCF or one of: {', '.join(known)}"
         )
     if not os.path.exists(path):
-        raise InputError(f"unknown robot '{name_or_path}': neither a file nor one of: {', '.join(known)}, {PREFIX}…")
+        raise InputError(f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists")
     return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY
 from humanoid_sim.errors import MissingPackageError
@@ -142,7 +142,7 @@ class EvaluateWalkingConfig:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `training` with command-line arguments; returns the exit status."""
-    import tyro  # noqa: PLC0415 - heavy imports stay out of importing this package
+    from humanoid_sim.command_line import Commands, parse  # noqa: PLC0415 - heavy imports stay out of importing this package
 
     config: (
         TrainConfig
@@ -155,21 +155,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         | TrainWalkingConfig
         | TraceWalkingConfig
         | EvaluateWalkingConfig
-    ) = tyro.cli(
-        Annotated[TrainConfig, tyro.conf.subcommand("train", prefix_name=False)]
-        | Annotated[CurvesConfig, tyro.conf.subcommand("curves", prefix_name=False)]
-        | Annotated[MotionsConfig, tyro.conf.subcommand("motions", prefix_name=False)]
-        | Annotated[SongsConfig, tyro.conf.subcommand("songs", prefix_name=False)]
-        | Annotated[TrainSampleConfig, tyro.conf.subcommand("train-sample", prefix_name=False)]
-        | Annotated[TraceConfig, tyro.conf.subcommand("trace", prefix_name=False)]
-        | Annotated[EvaluateConfig, tyro.conf.subcommand("evaluate", prefix_name=False)]
-        | Annotated[TrainWalkingConfig, tyro.conf.subcommand("train-walking", prefix_name=False)]
-        | Annotated[TraceWalkingConfig, tyro.conf.subcommand("trace-walking", prefix_name=False)]
-        | Annotated[EvaluateWalkingConfig, tyro.conf.subcommand("evaluate-walking", prefix_name=False)],
-        prog="humanoid_sim.training",
-        description="Train policies; make the sample policies, motions and songs again, and measure them.",
-        config=(tyro.conf.PositionalRequiredArgs,),
-        args=arguments,
+    ) = parse(
+        Commands(
+            "Train policies; make the sample policies, motions and songs again, and measure them.",
+            {
+                "train": TrainConfig,
+                "curves": CurvesConfig,
+                "motions": MotionsConfig,
+                "songs": SongsConfig,
+                "train-sample": TrainSampleConfig,
+                "trace": TraceConfig,
+                "evaluate": EvaluateConfig,
+                "train-walking": TrainWalkingConfig,
+                "trace-walking": TraceWalkingConfig,
+                "evaluate-walking": EvaluateWalkingConfig,
+            },
+        ),
+        "training",
+        arguments,
+        positional=True,
     )
     # Each program imports what it needs: only training needs PyTorch.
     match config:

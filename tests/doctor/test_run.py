@@ -11,10 +11,17 @@ import pytest
 import yaml
 
 from humanoid_sim.assets import SAMPLE_POLICY
-from humanoid_sim.doctor import main, run
+from humanoid_sim.doctor import run
 from humanoid_sim.errors import InputError
+from humanoid_sim.policy_tools import main as policy
 
 CHECKPOINT = str(SAMPLE_POLICY)
+
+
+def main(words: list[str]) -> int:
+    return policy(["doctor", *words])
+
+
 QUICK = ("--robot", "lite", "--motion", "wave", "--seconds", "0.3", "--pairs", "0")
 
 
@@ -64,7 +71,7 @@ def test_ctrl_c_shows_what_is_known(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         (("--pairs", "-1"), "--pairs: is -1"),
         (("--top", "0"), "--top: is 0"),
         (("--command", "0.5,0,0"), "--command: is '0.5,0,0', but"),
-        (("--motion", "nowhere"), "--motion: 'nowhere'"),
+        (("--motion", "nowhere"), "--motion: unknown motion 'nowhere'"),
         (("--robot", "nobody"), "unknown robot 'nobody'"),
     ],
 )
@@ -77,8 +84,8 @@ def test_bad_options_are_one_line(options: tuple[str, ...], message: str) -> Non
 
 def test_help_imports_nothing_heavy() -> None:
     code = (
-        "import sys\nfrom humanoid_sim.doctor import main\n"
-        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "import sys\nfrom humanoid_sim.policy_tools import main\n"
+        "try:\n    main(['doctor', '--help'])\nexcept SystemExit:\n    pass\n"
         "print(sorted({'mujoco', 'onnxruntime', 'onnx'} & set(sys.modules)))"
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -254,7 +254,7 @@ def test_whatever_is_done_the_values_are_those_of_the_spaces(
     [
         ({**ARMS, "robot": "lite_biped"}, "joint_names of the policy do not match the robot's joints"),
         ({**ARMS, "motion": None}, r"motion: is missing; .*lite_tracking\.onnx is a tracking policy and follows one"),
-        ({**ARMS, "motion": "tango"}, "^motion: 'tango' is neither a file nor a sample motion; samples: circle, drum"),
+        ({**ARMS, "motion": "tango"}, "^motion: unknown motion 'tango'; known: circle, drum"),
         ({**LEGS, "motion": "wave"}, r"motion: is 'wave', but .*lite_biped_velocity\.onnx follows no motion"),
         ({**ARMS, "contract": "lite_dance"}, r"policy: is 'lite_dance', expected a checkpoint .* lite_tracking"),
         ({**LEGS, "robot": "atlas"}, "unknown robot 'atlas'"),

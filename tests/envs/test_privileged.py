@@ -82,7 +82,10 @@ def test_functions_of_ones_own_and_the_last_of_an_episode() -> None:
 @pytest.mark.parametrize(
     ("terms", "message"),
     [
-        (["base_hight"], "privileged: unknown term 'base_hight'; known: joint_position, "),
+        (
+            ["base_hight"],
+            "privileged: unknown term 'base_hight' (did you mean 'base_height'?); known: joint_position, ",
+        ),
         (["base_height"], "privileged: base_height is of a floating base, and the robot's is fixed"),
         ("joint_position", "privileged: is 'joint_position', expected a list of names"),
     ],

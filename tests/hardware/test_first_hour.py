@@ -7,7 +7,6 @@ import io
 import json
 import re
 import shlex
-from argparse import ArgumentParser
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import pytest
 import tyro
 
+from humanoid_sim import mode
 from humanoid_sim.cli import load_program, run_program
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.tools import bring_up
@@ -47,7 +47,7 @@ def test_a_command_is_understood(monkeypatch: pytest.MonkeyPatch, verb: str, wor
 
     monkeypatch.setattr(tyro, "cli", then_stop(tyro.cli))
     if verb == "mode":  # which starts without tyro
-        monkeypatch.setattr(ArgumentParser, "parse_args", then_stop(ArgumentParser.parse_args))
+        monkeypatch.setattr(mode, "_read_usual", lambda _: None)
     with pytest.raises(_ParsedError):
         load_program(verb)(shlex.split(words))
 

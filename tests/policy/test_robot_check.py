@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from findings import found
 from trainer import JOINTS, contract
 
@@ -11,7 +10,6 @@ from humanoid_sim.policy.robot_check import (
     body_findings,
     joint_findings,
     model_damping_findings,
-    near_miss,
     point_findings,
 )
 from humanoid_sim.robots.description import RobotDescription
@@ -33,27 +31,6 @@ def test_joints_of_only_one_side(robot: RobotDescription) -> None:
     findings = tuple(joint_findings(wiring, robot))
     assert "is not a joint of 'walker'" in found(findings, "error", "joint_names", "tail").message
     assert "the policy does not" in found(findings, "error", "joint_names", "right_knee").message
-
-
-@pytest.mark.parametrize(
-    ("name", "known", "meant"),
-    [
-        ("left_knee", ["right_knee", "left_knee_joint"], "left_knee_joint"),
-        ("LeftKnee", ["left_ankle"], ""),
-        ("robot/left_knee", ["left_knee"], "left_knee"),
-        ("l_knee", ["right_knee", "left_knee"], "left_knee"),
-        ("left_knee", ["right_knee"], ""),
-        (
-            "left_shoulder_pich_joint",
-            ["left_shoulder_pitch_joint", "right_shoulder_pitch_joint"],
-            "left_shoulder_pitch_joint",
-        ),
-        ("torso", ["torso_link"], "torso_link"),
-        ("x", [], ""),
-    ],
-)
-def test_near_misses(name: str, known: list[str], meant: str) -> None:
-    assert near_miss(name, known) == meant
 
 
 def test_bodies_of_the_motion() -> None:

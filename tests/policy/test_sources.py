@@ -40,6 +40,9 @@ def test_metadata_can_be_ignored(tmp_path: Path) -> None:
 
 def test_a_source_that_is_not_there_cannot_be_ignored(tmp_path: Path) -> None:
     model = folder(tmp_path, "step_dt: 0.02\n", ignore=["deploy.yml"])
-    message = r"contract\.yaml: ignore: unknown source 'deploy\.yml'; known: mjlab metadata, deploy\.yaml$"
+    message = (
+        r"contract\.yaml: ignore: unknown source 'deploy\.yml' \(did you mean 'deploy\.yaml'\?\); "
+        r"known: mjlab metadata, deploy\.yaml$"
+    )
     with pytest.raises(InputError, match=message):
         assemble_contract(model, WALKER)

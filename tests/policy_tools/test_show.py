@@ -13,6 +13,7 @@ import pytest
 from published import HOLOSOMA_REST, POLICIES, needs_policies
 from trainer import JOINTS, contract, save_checkpoint, terms
 
+from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.describe import field_lines, term_lines
 from humanoid_sim.policy.loaded_policy import contract_layout
@@ -223,13 +224,13 @@ def test_a_complete_checkpoint_shows_the_same_from_its_thirteen_keys(cli, tmp_pa
     np.testing.assert_array_equal(outputs[0]["joint_damping"], plain.joint_damping)
 
 
-def test_doctor_is_a_program_of_its_own(cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_is_reached(cli, monkeypatch: pytest.MonkeyPatch) -> None:
     heard = []
 
-    def doctor(arguments: list[str]) -> int:
-        heard.append(arguments)
+    def doctor(config: DoctorConfig) -> int:
+        heard.append(config)
         return 3
 
-    monkeypatch.setitem(sys.modules, "humanoid_sim.doctor", SimpleNamespace(main=doctor))
-    assert cli("doctor", "--anything", "x.onnx")[0] == 3
-    assert heard == [["--anything", "x.onnx"]]
+    monkeypatch.setitem(sys.modules, "humanoid_sim.doctor.run", SimpleNamespace(doctor=doctor))
+    assert cli("doctor", "x.onnx", "--robot", "lite", "--top", "3")[0] == 3
+    assert heard == [DoctorConfig(Path("x.onnx"), "lite", top=3)]

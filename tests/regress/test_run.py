@@ -188,7 +188,7 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
         (short, "POLICIES: is empty, expected one or more ONNX checkpoints"),
         (
             (policy, "--suite", "nowhere"),
-            "--suite: is 'nowhere', expected a suite's YAML file or one of: lite_tracking",
+            "--suite: unknown suite 'nowhere'; known: lite_tracking",
         ),
         ((policy, *short, "--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
         ((policy, *short, "--json", str(there)), f"--json: '{there}' exists; choose another name, or add --overwrite"),
@@ -264,7 +264,7 @@ def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, caps
 def test_a_motion_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = yaml_suite(tmp_path, ONE.replace("motion: wave", "motion: no.mcap"))
     line = complaint(capsys, str(SAMPLE), "--suite", str(other))
-    assert line.startswith("case 'wave': 'no.mcap' is neither a file nor a sample motion; samples: circle, drum")
+    assert line.startswith("case 'wave': unknown motion 'no.mcap'; known: circle, drum")
 
 
 def test_a_policy_is_compared_with_itself_across_plants(suite: str, tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
-import tyro
-
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
@@ -40,10 +40,12 @@ class ConsoleConfig:
     prefix: str = "lite"
     """With --dds: what the robot's joint states are under."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("", "a page for the only session that runs"),)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
-    config = tyro.cli(ConsoleConfig, prog="humanoid_sim.console", args=arguments)
+    config = parse(ConsoleConfig, "console", arguments)
     host = checked_host(config.host)
     _refuse_conflicts(config)
     require_packages("console")

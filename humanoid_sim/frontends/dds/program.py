@@ -6,9 +6,9 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import ClassVar
 
-import tyro
-
+from humanoid_sim.command_line import parse
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader
@@ -38,10 +38,12 @@ class DdsConfig:
     """Serve another computer at this network interface instead, such as eth1, with joint states, IMU, mode, description
     and transforms alone. Whoever is on that network can then command the robot in REMOTE."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--interface eth1", "for another computer"),)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until the session ends; returns the exit status."""
-    config = tyro.cli(DdsConfig, prog="humanoid_sim.dds", args=arguments)
+    config = parse(DdsConfig, "dds", arguments)
     require_packages("dds")
     with ExitStack() as stack:
         is_local = config.interface == LOOPBACK

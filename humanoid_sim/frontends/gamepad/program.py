@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from time import sleep
+from typing import ClassVar
 
 import numpy as np
-import tyro
 
 from humanoid_sim.client import Intake, SessionError
+from humanoid_sim.command_line import parse
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends import require_packages
@@ -52,6 +53,8 @@ class GamepadConfig:
     """Number buttons and axes as the driver does, not in the order of an Xbox pad."""
     joy: JoyBindings = field(default_factory=JoyBindings)
     sticks: Sticks = field(default_factory=Sticks)
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--list", "which gamepads are plugged in?"),)
 
 
 class Driver:
@@ -141,7 +144,7 @@ class Driver:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
-    config = tyro.cli(GamepadConfig, prog="humanoid_sim.gamepad", args=arguments)
+    config = parse(GamepadConfig, "gamepad", arguments)
     require_packages("gamepad")
     pads = Pads(raw=config.raw)
     try:

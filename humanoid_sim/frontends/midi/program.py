@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from functools import partial
-
-import tyro
+from typing import ClassVar
 
 from humanoid_sim.client import Intake, SessionError
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
@@ -48,6 +48,8 @@ class MidiConfig:
     list: bool = False
     """Show the MIDI ports and end; 1 if there is none."""
 
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--list", "which keyboards are plugged in?"),)
+
 
 class Teller:
     """From the keyboard to the session's intake: a sample in each period, as long as it is known which keys are down.
@@ -77,7 +79,7 @@ class Teller:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
-    config = tyro.cli(MidiConfig, prog="humanoid_sim.midi", args=arguments)
+    config = parse(MidiConfig, "midi", arguments)
     _check(config)
     if not config.device:
         require_packages("midi")

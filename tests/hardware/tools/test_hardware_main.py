@@ -19,7 +19,7 @@ def test_help_lists_every_tool(capsys: pytest.CaptureFixture[str]) -> None:
         main(["--help"])
     assert ended.value.code == 0
     printed = capsys.readouterr().out
-    assert all(f"• {tool} " in printed for tool in _TOOLS)
+    assert all(f"\n  {tool} " in printed for tool in _TOOLS)
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -1,0 +1,48 @@
+"""Which of the known names somebody meant: for messages about names that do not exist."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+from itertools import islice
+
+__all__ = ["near_miss"]
+
+_AFFIXES = re.compile(r"^(joint_)|(_joint|_link|_dof|_motor)$")
+_SIDES = ((r"^l_", "left_"), (r"^r_", "right_"), (r"_l$", "_left"), (r"_r$", "_right"))
+_LONGEST, _MOST = 200, 2000
+"""Characters, and names: a file from outside may hold any number of any length, and comparing takes time."""
+
+
+def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
+    """The one of the known names that was probably meant; empty if none is close.
+
+    Args:
+        name: the unknown one.
+        known: those that exist.
+        likeness: of the letters of the two, 0 to 1, from which one is taken for a slip of the other.
+    """
+    plain = {_plain(other): other for other in islice(known, _MOST)}
+    wanted = _plain(name[:_LONGEST])
+    if wanted in plain:
+        return plain[wanted]
+    close = difflib.get_close_matches(wanted, list(plain), n=1, cutoff=likeness)
+    # left_knee and right_knee, rs-02 and rs-04 are close in letters and far in meaning.
+    if close and _which(close[0]) == _which(wanted):
+        return plain[close[0]]
+    return ""
+
+
+def _plain(name: str) -> str:
+    """A name without what exporters add, drop or spell differently, and without an option's dashes."""
+    text = name.lstrip("-").rpartition("/")[2].lower().replace("-", "_").replace(" ", "_")
+    text = _AFFIXES.sub("", text)
+    for pattern, side in _SIDES:
+        text = re.sub(pattern, side, text)
+    return text
+
+
+def _which(name: str) -> list[str]:
+    """Side and numbers: what tells things of one kind apart."""
+    return re.findall(r"left|right|[0-9]+", name)

@@ -1,0 +1,87 @@
+"""What is wrong with a command line is said in one line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from humanoid_sim.cli import main
+
+HELP = "--help' says what is accepted"
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("plya",), "unknown verb 'plya' (did you mean 'play'?); known: play, robot, "),
+        (
+            ("policy", "chek"),
+            "policy: unknown command 'chek' (did you mean 'check'?); known: show, check, stamp, doctor",
+        ),
+        (
+            ("hardware", "param", "gett"),
+            "hardware param: unknown command 'gett' (did you mean 'get'?); known: get, set, ",
+        ),
+        (("policy",), "policy: expected one of show, check, stamp, doctor; 'python -m humanoid_sim.policy --help'"),
+        (("mode", "dmap"), "mode: unknown intent 'dmap' (did you mean 'damp'?); known: damp, load_a, "),
+        (
+            ("mode", "damp", "--session", "x"),
+            "--session: is 'x', expected a whole number; ",
+        ),
+        (("mode",), f"missing: INTENT; 'python -m humanoid_sim.mode {HELP}"),
+        (
+            ("play", "--robt", "lite"),
+            "unknown option '--robt' (did you mean '--robot'?); ",
+        ),
+        (("play", "--xyz=3"), "unknown option '--xyz'; 'python -m humanoid_sim.play --help' lists all"),
+        (("play", "--no-console"), "unknown option '--no-console' (did you mean '--console'?); "),
+        (
+            ("play", "--viewer", "natve"),
+            "--viewer: unknown choice 'natve' (did you mean 'native'?); known: auto, none, native, ",
+        ),
+        (("play", "--viewer=x"), "--viewer: unknown choice 'x'; known: auto, none, native, rerun"),
+        (("play", "--yaw", "x"), f"--yaw: is 'x', expected a number; 'python -m humanoid_sim.play {HELP}"),
+        (("play", "--duration", "x"), "--duration: is 'x', expected a number; "),
+        (("play", "--host-id", "3.5"), "--host-id: is '3.5', expected a whole number; "),
+        (("play", "--script"), "--script: its value is missing; "),
+        (("play", "x.onnx"), f"unexpected: x.onnx; 'python -m humanoid_sim.play {HELP}"),
+        (("play", "--robot", "lite_bipd"), "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, "),
+        (("play", "--motion", "wve"), "--motion: unknown motion 'wve' (did you mean 'wave'?); known: circle, "),
+        (("play", "--policy", "placeholder", "--script", "dmap"), "--script: "),
+        (
+            ("regress", "x", "--suite", "velocty"),
+            "--suite: unknown suite 'velocty' (did you mean 'velocity'?); known: ",
+        ),
+        (("policy", "check", "x.onnx"), f"missing: --robot ROBOT; 'python -m humanoid_sim.policy check {HELP}"),
+        (("policy", "check"), "missing: CHECKPOINT, --robot ROBOT; "),
+        (("hardware", "ping", "can0", "x"), "MOTOR_ID: is 'x', expected a whole number; "),
+        (("hardware", "ping", "can0"), "missing: MOTOR_ID; "),
+    ],
+)
+def test_one_line(words: tuple[str, ...], line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert error.startswith(f"error: {line}")
+    assert error.count("\n") == 1
+
+
+def test_underscores_do_as_well(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", "--policy_seconds", "x"]) == 2
+    assert capsys.readouterr().err.startswith("error: --policy-seconds: is 'x', expected a number; ")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
+def test_whatever_the_terminal_can_show(encoding: str) -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "humanoid_sim.play", "--yaw", "x" * 300],
+        env={**os.environ, "PYTHONIOENCODING": encoding, "COLUMNS": "40"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == f"error: --yaw: is '{'x' * 300}', expected a number; 'python -m humanoid_sim.play {HELP}\n"
