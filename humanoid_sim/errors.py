@@ -72,7 +72,9 @@ def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = Tr
     names = list(known)
     near = near_miss(name, names)
     meant = f" (did you mean '{near}'?)" if near else ""
-    return f"unknown {what} '{name}'{meant}" + (f"; known: {', '.join(names) or 'none'}" if listed else "")
+    if not listed:
+        return f"unknown {what} '{name}'{meant}"
+    return f"unknown {what} '{name}'{meant}; known: {', '.join(names) or 'none'}"
 
 
 def one_line(text: str) -> str:
