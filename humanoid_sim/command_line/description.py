@@ -160,7 +160,7 @@ def _option(name: str, kind: Any, markers: list[Any], default: Any, text: str, p
         name,
         () if is_place else names,
         "" if is_switch else (stated or [metavar])[0],
-        _filled(text),
+        _filled(f"Leaves this out: {text[:1].lower()}{text[1:]}" if is_switch and default is True else text),
         "" if is_switch or "efault" in text or "ithout," in text else _shown(default),
         is_required,
         takes_many,

@@ -189,7 +189,7 @@ options:
   --where WHERE           The place. Required.
   --often N               How often. Default: 3.
   --quietly               Without noise.
-  --no-loudly             With noise.
+  --no-loudly             Leaves this out: with noise.
   --many X ...            Numbers. Default: 1 0.5.
 
 examples:

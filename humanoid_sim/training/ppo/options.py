@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 __all__ = ["CurvesConfig", "TrainConfig"]
 
@@ -20,7 +21,7 @@ class TrainConfig:
     """tracking (arms follow the bodies of a motion), motion (a whole body follows a motion), velocity, walking
     (velocity, with a gait on the contract's clock), balance, or auto: the one that the contract was made for."""
     robot: str = "lite"
-    """A shipped robot, the path of a robot's YAML file or of an MJCF."""
+    """A shipped robot ({robots}), the path of a robot's YAML file or of an MJCF."""
     contract: str | None = None
     """What the policy observes and commands: a contract.yaml, a checkpoint (.onnx) whose contract is taken, or a
     shipped name. Default: that of the policy that ships for the robot."""
@@ -61,6 +62,17 @@ class TrainConfig:
     """Of everything random. The same seed gives the same figures, not the same bits: threads share the physics."""
     threads: int = 1
     """Of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
+
+    GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "most used": ("task", "robot", "contract", "motion", "steps", "minutes", "folder", "output", "resume"),
+        "training": ("algorithm", "robots", "randomisation", "privileged", "seed", "threads"),
+        "simulation": ("actuation", "physics_timestep"),
+        "what is kept and measured": ("checkpoint_seconds", "video_minutes", "tensorboard", "regress"),
+    }
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("--task walking --robot lite_biped --minutes 30", "a policy that walks"),
+        ("--motion circle --folder runs/circle --resume", "go on where it was left"),
+    )
 
 
 @dataclass(frozen=True)
