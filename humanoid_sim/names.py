@@ -27,7 +27,8 @@ def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
     wanted = _plain(name[:_LONGEST])
     if wanted in plain:
         return plain[wanted]
-    close = difflib.get_close_matches(wanted, list(plain), n=1, cutoff=likeness)
+    shuffled = [other for other in plain if sorted(other.split("_")) == sorted(wanted.split("_"))]
+    close = shuffled or difflib.get_close_matches(wanted, list(plain), n=1, cutoff=likeness)
     # left_knee and right_knee, rs-02 and rs-04 are close in letters and far in meaning.
     if close and _which(close[0]) == _which(wanted):
         return plain[close[0]]

@@ -29,6 +29,7 @@ from humanoid_sim.names import near_miss
         ("rs-09", ["rs-00", "rs-04"], ""),
         ("eth7", ["lo", "eth1"], ""),
         ("rs_2", ["rs-2"], "rs-2"),
+        ("sb3-ppo", ["ppo-rsl_rl", "ppo-sb3"], "ppo-sb3"),
         ("dance", ["play", "replay"], ""),
         ("right_elbw", ["left_elbow"], ""),
     ],

@@ -70,8 +70,8 @@ class TrainConfig:
         "what is kept and measured": ("checkpoint_seconds", "video_minutes", "tensorboard", "regress"),
     }
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("--task walking --robot lite_biped --minutes 30", "a policy that walks"),
-        ("--motion circle --folder runs/circle --resume", "go on where it was left"),
+        ("--robot lite_biped --minutes 30", "a policy that walks"),
+        ("--motion circle --resume", "go on where it was left"),
     )
 
 

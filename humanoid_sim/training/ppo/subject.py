@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,15 +105,5 @@ def subject_of(config: TrainConfig) -> Subject:
 def _known(option: str, what: str, name: str, known: Iterable[str]) -> None:
     """Refuse a name that is not known, and suggest the nearest."""
     names = tuple(known)
-    if name in names:
-        return
-    alike = {_plain(known): known for known in names}
-    near = difflib.get_close_matches(_plain(name), list(alike), n=1, cutoff=0.7)
-    meant = alike[near[0]] if near else ""
-    hint = f" (did you mean '{meant}'?)" if meant else ""
-    raise InputError(f"{option}: {known_names(what, name, names)}{hint}")
-
-
-def _plain(name: str) -> str:
-    """A name whose words may come in any order, with any punctuation between them."""
-    return " ".join(sorted(re.split(r"[\W_]+", name.lower())))
+    if name not in names:
+        raise InputError(f"{option}: {known_names(what, name, names)}")

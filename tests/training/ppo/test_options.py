@@ -19,8 +19,7 @@ from humanoid_sim.training.ppo.learner import ALGORITHMS
     [
         (
             ["--task", "trackin"],
-            "--task: unknown task 'trackin'; known: auto, tracking, motion, velocity, walking, balance "
-            "(did you mean 'tracking'?)",
+            "--task: unknown task 'trackin' (did you mean 'tracking'?); known: auto, tracking, motion, velocity, ",
         ),
         (
             ["--task", "dance"],
@@ -28,15 +27,15 @@ from humanoid_sim.training.ppo.learner import ALGORITHMS
         ),
         (
             ["--algorithm", "sb3-ppo"],
-            "--algorithm: unknown algorithm 'sb3-ppo'; known: ppo-sb3, ppo-rsl_rl (did you mean 'ppo-sb3'?)",
+            "--algorithm: unknown algorithm 'sb3-ppo' (did you mean 'ppo-sb3'?); known: ppo-sb3, ppo-rsl_rl",
         ),
         (["--algorithm", "PPO_RSL"], "(did you mean 'ppo-rsl_rl'?)"),
-        (["--robot", "lite_bipd"], "unknown robot 'lite_bipd': neither a file nor one of: lite, lite_biped"),
+        (["--robot", "lite_bipd"], "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, lite_biped"),
         (["--task", "velocity"], "lite: has a fixed base, expected a floating one, to walk with"),
         (["--robot", "lite_biped", "--task", "tracking"], "task: tracking needs a motion with motion_body_pos_b"),
         (["--robot", "lite_biped", "--motion", "wave"], "follows no motion"),
         (["--contract", "no.yaml"], "no.yaml: no such file"),
-        (["--motion", "waltz"], "'waltz' is neither a file nor a sample motion"),
+        (["--motion", "waltz"], "motion: unknown motion 'waltz'; known: circle, "),
         (["--randomisation", "no.yaml"], "no.yaml: no such file"),
         (["--steps", "0"], "--steps: is 0, expected at least 1"),
         (["--robots", "0"], "--robots: is 0, expected at least 1"),
