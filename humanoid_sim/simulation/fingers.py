@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -11,16 +13,20 @@ import numpy.typing as npt
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.piano import PIANOS, Key
+from humanoid_sim.robots.piano import KEY_COUNT, PIANOS, Key
 from humanoid_sim.simulation.inverse_kinematics import damped_step
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
-__all__ = ["HANDS", "HOVER", "Fingers"]
+__all__ = ["DEPTH", "HANDS", "HOVER", "LIFT", "Fingers", "Strike"]
 
 HANDS = ("left", "right")
 """In the order of `PianoSettings.fingers`."""
-HOVER = 0.03
+HOVER = 0.016
 """m between a finger and the key below it, before it strikes."""
+LIFT = 0.05
+"""m above the white keys at which a finger goes from one key to another: well above the black ones."""
+DEPTH = 0.86
+"""Share of its travel to which a key is pressed."""
 _FROM_EDGE = {True: 0.012, False: 0.010}
 """m from the front edge at which white keys are struck, and black ones: over white keys is then only the tip."""
 _DIRECTION = np.array([0.6, 0.0, -0.8])
@@ -40,6 +46,17 @@ _STOP_MARGIN = 0.03
 """rad that joints keep from their limits."""
 _OVERLAP = 5e-4
 """m by which shapes may overlap."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Strike:
+    """The poses, shape (7,), rad each, in which an arm plays a key."""
+
+    lifted: FloatArray
+    """On the way to other keys."""
+    above: FloatArray
+    touched: FloatArray
+    pressed: FloatArray
 
 
 class Fingers:
@@ -102,6 +119,13 @@ class Fingers:
         tip[2] += self.settings.finger_radius + height
         return tip
 
+    def tip_lifted(self, key: Key) -> FloatArray:
+        """Where the tip is on the way to other keys: shape (3,), m, world frame. A straight line over all keys."""
+        ends = [key.box.position[0] + key.box.size[0] - _FROM_EDGE[key.is_white] for key in self.keys[:2]]
+        height = LIFT + self.settings.finger_radius
+        place: FloatArray = self._origin + self._axes @ [0.5 * sum(ends), key.box.position[1], height]
+        return place
+
     def solve(self, hand: int, tip: FloatArray, start: FloatArray | None = None) -> FloatArray:
         """The arm's pose, shape (7,), rad, that brings the middle of the tip as near to a place as it gets.
 
@@ -149,26 +173,37 @@ class Fingers:
         torque: FloatArray = bias[dof] - force * self._jacobians[0][2, dof]
         return torque
 
-    def can_strike(self, hand: int, key: Key) -> bool:
-        """Whether a hand reaches a key, above it and pressed, without touching anything else."""
-        above = self.solve(hand, self.tip_above(key, HOVER))
-        pressed = self.solve(hand, self.tip_above(key, 0.0, 1.0), above)
-        return all(
-            self._is_clean(hand, pose, tip, key, share)
-            for pose, tip, share in (
-                (above, self.tip_above(key, HOVER), 0.0),
-                (pressed, self.tip_above(key, 0.0, 1.0), 1.0),
-            )
-        )
+    def spring_force(self, key: Key, pressed: float = 1.0) -> float:
+        """N at the strike point that hold a key at a share of its travel; its weight, which helps, is left out."""
+        figures = PIANOS[self.settings.figures]
+        x = key.box.position[0] + key.box.size[0] - _FROM_EDGE[key.is_white]
+        return figures.stiffness * (pressed * key.upper - figures.spring_reference) / (x - key.hinge)
 
-    def reachable(self, hand: int) -> tuple[int, ...]:
-        """The keys that a hand can strike: of all that it can, the longest run without a gap."""
-        longest: list[int] = []
-        run: list[int] = []
+    def strike(self, hand: int, key: Key) -> Strike | None:
+        """How a hand plays a key.
+
+        None where it cannot reach it, touches anything else, or comes close to a joint's limit.
+        """
+        lifted_tip = self.tip_lifted(key)
+        above_tip, pressed_tip = self.tip_above(key, HOVER), self.tip_above(key, 0.0, DEPTH)
+        lifted = self.solve(hand, lifted_tip)
+        above = self.solve(hand, above_tip, lifted)
+        touched = self.solve(hand, self.tip_above(key, 0.0), above)
+        pressed = self.solve(hand, pressed_tip, touched)
+        for pose, tip, share in ((lifted, lifted_tip, 0.0), (above, above_tip, 0.0), (pressed, pressed_tip, DEPTH)):
+            if not self._is_clean(hand, pose, tip, key, share):
+                return None
+        return Strike(lifted, above, touched, pressed)
+
+    def reachable(self, hand: int, keys: Collection[int] = range(KEY_COUNT)) -> Mapping[int, Strike]:
+        """Of some keys those that a hand can strike, and how: the longest run without a gap."""
+        longest: dict[int, Strike] = {}
+        run: dict[int, Strike] = {}
         for key in self.keys:
-            run = [*run, key.index] if self.can_strike(hand, key) else []
+            strike = self.strike(hand, key) if key.index in keys else None
+            run = {} if strike is None else {**run, key.index: strike}
             longest = run if len(run) > len(longest) else longest
-        return tuple(longest)
+        return longest
 
     def _is_clean(self, hand: int, pose: FloatArray, tip: FloatArray, key: Key, share: float) -> bool:
         arm = self.arms[hand]

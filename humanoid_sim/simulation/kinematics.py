@@ -10,7 +10,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 
-__all__ = ["ForwardKinematics", "GravityTorque"]
+__all__ = ["ForwardKinematics", "GravityTorque", "MassMatrix"]
 
 
 class ForwardKinematics:
@@ -90,3 +90,28 @@ class GravityTorque:
         mujoco.mj_comPos(model, data)
         mujoco.mj_rne(model, data, 0, self._bias)  # qvel stays zero: no Coriolis terms
         return np.clip(self._bias[self._addresses.dof], -self._limit, self._limit)
+
+
+class MassMatrix:
+    """The joints' inertia, motors included. One instance per thread."""
+
+    def __init__(self, description: RobotDescription) -> None:
+        """Build the model.
+
+        Raises:
+            InputError: see `build_model`.
+        """
+        self._model = build_model(description, scene=False)
+        self._data = mujoco.MjData(self._model)
+        self._addresses = joint_addresses(self._model, description.joint_names)
+        self._whole = np.empty((self._model.nv, self._model.nv))
+
+    def __call__(self, joint_position: FloatArray) -> FloatArray:
+        """Shape (n,), rad, joint frame → shape (n, n), kg·m²; a new array."""
+        model, data = self._model, self._data
+        data.qpos[self._addresses.qpos] = joint_position
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_fullM(model, data, self._whole)
+        return self._whole[np.ix_(self._addresses.dof, self._addresses.dof)]

@@ -59,7 +59,7 @@ def test_the_robot_is_the_lite_with_a_piano(name: str, figures: str) -> None:
         ("_tip, right_finger2_tip]", "_tip]", "fingers: has 1 sites, expected 2, the left hand's first"),
         ("reach: [[5, 55], ", "reach: [", "reach: has 1 spans, expected one for each of the piano's fingers"),
         ("[5, 55]", "[5, 88]", "reach[0]: is [5, 88], expected the lowest and the highest key of 0 to 87"),
-        ("key_force_limit: 7.1", "key_force_limit: 0", "key_force_limit: is 0.0, expected a finite number > 0"),
+        ("key_force_limit: 14.0", "key_force_limit: 0", "key_force_limit: is 0.0, expected a finite number > 0"),
     ],
 )
 def test_a_wrong_piano_is_refused(tmp_path: Path, old: str, new: str, problem: str) -> None:
@@ -72,13 +72,10 @@ def test_a_wrong_piano_is_refused(tmp_path: Path, old: str, new: str, problem: s
 
 
 def test_the_keys_force_limit_follows_from_motor_and_keys() -> None:
-    """What the wrist's motor can hold at the finger's tip, and well above what the stiffest key needs."""
+    """Five times what holds the stiffest key down where it is struck, and less than the wrist can press with."""
     robot = load_robot("lite_piano")
     assert robot.piano is not None
-    assert robot.piano.key_force_limit == pytest.approx(1.6 / 0.225, abs=0.05)
-    needed = max(
-        kind["static_force_to_trigger_at_front_edge_N"]
-        for v in FIGURES.values()
-        for kind in v["rest_and_force"].values()
-    )
-    assert robot.piano.key_force_limit > 3.0 * needed
+    figures = PIANOS["dep20"]
+    held = max(figures.stiffness * (key.upper - figures.spring_reference) / (key.lever - 0.01) for key in figures.keys)
+    assert robot.piano.key_force_limit == pytest.approx(5.0 * held, abs=0.1)
+    assert robot.piano.key_force_limit < robot.effort_limit[6] / 0.225

@@ -1,0 +1,342 @@
+"""A song played open loop: inverse kinematics says how to strike each key, a plan which hand takes which note.
+
+What a piano policy is measured against, and what it learns from. It hears nothing: the commands follow from the goals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.piano import KEY_COUNT
+from humanoid_sim.simulation.fingers import DEPTH, HANDS, HOVER, Fingers
+from humanoid_sim.simulation.kinematics import MassMatrix
+
+__all__ = ["APART", "HOME", "Goal", "KeyPoses", "PianoPlayer", "Timing", "goals_of"]
+
+IntArray = npt.NDArray[np.intp]
+
+HORIZON = 1.2
+"""s ahead that the player looks."""
+_PRESSING = 0.3
+"""N with which a finger holds a key at the end of its travel, beyond what the key's spring needs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """One note, in policy steps."""
+
+    key: int
+    start: int
+    """The first step in which the key should be down."""
+    end: int
+    """The first in which it should not."""
+
+
+def goals_of(table: npt.NDArray[np.floating]) -> list[Goal]:
+    """The notes of a table of goals, shape (F, 88), 0 or 1, in order of their start."""
+    down = np.zeros((len(table) + 2, table.shape[1]), dtype=np.int8)
+    down[1:-1] = table > 0.5
+    change = np.diff(down, axis=0)
+    goals = []
+    for key in np.flatnonzero(down.any(axis=0)).tolist():
+        starts, ends = np.flatnonzero(change[:, key] == 1), np.flatnonzero(change[:, key] == -1)
+        goals += [Goal(key, int(start), int(end)) for start, end in zip(starts, ends, strict=True)]
+    return sorted(goals, key=lambda goal: (goal.start, goal.key))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyPoses:
+    """What is commanded to have each hand over a key, and on it; the servos sag below it to where the pose is."""
+
+    table: FloatArray
+    """Shape (2, 4, 88, 7), rad: lifted, above, touched, pressed; of the nearest key where a hand does not reach one."""
+    touch: FloatArray
+    """Shape (88,): share of the way from above a key to on it at which the finger touches it."""
+    ready: FloatArray
+    """Shape (2, 7), rad: where the song begins."""
+    keys: tuple[tuple[int, ...], tuple[int, ...]]
+    """Those that each hand reaches."""
+    arms: tuple[IntArray, IntArray]
+    """Places of each arm's joints among the robot's."""
+
+    @classmethod
+    def of(cls, description: RobotDescription, keys: Collection[int] = range(KEY_COUNT)) -> KeyPoses:
+        """Of a robot with a piano; takes a few seconds for all keys.
+
+        Raises:
+            InputError: the robot has no piano, or a hand reaches none of the keys.
+        """
+        fingers = Fingers(description)
+        table = np.full((len(HANDS), 4, KEY_COUNT, 7), np.nan)
+        reached = []
+        for hand in range(len(HANDS)):
+            stiffness = description.stiffness[fingers.arms[hand]]
+            strikes = fingers.reachable(hand, keys)
+            if not strikes:
+                raise InputError(f"{description.name}: its {HANDS[hand]} hand reaches none of the keys")
+            for key, strike in strikes.items():
+                force = fingers.spring_force(fingers.keys[key], DEPTH)
+                poses = strike.lifted, strike.above, strike.touched, strike.pressed
+                for i, (pose, pressing) in enumerate(zip(poses, (0.0, 0.0, 0.0, force + _PRESSING), strict=True)):
+                    table[hand, i, key] = pose + fingers.holding_torque(hand, pose, pressing) / stiffness
+            reached.append(tuple(strikes))
+            nearest = np.clip(np.arange(KEY_COUNT), min(strikes), max(strikes))
+            table[hand] = table[hand][:, nearest]
+        ready = np.stack([fingers.ready[arm] for arm in fingers.arms])
+        drop = [fingers.tip_above(key, 0.0)[2] - fingers.tip_above(key, 0.0, DEPTH)[2] for key in fingers.keys]
+        touch = HOVER / (HOVER + np.array(drop))
+        return cls(table, touch, ready, (reached[0], reached[1]), (fingers.arms[0], fingers.arms[1]))
+
+    def stroke(self, hand: int, key: int, share: float) -> FloatArray:
+        """The command, shape (7,), rad, a share of the way from above a key to on it."""
+        _, above, touched, pressed = self.table[hand, :, key]
+        touch = self.touch[key]
+        command: FloatArray
+        if share < touch:
+            command = above + share / touch * (touched - above)
+        else:
+            command = touched + (share - touch) / (1.0 - touch) * (pressed - touched)
+        return command
+
+    def lifted(self, hand: int, key: float) -> FloatArray:
+        """The command, shape (7,), rad, on the way between two keys."""
+        low = min(max(int(key), 0), KEY_COUNT - 2)
+        table = self.table[hand, 0]
+        command: FloatArray = table[low] + (key - low) * (table[low + 1] - table[low])
+        return command
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How long things take, in s."""
+
+    press: float = 0.14
+    """From over a key until it is down."""
+    sounds: float = 0.10
+    """From the beginning of that until the key sounds."""
+    release: float = 0.06
+    """From the bottom of a key to over it."""
+    stops: float = 0.02
+    """From the beginning of that until the key stops."""
+    travel: float = 0.08
+    """Of the way to another key, and"""
+    per_key: float = 0.008
+    """beyond it for each semitone."""
+
+
+@dataclass(slots=True, eq=False)
+class _Hand:
+    """Where a hand is, and on which way."""
+
+    side: int
+    key: int
+    """Over which it is, or will be."""
+    pose: FloatArray
+    """Shape (7,), rad."""
+    down: bool = False
+    strokes: bool = False
+    """Whether its way is down to, or up from, a key."""
+    start: FloatArray | None = None
+    """Shape (7,), rad, where its present way began; None while it rests."""
+    origin: int = -1
+    """The key over which it began."""
+    step: int = 0
+    steps: int = 0
+
+
+class PianoPlayer:
+    """Plays songs with the two hands of a robot; it remembers nothing between songs."""
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        policy_dt: float,
+        *,
+        poses: KeyPoses | None = None,
+        timing: Timing = Timing(),
+    ) -> None:
+        """Prepare.
+
+        Args:
+            description: of a robot with a piano.
+            policy_dt: s between two commands.
+            poses: of the same robot, if they are known.
+            timing: of strokes and ways.
+        """
+        self.poses = KeyPoses.of(description) if poses is None else poses
+        self._lower, self._upper = description.lower, description.upper
+        self._stiffness, self._damping = description.stiffness, description.damping
+        self._mass = MassMatrix(description)
+        self._timing, self._dt = timing, policy_dt
+        self._press, self._sounds, self._release, self._stops = (
+            max(round(value / policy_dt), 1) for value in (timing.press, timing.sounds, timing.release, timing.stops)
+        )
+        self._horizon = round(HORIZON / policy_dt)
+
+    def play(self, table: npt.NDArray[np.floating]) -> FloatArray:
+        """The commands of a song, shape (F, n), rad.
+
+        They lead the planned poses by what the MIT law takes to follow them: `q + (K_d q' + M q'') / K_p`.
+
+        Args:
+            table: shape (F, 88), 0 or 1: the goals at each step.
+        """
+        planned = self.plan(table)
+        padded = np.concatenate([planned[:1], planned, planned[-1:]])
+        velocity = (padded[2:] - padded[:-2]) / (2.0 * self._dt)
+        acceleration = (padded[2:] - 2.0 * planned + padded[:-2]) / self._dt**2
+        lead = self._damping * velocity
+        for frame in np.flatnonzero(acceleration.any(axis=1)).tolist():
+            lead[frame] += self._mass(planned[frame]) @ acceleration[frame]
+        commands: FloatArray = np.clip(planned + lead / self._stiffness, self._lower, self._upper)
+        return commands
+
+    def plan(self, table: npt.NDArray[np.floating]) -> FloatArray:
+        """Where the hands should be, shape (F, n), rad, with what their servos sag added; arguments as of `play`."""
+        goals = goals_of(table)
+        owner: Mapping[Goal, int] = {}
+        hands = [_Hand(i, HOME[i], self.poses.ready[i].copy()) for i in range(len(HANDS))]
+        planned = np.empty((len(table), len(self._lower)))
+        known = 0
+        for frame in range(len(table)):
+            seen = known
+            while known < len(goals) and goals[known].start <= frame + self._horizon:
+                known += 1
+            coming = [goal for goal in goals[:known] if goal.end > frame]
+            if known > seen:
+                owner = self._assign(frame, coming, owner, hands)
+            own = [[goal for goal in coming if owner.get(goal) == hand.side] for hand in hands]
+            for hand in hands:
+                if hand.start is None:
+                    self._decide(frame, hand, own[hand.side], own[1 - hand.side], hands[1 - hand.side])
+                self._move(hand)
+                planned[frame, self.poses.arms[hand.side]] = hand.pose
+        return planned
+
+    def _move(self, hand: _Hand) -> None:
+        """One step along the present way: at rest at both ends, lifted in between where it leads to another key."""
+        if hand.start is None:
+            return
+        hand.step += 1
+        share = _smooth(hand.step / hand.steps)
+        if hand.strokes:
+            hand.pose = self.poses.stroke(hand.side, hand.key, share if hand.down else 1.0 - share)
+        else:
+            way = abs(hand.key - hand.origin)
+            # Up to the line on which hands are lifted, and down from there: between far poses lies no straight way.
+            near = min(max(0.5 + (share - 0.5) * max(way / (2.0 * _LIFTED), 1.0), 0.0), 1.0)
+            lift = _smooth(min(min(share, 1.0 - share) * way / _LIFTED, 1.0))
+            lifted = self.poses.lifted(hand.side, hand.origin + share * (hand.key - hand.origin))
+            end = self.poses.table[hand.side, 1, hand.key]
+            low = hand.start + near * (end - hand.start)
+            hand.pose = low + lift * (lifted - low) if lift else low
+        if hand.step >= hand.steps:
+            hand.start, hand.origin = None, hand.key
+
+    def _begin(self, hand: _Hand, key: int, *, down: bool, steps: int) -> None:
+        hand.strokes = down or hand.down
+        hand.start, hand.origin, hand.key, hand.down = hand.pose, hand.key, key, down
+        hand.step, hand.steps = 0, steps
+
+    def _decide(self, frame: int, hand: _Hand, own: Sequence[Goal], others: Sequence[Goal], other: _Hand) -> None:
+        """What a hand at rest does next, for its notes, or out of the other's way."""
+        own = [goal for goal in own if goal.key in self.poses.keys[hand.side]]
+        while own and own[0].start <= frame and self._end(own) - frame <= self._stops:
+            own = own[1:]
+        if hand.down:
+            if not (own and own[0].key == hand.key and own[0].start - frame <= self._sounds):
+                self._begin(hand, hand.key, down=False, steps=self._release)
+        elif own and own[0].key == hand.key and (hand.pose == self.poses.table[hand.side, 1, hand.key]).all():
+            if own[0].start - frame <= self._sounds:
+                self._begin(hand, hand.key, down=True, steps=self._press)
+        else:
+            key = own[0].key if own else self._aside(hand, others, other)
+            if own or key != hand.key:
+                self._begin(hand, key, down=False, steps=max(self._way(hand.key, key), self._release))
+
+    def _way(self, a: int, b: int) -> int:
+        """Steps from over one key to over another."""
+        return 0 if a == b else round((self._timing.travel + self._timing.per_key * abs(a - b)) / self._dt)
+
+    def _needed(self, a: int, b: int) -> int:
+        """Steps from over one key until another sounds."""
+        return self._sounds + self._way(a, b)
+
+    def _assign(
+        self, frame: int, coming: Sequence[Goal], owner: Mapping[Goal, int], hands: Sequence[_Hand]
+    ) -> Mapping[Goal, int]:
+        """The hand of each note: those that are near keep theirs, the cheapest choice for the others."""
+        near = {goal: owner[goal] for goal in coming if goal in owner and goal.start - frame < self._horizon // 2}
+        free = [goal for goal in coming if goal not in near][:_CHOSEN]
+        best, cheapest = dict(near), np.inf
+        for choice in product(range(len(HANDS)), repeat=len(free)):
+            owners = {**near, **dict(zip(free, choice, strict=True))}
+            cost = self._cost(frame, owners, hands)
+            if cost < cheapest:
+                best, cheapest = owners, cost
+        return best
+
+    def _cost(self, frame: int, owners: Mapping[Goal, int], hands: Sequence[_Hand]) -> float:
+        cost = 0.0
+        of_hand = [sorted((g for g, h in owners.items() if h == hand), key=lambda g: g.start) for hand in range(2)]
+        for hand, goals in enumerate(of_hand):
+            key, free = hands[hand].key, frame
+            for goal in goals:
+                if goal.key not in self.poses.keys[hand]:
+                    cost += _IMPOSSIBLE
+                    continue
+                if goal.start > frame or key != goal.key:
+                    late = self._release - self._stops + self._needed(key, goal.key) - (goal.start - free)
+                    cost += _LATE * max(late, 0)
+                cost += _WAY * abs(goal.key - key) + _COMFORT * abs(goal.key - HOME[hand])
+                key, free = goal.key, goal.end
+        for left in of_hand[0]:
+            for right in of_hand[1]:
+                apart = max(left.start - right.end, right.start - left.end)
+                if right.key - left.key < APART and apart < _CLEAR:
+                    cost += _CROSSED if apart < 0 else 0.2 * _CROSSED
+        return cost
+
+    def _end(self, own: Sequence[Goal]) -> int:
+        """When the first note of a hand ends, or a little sooner, if the hand has to be elsewhere by then."""
+        goal = own[0]
+        if len(own) < 2:
+            return goal.end
+        needed = self._release - self._stops + self._needed(goal.key, own[1].key)
+        soonest = max(goal.end - _CUT, (goal.start + goal.end) // 2)
+        return max(min(goal.end, own[1].start - needed), soonest)
+
+    def _aside(self, hand: _Hand, others: Sequence[Goal], other: _Hand) -> int:
+        """Where a hand with nothing to do waits: where it is, out of the other's way."""
+        keys = self.poses.keys[hand.side]
+        taken = [other.key, *(goal.key for goal in others[:1])]
+        away = min(hand.key, min(taken) - APART) if hand.side == 0 else max(hand.key, max(taken) + APART)
+        return min(max(away, keys[0]), keys[-1])
+
+
+def _smooth(share: float) -> float:
+    """From 0 to 1 with neither speed nor acceleration at the ends: least jerk (Flash and Hogan 1985)."""
+    return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+
+
+HOME = 30, 57
+"""The key over which each hand is at home."""
+APART = 5
+"""Semitones that hands keep from each other."""
+_LIFTED = 4.0
+"""Semitones within which a hand rises to where hands are lifted, and comes down again."""
+_CHOSEN = 6
+"""Notes whose hands are chosen at a time."""
+_CLEAR = 12
+"""Steps in which a hand gets out of the other's way."""
+_CUT = 5
+"""Steps by which a note ends sooner, at most."""
+_IMPOSSIBLE, _CROSSED, _LATE, _WAY, _COMFORT = 1e4, 100.0, 1.0, 0.02, 0.02
