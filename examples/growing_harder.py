@@ -1,0 +1,85 @@
+"""Train legs on robots and ground that grow harder: randomisation, terrain and commands on a curriculum.
+
+    pip install humanoid_sim[rl]
+    python examples/growing_harder.py --steps 5000000
+
+It shows where the environments' `progress` is set, and makes no claim that this recipe walks: `python -m
+humanoid_sim.training train-walking` makes the policy that does.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import gymnasium
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+
+import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
+
+RANDOMISATION = {
+    "mass": (0.9, 1.1),
+    "payload": (0.0, 1.0),
+    "friction": (0.6, 1.2),
+    "motor_strength": (0.9, 1.1),
+    "joint_position_bias": 0.01,
+    "orientation_bias": 0.02,
+    "state_delay": (0.0, 0.01),
+    "push": (0.0, 0.4),
+}
+
+
+def harder(progress: float) -> dict[str, float]:
+    """Commands first, then differences between robots; pushes and rougher ground from the middle on."""
+    late = max(0.0, 2.0 * progress - 1.0)
+    return {
+        "commands": min(1.0, 0.3 + progress),
+        "randomisation": min(1.0, 2.0 * progress),
+        "push": late,
+        "terrain": late,
+    }
+
+
+class Progress(BaseCallback):
+    """Tells the environments how far training has come: it holds for the episodes that begin from then on."""
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        done = self.num_timesteps / self.model._total_timesteps
+        self.training_env.set_attr("progress", min(done, 1.0))
+
+
+def make_envs(count: int, terrain: str) -> Any:
+    """The legs, many times."""
+    return gymnasium.make_vec(
+        "humanoid_sim/BipedVelocity-v0",
+        num_envs=count,
+        actuation="implicit",
+        terrain=terrain,
+        randomisation=RANDOMISATION,
+        curriculum=harder,
+        autoreset_mode="SameStep",
+    )
+
+
+def main() -> None:
+    """Train, and save the network."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", type=int, default=5_000_000, help="environment steps")
+    parser.add_argument("--envs", type=int, default=128, help="environments")
+    parser.add_argument("--terrain", default="mixed", help="flat, rough, slopes, steps or mixed")
+    parser.add_argument("--output", default="growing_harder.zip", help="the trained network")
+    given = parser.parse_args()
+    envs = make_envs(given.envs, given.terrain)
+    model = PPO("MlpPolicy", StableBaselinesVecEnv(envs), n_steps=24, batch_size=24 * given.envs // 4, verbose=1)
+    model.learn(given.steps, callback=Progress())
+    model.save(given.output)
+    envs.close()
+
+
+if __name__ == "__main__":
+    main()
