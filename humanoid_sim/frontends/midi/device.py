@@ -14,6 +14,7 @@ import termios
 import tty
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
@@ -23,8 +24,10 @@ from humanoid_sim.errors import InputError, reason_of
 __all__ = ["STANDARD_INPUT", "ByteDevice", "Port", "Source", "port_names"]
 
 STANDARD_INPUT = "-"
-_MOST_BYTES = 4096
-"""That are taken at once: more than a second's on a MIDI cable."""
+_MOST_BYTES = 256
+"""That are taken at once: 80 ms of them on a MIDI cable."""
+_MOST_MESSAGES = 64
+"""Likewise, of a port."""
 _ALSA_LOOK = 0.5
 """s between two looks whether a port is still there: no library tells when it goes."""
 _PAUSE = 0.002
@@ -166,7 +169,8 @@ class Port(Source):
         """What has come."""
         deadline = monotonic() + seconds
         while True:
-            data = b"".join(bytes(message) for message, _ in iter(self._input.get_message, None))
+            taken = islice(iter(self._input.get_message, None), _MOST_MESSAGES)
+            data = b"".join(bytes(message) for message, _ in taken)
             now = monotonic()
             if data:
                 return data

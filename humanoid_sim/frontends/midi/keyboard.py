@@ -16,6 +16,8 @@ __all__ = ["Keyboard"]
 _ACTIVE_SENSING = 0xFE
 _SILENCE = 0.3
 """s without a byte after which a keyboard that sends active sensing is gone, as the specification says."""
+_PAUSE = 0.001
+"""s after bytes came: a device that floods takes no more of the computer, and what it says grows too old."""
 _RETRY = 0.5
 """s between two attempts to find a keyboard that is gone."""
 
@@ -45,7 +47,7 @@ class Keyboard:
         self._stream = MidiStream()
         self._keys = PressedKeys(transpose)
         self.stamp = monotonic_ns()
-        """CLOCK_MONOTONIC ns: what had come until then is in `pressed`."""
+        """CLOCK_MONOTONIC ns: all that had come until then is in `pressed`."""
         self._heard: float | None = None
         """When the latest byte came, of a keyboard that sends active sensing."""
         self._is_silent = False
@@ -79,12 +81,17 @@ class Keyboard:
         deadline = self._clock() + seconds
         rest = seconds
         while True:
-            self.stamp = monotonic_ns()
+            begun = monotonic_ns()
             data = self._source.read(rest)
             if data is None:
+                self.stamp = begun
                 self.close()
                 return [*lines, self._lost("is gone")]
             lines += self._hear(data)
+            if data:
+                sleep(_PAUSE)
+            else:
+                self.stamp = begun
             if rest <= 0.0:
                 break
             rest = max(deadline - self._clock(), 0.0)

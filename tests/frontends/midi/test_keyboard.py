@@ -106,3 +106,20 @@ def test_one_that_is_unplugged_releases_its_keys_and_may_come_back() -> None:
     assert (down(keyboard), keyboard.is_known) == ([43], True)
     keyboard.close()
     assert not second.is_open
+
+
+def test_a_flood_is_never_the_present() -> None:
+    """What waits behind it may have released every key."""
+
+    class Flood(Scripted):
+        def read(self, seconds: float) -> bytes | None:
+            self.now += 0.0001
+            return PRESS * 80
+
+    source = Flood()
+    keyboard = Keyboard(source, clock=lambda: source.now)
+    begun = keyboard.stamp
+    for _ in range(5):
+        keyboard.look(0.002)
+    assert down(keyboard) == [39]
+    assert keyboard.stamp == begun
