@@ -26,6 +26,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
 from humanoid_sim.messages import TickRecord
+from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import BodyError, RecordedBody
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.rendering.caption import Caption
@@ -91,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             library = rerun_module("the rerun viewer")
             stream = library.RecordingStream("humanoid_sim")
             stream.connect_grpc(viewer.source)
-            stream.send_blueprint(_blueprint())
+            stream.send_blueprint(_blueprint(has_keys=_has_keys(attachment)))
             contract = attachment.contract
             action = () if contract is None else contract.action_joint_names
             log = RerunLog(library, stream, attachment.header, body, action, period=_PERIOD)
@@ -163,8 +164,13 @@ def _watch(attachment: Attachment, viewer: _Viewer, log: RerunLog, teller: _Tell
         time.sleep(_PAUSE)
 
 
-def _blueprint() -> Any:
-    """The robot beside its status and its plots."""
+def _has_keys(attachment: Attachment) -> bool:
+    """Whether the session knows which of a piano's keys are down."""
+    return attachment.description.piano is not None or KEY_PRESSED in attachment.feed.live_inputs
+
+
+def _blueprint(*, has_keys: bool) -> Any:
+    """The robot beside its status and its plots, and a piano's keys below it."""
     import rerun.blueprint as views  # noqa: PLC0415 - an extra
 
     plots = {name: views.TimeSeriesView(origin=f"plots/{name}", name=name) for name in _PLOTS}
@@ -172,6 +178,8 @@ def _blueprint() -> Any:
     rest = views.Tabs(plots["effort"], plots["velocity"], plots["action"])
     side = views.Vertical(views.TextDocumentView(origin="status", name="status"), places, rest, row_shares=[2, 3, 3])
     robot = views.Spatial3DView(origin="/", name="robot")
+    if has_keys:
+        robot = views.Vertical(robot, views.BarChartView(origin="keys", name="keys"), row_shares=[4, 1])
     return views.Blueprint(views.Horizontal(robot, side, column_shares=[3, 2]), collapse_panels=True)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.messages import SessionHeader, TickRecord
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.recording.body import RecordedBody
 
 __all__ = ["RerunLog", "rerun_module"]
@@ -79,6 +79,9 @@ class RerunLog:
             stream.log(f"plots/{name}", library.Scalars(row))
         if step is not None and step.action.shape == (len(self._action),):
             stream.log("plots/action", library.Scalars(step.action))
+        keys = state.extern.get(KEY_PRESSED)
+        if keys is not None:
+            stream.log("keys", library.BarChart(keys.at(time)))
         stream.log("mode", library.TextLog(tick.output.control_mode.mode.name))
         self.count += 1
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +76,15 @@ def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(
     capfd.readouterr()
     assert run_program(piano.main, ["score", "r.mcap", "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["steps"]["f1"] == 1.0
+    if find_spec("rerun") is not None:  # in a process of its own: the library keeps sockets open
+        subprocess.run(
+            [sys.executable, "-m", "humanoid_sim.record", "export", "r.mcap", "--rerun", "r.rrd"], check=True
+        )
+        tool = shutil.which("rerun", path=str(Path(sys.executable).parent))
+        assert tool is not None
+        shown = subprocess.run([tool, "rrd", "print", "-v", "r.rrd"], capture_output=True, text=True, check=True)
+        assert "/keys" in shown.stdout
+        assert "BarChart" in shown.stdout
 
 
 @pytest.mark.parametrize(
