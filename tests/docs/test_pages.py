@@ -28,7 +28,9 @@ def in_navigation(entry: Any) -> list[str]:
 
 def test_every_page_is_in_the_navigation_once() -> None:
     shown = in_navigation(SETTINGS["nav"])
-    assert sorted(shown) == sorted({path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")} | FROM_ROOT)
+    assert sorted(shown) == sorted({path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")} | FROM_ROOT), (
+        "docs/zensical.toml has the navigation"
+    )
 
 
 def test_what_examples_and_pages_import_is_in_the_reference() -> None:
@@ -43,7 +45,7 @@ def test_what_examples_and_pages_import_is_in_the_reference() -> None:
         for name in names.split(", ")
         if module != "humanoid_sim.cli" and not {module, f"{module}.{name}"} & documented
     }
-    assert missing == set()
+    assert missing == set(), "not in docs/reference"
 
 
 def test_the_page_of_the_feed_has_the_definitions() -> None:
