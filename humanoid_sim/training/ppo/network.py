@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import onnx
 
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import PolicyContract, TensorNames
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.training.graph import Graph, write_model
@@ -66,5 +66,6 @@ def write_network(path: Path, network: Network, contract: PolicyContract, name: 
     Raises:
         InputError: the file cannot be written.
     """
+    contract = replace(contract, tensors=TensorNames())  # of the model that the contract was taken from
     metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
     write_model(path, network_graph(network, name), metadata)

@@ -53,7 +53,7 @@ class TrainConfig:
     checkpoint_seconds: float = 60.0
     """s of wall time between two checkpoints."""
     video_minutes: float | None = None
-    """Every so many minutes, make a video of `play` with the policy as it is then. Default: none."""
+    """Every so many minutes, make a video of an episode of the policy as it is then. Default: none."""
     tensorboard: bool = True
     """Write TensorBoard's logs."""
     regress: bool = True

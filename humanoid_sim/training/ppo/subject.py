@@ -9,6 +9,7 @@ from typing import Any
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, sample_policy
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.scenario import Scenario, make_scenario, read_policy
 from humanoid_sim.envs.tasks import TASKS
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
@@ -45,16 +46,26 @@ class Subject:
         """So many robots, for either library."""
         return PolicyVectorEnv(
             robots,
-            self.source,
-            self.robot,
-            self.motion,
-            task=self.task,
-            actuation=self.actuation,
-            physics_timestep=self.physics_timestep,
+            **self._options,
             randomisation=self.randomisation,
             privileged=self.privileged,
             autoreset_mode="SameStep",
         )
+
+    def environment(self) -> PolicyEnv:
+        """One robot that is as its model says, to be looked at."""
+        return PolicyEnv(**self._options)
+
+    @property
+    def _options(self) -> dict[str, Any]:
+        return {
+            "contract": self.source,
+            "robot": self.robot,
+            "motion": self.motion,
+            "task": self.task,
+            "actuation": self.actuation,
+            "physics_timestep": self.physics_timestep,
+        }
 
 
 def subject_of(config: TrainConfig) -> Subject:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.training.ppo.learner import Learner
@@ -23,6 +24,9 @@ def training_run(subject: Subject, learner: Learner, seed: int) -> dict[str, npt
 
     The actions are the library's own, not those of the exported file. The run ends early where the robot is no longer
     sound.
+
+    Raises:
+        InputError: the policy's first action would be refused on any robot.
     """
     scenario = subject.scenario
     simulation = BatchSimulation(
@@ -67,6 +71,10 @@ def training_run(subject: Subject, learner: Learner, seed: int) -> dict[str, npt
             rows.append({name: np.array(value[0]) for name, value in row.items()})
             if simulation.fault.any():
                 break
+    if not rows:
+        raise InputError(
+            "the policy's first action is one that no controller accepts; train on, or with another --seed"
+        )
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]} | {
         "joint_names": np.array(scenario.description.joint_names)
     }

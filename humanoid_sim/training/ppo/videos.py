@@ -1,37 +1,44 @@
-"""Videos of a policy that is being trained: every so often `play`, in a process of its own, with what it is then."""
+"""Videos of a policy that is being trained: every so often an episode, drawn by a process of its own meanwhile."""
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
-import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
+import mujoco
+
+from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.rendering.video import VideoSink
+from humanoid_sim.simulation.model import build_model
 from humanoid_sim.training.ppo.learner import Learner
-from humanoid_sim.training.ppo.network import write_network
 from humanoid_sim.training.ppo.subject import Subject
 
 __all__ = ["Videos"]
 
 _SECONDS = 8.0
-"""s of a policy that follows no motion."""
+"""s of an episode that are shown, at most."""
 _SHARE = 0.5
-"""Of each component's greatest command, in the video of a policy that walks: forward only."""
-_ENDS_WITHIN = 60.0
-"""s that a video has to become ready when the training is over."""
+"""Of the greatest forward command, for a policy that walks."""
+_SIZE = 640, 360
 
 
 class Videos:
-    """Starts `play` when it is time and the last one has ended."""
+    """Makes one when it is time."""
 
     def __init__(self, subject: Subject, folder: Path, minutes: float | None) -> None:
-        """Make none before so many minutes; None: none at all."""
+        """Make none before so many minutes; None: none at all.
+
+        Raises:
+            InputError: their folder cannot be made.
+        """
         self._subject, self._folder = subject, folder / "videos"
         self._period = float("inf") if minutes is None else 60.0 * minutes
         self._due = time.monotonic() + self._period
-        self._process: subprocess.Popen[bytes] | None = None
+        self._latest: VideoSink | None = None
         if minutes is not None:
             try:
                 self._folder.mkdir(exist_ok=True)
@@ -39,36 +46,48 @@ class Videos:
                 raise InputError(f"{self._folder}: cannot be made a folder: {error.strerror}") from None
 
     def show(self, learner: Learner, steps: int) -> None:
-        """Make one, if it is time."""
-        if time.monotonic() < self._due or (self._process is not None and self._process.poll() is None):
-            return
-        self._due = time.monotonic() + self._period
-        policy = self._folder / f"{steps:010d}.onnx"
-        write_network(policy, learner.network(), self._subject.contract, policy.stem)
-        self._process = subprocess.Popen(
-            self.command(policy), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+        """Run an episode and have it drawn, if it is time; waits for the last video, which is long ready as a rule.
 
-    def command(self, policy: Path) -> list[str]:
-        """What is run."""
-        subject = self._subject
-        words = ["--policy", str(policy), "--robot", subject.robot, "--video", str(policy.with_suffix(".mp4"))]
-        words += ["--viewer", "none", "--pace", "fast", "--overwrite"]
-        if subject.motion is not None:
-            words += ["--motion", subject.motion]
-        else:
-            words += ["--policy-seconds", f"{_SECONDS:g}"]
-        ranges = subject.contract.command_ranges
-        if subject.scenario.wiring.takes_velocity_command and ranges is not None:
-            words.append(f"--command={_SHARE * ranges[0, 1]:g},0,0")
-        return [sys.executable, "-m", "humanoid_sim.play", *words]
+        Raises:
+            InputError: the last one could not be written.
+        """
+        if time.monotonic() < self._due:
+            return
+        self.close()
+        self._latest = VideoSink(self._folder / f"{steps:010d}.mp4", self._model, size=_SIZE)
+        try:
+            self._run(learner, self._latest, f"{steps} steps of training")
+        except BaseException:
+            self._latest.abandon()
+            raise
+        self._due = time.monotonic() + self._period
 
     def close(self) -> None:
-        """Wait for the one that is being made."""
-        if self._process is None:
-            return
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_ENDS_WITHIN)
-        if self._process.poll() is None:
-            self._process.kill()
-            self._process.wait()
+        """Wait for the one that is being drawn.
+
+        Raises:
+            InputError: it could not be written.
+        """
+        latest, self._latest = self._latest, None
+        if latest is not None:
+            latest.finish()
+
+    def _model(self) -> mujoco.MjModel:
+        return build_model(self._subject.scenario.description)
+
+    def _run(self, learner: Learner, sink: VideoSink, caption: str) -> None:
+        contract = self._subject.contract
+        ranges = contract.command_ranges
+        options = {}
+        if self._subject.scenario.wiring.takes_velocity_command and ranges is not None:
+            options["command"] = (_SHARE * ranges[0, 1], 0.0, 0.0)
+        with closing(self._subject.environment()) as env:
+            observation, _ = env.reset(seed=0, options=options)
+            mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, caption)
+            command = MITCommand.zeros(len(env.robot.joints))
+            for step in range(round(_SECONDS / contract.policy_dt)):
+                tick = TickInput(env.robot.truth())
+                sink.tick(TickRecord(step, tick, TickOutput(command, mode), 0.0, False, env.robot.qpos))
+                observation, _, terminated, truncated, _ = env.step(learner.answer(observation[None])[0])
+                if terminated or truncated:
+                    return

@@ -1,3 +1,4 @@
+import dataclasses
 from itertools import pairwise
 from pathlib import Path
 
@@ -5,6 +6,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
+from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.training.export_check import require_same_answers
@@ -48,7 +50,8 @@ def test_the_file_answers_what_the_arrays_do(bounds: bool, tmp_path: Path) -> No
 
 def test_the_file_holds_its_whole_contract(tmp_path: Path) -> None:
     path = tmp_path / "policy.onnx"
-    write_network(path, network(bounds=False), LEGS, "policy")
+    elsewhere = dataclasses.replace(LEGS, tensors=TensorNames("observations", "mu"))  # of another model's
+    write_network(path, network(bounds=False), elsewhere, "policy")
     contract = load_checkpoint(path).contract
     assert contract.phase is not None  # which the thirteen keys alone cannot say
     assert contract.command_ranges is not None

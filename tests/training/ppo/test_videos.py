@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
+import av
+import numpy as np
 import pytest
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo import videos as module
 from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.subject import subject_of
@@ -13,54 +16,61 @@ from humanoid_sim.training.ppo.videos import Videos
 LEGS = subject_of(TrainConfig(robot="lite_biped"))
 
 
-def test_a_video_is_a_run_of_play(tmp_path: Path) -> None:
-    legs = Videos(LEGS, tmp_path, None).command(tmp_path / "0000001000.onnx")
-    assert legs[1:3] == ["-m", "humanoid_sim.play"]
-    assert "--command=0.4,0,0" in legs  # half of the greatest
-    assert legs[legs.index("--video") + 1] == str(tmp_path / "0000001000.mp4")
-    arms = Videos(subject_of(TrainConfig()), tmp_path, None).command(tmp_path / "0000001000.onnx")
-    assert arms[arms.index("--motion") + 1] == "wave"
-    assert not any(word.startswith("--command") for word in arms)
+class Still:
+    """Answers zeros, and keeps what it saw."""
+
+    def __init__(self) -> None:
+        self.seen: list[np.ndarray] = []
+
+    def answer(self, observations: np.ndarray) -> np.ndarray:
+        assert observations.shape == (1, 53)
+        self.seen.append(observations[0])
+        return np.zeros((1, 14), dtype=np.float32)
 
 
-def test_none_is_made_before_it_is_time(tmp_path: Path) -> None:
+@pytest.mark.slow  # draws
+def test_a_video_shows_an_episode_at_half_speed_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_SECONDS", 0.4)
+    now = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    learner: Any = Still()
+    videos = Videos(LEGS, tmp_path, 1.0)
+    for seconds, steps in ((59.0, 1000), (61.0, 2000), (100.0, 3000)):
+        now[0] = seconds
+        videos.show(learner, steps)
+    videos.close()
+    videos.close()
+    assert [path.name for path in (tmp_path / "videos").iterdir()] == ["0000002000.mp4"]
+    assert len(learner.seen) == 20
+    np.testing.assert_allclose(learner.seen[-1][6:9], [0.4, 0.0, 0.0])  # the contract's greatest is 0.8 m/s
+    with av.open(str(tmp_path / "videos" / "0000002000.mp4")) as opened:
+        stream = opened.streams.video[0]
+        assert (stream.width, stream.height, stream.frames) == (640, 360, 10)
+
+
+def test_none_is_made_unless_asked_for(tmp_path: Path) -> None:
     learner: Any = None  # which would fail
     for minutes in (None, 60.0):
         videos = Videos(LEGS, tmp_path, minutes)
         videos.show(learner, 1000)
         videos.close()
+        assert (tmp_path / "videos").exists() is (minutes is not None)
+
+
+@pytest.mark.slow
+def test_a_network_that_fails_leaves_no_video(tmp_path: Path) -> None:
+    class Broken:
+        def answer(self, observations: np.ndarray) -> np.ndarray:
+            raise RuntimeError("broken")
+
+    learner: Any = Broken()
+    videos = Videos(LEGS, tmp_path, 1e-9)
+    with pytest.raises(RuntimeError, match="broken"):
+        videos.show(learner, 1000)
     assert list((tmp_path / "videos").iterdir()) == []
 
 
-def test_the_next_waits_for_the_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Process:
-        running = True
-        started: ClassVar[list[list[str]]] = []
-
-        def __init__(self, command: list[str], **_: Any) -> None:
-            self.started.append(command)
-
-        def poll(self) -> int | None:
-            return None if self.running else 0
-
-        def wait(self, _: float | None = None) -> int:
-            return 0
-
-    class Learner:
-        def network(self) -> None:
-            return None
-
-    now = [0.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(module.subprocess, "Popen", Process)
-    monkeypatch.setattr(module, "write_network", lambda path, *_: path.write_bytes(b""))
-    learner: Any = Learner()
-    videos = Videos(LEGS, tmp_path, 1.0)
-    for seconds, steps in ((59.0, 1), (61.0, 2), (200.0, 3)):
-        now[0] = seconds
-        videos.show(learner, steps)
-    assert [Path(command[4]).stem for command in Process.started] == ["0000000002"]
-    monkeypatch.setattr(Process, "running", False)
-    videos.show(learner, 4)
-    assert [Path(command[4]).stem for command in Process.started] == ["0000000002", "0000000004"]
-    videos.close()
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "videos").write_text("")
+    with pytest.raises(InputError, match=r"videos: cannot be made a folder: File exists"):
+        Videos(LEGS, tmp_path, 1.0)
