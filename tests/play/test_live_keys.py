@@ -24,7 +24,7 @@ def test_a_key_that_a_finger_presses_is_told_everywhere(
     run: Callable[..., Result], make_robot: Callable[..., str], folder: Path
 ) -> None:
     robot = make_robot("lite_piano", change=press_in_standby)
-    fast = ("--actuation", "implicit", "--physics-timestep", "0.0025", "--video", "none")
+    fast = ("--actuation", "affine", "--video", "none")
     result = run("--robot", robot, "--policy", "placeholder", "--script", "damp; load_a; wait; hold 0.3", *fast)
     assert result.status == 0, result.err
     assert all(tick.input.state.extern["key_pressed"].value.shape == (88,) for tick in result.ticks)

@@ -19,7 +19,7 @@ from humanoid_sim.messages import Mode
 @pytest.mark.slow
 def test_pressed_keys_are_on_dds(folder: Path) -> None:
     robot = quick_robot(folder, "lite_piano", change=press_in_standby)
-    fast = ("--pace", "realtime", "--actuation", "implicit", "--physics-timestep", "0.0025")
+    fast = ("--pace", "realtime", "--actuation", "affine")
     script = "hold 0.3; damp; hold 0.1; load_a; wait; hold 20; damp; hold 0.1"
     options = ("--robot", robot, "--policy", "placeholder", "--script", script, "--dds", *fast)
     with playing(folder, *options) as play, client(play.domain) as stranger:
