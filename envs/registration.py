@@ -25,6 +25,11 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
         "vector_entry_point": _VECTOR,
         "kwargs": {"contract": "lite_biped_velocity", "robot": "lite_biped"},
     },
+    "humanoid_sim/LitePiano-v0": {
+        "entry_point": _SINGLE,
+        "vector_entry_point": _VECTOR,
+        "kwargs": {"contract": "lite_piano", "robot": "lite_piano", "motion": "ode_to_joy"},
+    },
     "humanoid_sim/Policy-v0": {"entry_point": _SINGLE, "vector_entry_point": _VECTOR},
     "humanoid_sim/LiteModes-v0": {
         "entry_point": _MODES,

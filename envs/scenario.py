@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.assets import asset_path, motion_path
+from humanoid_sim.assets import asset_path, motion_path, sample_songs, song_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
@@ -25,6 +25,7 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
+from humanoid_sim.policy.song import playable, read_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.robots.piano import KEY_COUNT
@@ -111,7 +112,8 @@ def make_scenario(
     Args:
         contract: of the policy, as `read_policy` takes it.
         robot: a description, or what `load_robot` takes.
-        motion: what the policy follows, as `read_policy` takes it; or several, of which each episode has one.
+        motion: what the policy follows, as `read_policy` takes it; a piano policy also a sample song or a MIDI file; or
+            several, of which each episode has one.
         task: as `make_task` takes it.
         physics_timestep: s; None for what suits robot and plant.
         actuation: how the motors are simulated, see `humanoid_sim.simulation.plant`.
@@ -135,7 +137,9 @@ def make_scenario(
         if name not in TASK_OPTIONS:
             raise InputError(known_names("task option", name, TASK_OPTIONS))
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
-    loaded = _read_policy(contract, motion, described.joint_names, motion_source)
+    checkpoint = contract if isinstance(contract, Checkpoint) else _checkpoint(contract, described.joint_names)
+    followed = _with_songs(motion, checkpoint.contract, described)
+    loaded = _read_policy(checkpoint, followed, described.joint_names, motion_source)
     read = with_joint_limits(loaded.contract, described)
     description = with_contract(described, read)
     points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
@@ -189,6 +193,29 @@ def _states(
     if share and states is None:
         raise InputError(f"reference_start: is {share:g}, but the policy follows no motion with poses")
     return states
+
+
+def _with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDescription) -> Motions | None:
+    """The motions with goals in the place of songs: samples by name, and MIDI files, as far as the robot plays them."""
+    if contract.task_type != "piano" or motion is None or isinstance(motion, Motion):
+        return motion
+    if isinstance(motion, str | Path):
+        name = str(motion)
+        if name not in sample_songs() and not name.endswith((".mid", ".midi")):
+            return motion
+        try:
+            song, _ = playable(read_song(song_path(name)), robot)
+        except InputError as error:  # which names the option of `play`
+            raise InputError(str(error).replace("--song", "motion", 1)) from None
+        if not song.notes:
+            raise InputError(f"motion: none of the notes of {name} is within the reach of '{robot.name}'")
+        return song_motion(song, contract.policy_dt, robot)
+    several: list[Named | Motion] = []
+    for one in motion:
+        made = _with_songs(one, contract, robot)
+        assert isinstance(made, str | Path | Motion)
+        several.append(made)
+    return several
 
 
 def _read_policy(

@@ -19,6 +19,7 @@ __all__ = ["NAMES", "load"]
 NAMES = {
     "lite_tracking": "humanoid_sim/LiteTracking-v0",
     "biped_velocity": "humanoid_sim/BipedVelocity-v0",
+    "lite_piano": "humanoid_sim/LitePiano-v0",
     "policy": "humanoid_sim/Policy-v0",
 }
 """Names of tasks, and the Gymnasium environments that are the same."""

@@ -16,6 +16,7 @@ from typing import Any
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.tasks.motion import MotionTask
+from humanoid_sim.envs.tasks.piano import PianoTask
 from humanoid_sim.envs.tasks.task import BalanceTask, Task
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
@@ -29,6 +30,7 @@ TASKS: Mapping[str, type[Task]] = MappingProxyType(
     {
         "tracking": TrackingTask,
         "motion": MotionTask,
+        "piano": PianoTask,
         "velocity": VelocityTask,
         "walking": WalkingTask,
         "balance": BalanceTask,
@@ -38,7 +40,7 @@ TASKS: Mapping[str, type[Task]] = MappingProxyType(
 TASK_OPTIONS = ("weights", "episode_seconds", "joint_noise", "velocity_noise", "rewards")
 """What a user may set of any task; the rest comes from the robot."""
 
-_NEEDS = {"tracking": "motion_body_pos_b", "motion": "reference_joint_pos"}
+_NEEDS = {"tracking": "motion_body_pos_b", "motion": "reference_joint_pos", "piano": "target_keys"}
 """What a task reads from the reference."""
 
 

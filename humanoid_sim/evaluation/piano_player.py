@@ -19,7 +19,7 @@ from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.fingers import DEPTH, HANDS, HOVER, Fingers
 from humanoid_sim.simulation.kinematics import MassMatrix
 
-__all__ = ["APART", "HOME", "Goal", "KeyPoses", "PianoPlayer", "Timing", "goals_of"]
+__all__ = ["APART", "HOME", "MIXED", "READY", "Goal", "KeyPoses", "PianoPlayer", "Plan", "Timing", "goals_of"]
 
 IntArray = npt.NDArray[np.intp]
 
@@ -52,9 +52,16 @@ def goals_of(table: npt.NDArray[np.floating]) -> list[Goal]:
     return sorted(goals, key=lambda goal: (goal.start, goal.key))
 
 
+LIFTED, ABOVE, TOUCHED, PRESSED = range(4)
+"""Rows of `KeyPoses.table`."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyPoses:
-    """What is commanded to have each hand over a key, and on it; the servos sag below it to where the pose is."""
+    """What is commanded to have each hand over a key, and on it; the servos sag below it to where the pose is.
+
+    The poses of a hand are numbered: 4 rows of 88 keys, and the ready pose last.
+    """
 
     table: FloatArray
     """Shape (2, 4, 88, 7), rad: lifted, above, touched, pressed; of the nearest key where a hand does not reach one."""
@@ -95,23 +102,46 @@ class KeyPoses:
         touch = HOVER / (HOVER + np.array(drop))
         return cls(table, touch, ready, (reached[0], reached[1]), (fingers.arms[0], fingers.arms[1]))
 
-    def stroke(self, hand: int, key: int, share: float) -> FloatArray:
-        """The command, shape (7,), rad, a share of the way from above a key to on it."""
-        _, above, touched, pressed = self.table[hand, :, key]
-        touch = self.touch[key]
-        command: FloatArray
-        if share < touch:
-            command = above + share / touch * (touched - above)
-        else:
-            command = touched + (share - touch) / (1.0 - touch) * (pressed - touched)
-        return command
+    @property
+    def numbered(self) -> FloatArray:
+        """Shape (2, 353, 7), rad: all poses of each hand."""
+        rows = self.table.reshape(len(HANDS), -1, 7)
+        return np.concatenate([rows, self.ready[:, None]], axis=1)
 
-    def lifted(self, hand: int, key: float) -> FloatArray:
-        """The command, shape (7,), rad, on the way between two keys."""
-        low = min(max(int(key), 0), KEY_COUNT - 2)
-        table = self.table[hand, 0]
-        command: FloatArray = table[low] + (key - low) * (table[low + 1] - table[low])
-        return command
+    def stroke(self, key: int, share: float) -> Mixture:
+        """The poses between which a hand is, a share of the way from above a key to on it."""
+        touch = self.touch[key]
+        if share < touch:
+            return _between(_number(ABOVE, key), _number(TOUCHED, key), share / touch)
+        return _between(_number(TOUCHED, key), _number(PRESSED, key), (share - touch) / (1.0 - touch))
+
+
+Mixture = dict[int, float]
+"""Numbers of poses and their shares, which add up to 1."""
+MIXED = 4
+"""Most poses of a mixture."""
+READY = 4 * KEY_COUNT
+"""Number of the ready pose."""
+
+
+def _number(row: int, key: int) -> int:
+    return row * KEY_COUNT + key
+
+
+def _between(a: int, b: int, share: float) -> Mixture:
+    if a == b:
+        return {a: 1.0}
+    return {number: part for number, part in ((a, 1.0 - share), (b, share)) if part}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Between which poses each hand is in each step."""
+
+    number: IntArray
+    """Shape (F, 2, `MIXED`), of `KeyPoses.numbered`."""
+    share: FloatArray
+    """Shape (F, 2, `MIXED`), of each; they add up to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +169,12 @@ class _Hand:
     side: int
     key: int
     """Over which it is, or will be."""
-    pose: FloatArray
-    """Shape (7,), rad."""
+    place: Mixture
     down: bool = False
     strokes: bool = False
     """Whether its way is down to, or up from, a key."""
-    start: FloatArray | None = None
-    """Shape (7,), rad, where its present way began; None while it rests."""
+    start: int | None = None
+    """The pose where its present way began; None while it rests."""
     origin: int = -1
     """The key over which it began."""
     step: int = 0
@@ -172,6 +201,7 @@ class PianoPlayer:
             timing: of strokes and ways.
         """
         self.poses = KeyPoses.of(description) if poses is None else poses
+        self._numbered = self.poses.numbered
         self._lower, self._upper = description.lower, description.upper
         self._stiffness, self._damping = description.stiffness, description.damping
         self._mass = MassMatrix(description)
@@ -189,7 +219,7 @@ class PianoPlayer:
         Args:
             table: shape (F, 88), 0 or 1: the goals at each step.
         """
-        planned = self.plan(table)
+        planned = self.poses_of(self.plan(table))
         padded = np.concatenate([planned[:1], planned, planned[-1:]])
         velocity = (padded[2:] - padded[:-2]) / (2.0 * self._dt)
         acceleration = (padded[2:] - 2.0 * planned + padded[:-2]) / self._dt**2
@@ -199,12 +229,21 @@ class PianoPlayer:
         commands: FloatArray = np.clip(planned + lead / self._stiffness, self._lower, self._upper)
         return commands
 
-    def plan(self, table: npt.NDArray[np.floating]) -> FloatArray:
-        """Where the hands should be, shape (F, n), rad, with what their servos sag added; arguments as of `play`."""
+    def poses_of(self, plan: Plan) -> FloatArray:
+        """Shape (F, n), rad: a plan's poses, with what their servos sag added."""
+        planned = np.empty((len(plan.number), len(self._lower)))
+        for hand, arm in enumerate(self.poses.arms):
+            mixed = self._numbered[hand][plan.number[:, hand]] * plan.share[:, hand, :, None]
+            planned[:, arm] = mixed.sum(axis=1)
+        return planned
+
+    def plan(self, table: npt.NDArray[np.floating]) -> Plan:
+        """Where the hands should be; arguments as of `play`."""
         goals = goals_of(table)
         owner: Mapping[Goal, int] = {}
-        hands = [_Hand(i, HOME[i], self.poses.ready[i].copy()) for i in range(len(HANDS))]
-        planned = np.empty((len(table), len(self._lower)))
+        hands = [_Hand(i, HOME[i], {READY: 1.0}) for i in range(len(HANDS))]
+        number = np.zeros((len(table), len(HANDS), MIXED), dtype=np.intp)
+        share = np.zeros((len(table), len(HANDS), MIXED))
         known = 0
         for frame in range(len(table)):
             seen = known
@@ -218,8 +257,9 @@ class PianoPlayer:
                 if hand.start is None:
                     self._decide(frame, hand, own[hand.side], own[1 - hand.side], hands[1 - hand.side])
                 self._move(hand)
-                planned[frame, self.poses.arms[hand.side]] = hand.pose
-        return planned
+                number[frame, hand.side, : len(hand.place)] = list(hand.place)
+                share[frame, hand.side, : len(hand.place)] = list(hand.place.values())
+        return Plan(number, share)
 
     def _move(self, hand: _Hand) -> None:
         """One step along the present way: at rest at both ends, lifted in between where it leads to another key."""
@@ -228,22 +268,27 @@ class PianoPlayer:
         hand.step += 1
         share = _smooth(hand.step / hand.steps)
         if hand.strokes:
-            hand.pose = self.poses.stroke(hand.side, hand.key, share if hand.down else 1.0 - share)
+            hand.place = self.poses.stroke(hand.key, share if hand.down else 1.0 - share)
         else:
             way = abs(hand.key - hand.origin)
             # Up to the line on which hands are lifted, and down from there: between far poses lies no straight way.
             near = min(max(0.5 + (share - 0.5) * max(way / (2.0 * _LIFTED), 1.0), 0.0), 1.0)
             lift = _smooth(min(min(share, 1.0 - share) * way / _LIFTED, 1.0))
-            lifted = self.poses.lifted(hand.side, hand.origin + share * (hand.key - hand.origin))
-            end = self.poses.table[hand.side, 1, hand.key]
-            low = hand.start + near * (end - hand.start)
-            hand.pose = low + lift * (lifted - low) if lift else low
+            along = hand.origin + share * (hand.key - hand.origin)
+            low = min(int(along), KEY_COUNT - 2)
+            hand.place = dict.fromkeys((hand.start, _number(ABOVE, hand.key)), 0.0)
+            hand.place[hand.start] += (1.0 - lift) * (1.0 - near)
+            hand.place[_number(ABOVE, hand.key)] += (1.0 - lift) * near
+            for key, part in ((low, 1.0 - along + low), (low + 1, along - low)):
+                hand.place[_number(LIFTED, key)] = lift * part
+            hand.place = {number: part for number, part in hand.place.items() if part}
         if hand.step >= hand.steps:
             hand.start, hand.origin = None, hand.key
 
     def _begin(self, hand: _Hand, key: int, *, down: bool, steps: int) -> None:
         hand.strokes = down or hand.down
-        hand.start, hand.origin, hand.key, hand.down = hand.pose, hand.key, key, down
+        (hand.start,) = hand.place
+        hand.origin, hand.key, hand.down = hand.key, key, down
         hand.step, hand.steps = 0, steps
 
     def _decide(self, frame: int, hand: _Hand, own: Sequence[Goal], others: Sequence[Goal], other: _Hand) -> None:
@@ -254,7 +299,7 @@ class PianoPlayer:
         if hand.down:
             if not (own and own[0].key == hand.key and own[0].start - frame <= self._sounds):
                 self._begin(hand, hand.key, down=False, steps=self._release)
-        elif own and own[0].key == hand.key and (hand.pose == self.poses.table[hand.side, 1, hand.key]).all():
+        elif own and own[0].key == hand.key and hand.place == {_number(ABOVE, hand.key): 1.0}:
             if own[0].start - frame <= self._sounds:
                 self._begin(hand, hand.key, down=True, steps=self._press)
         else:

@@ -15,7 +15,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT, PIANOS, Key
 from humanoid_sim.simulation.inverse_kinematics import damped_step
-from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 
 __all__ = ["DEPTH", "HANDS", "HOVER", "LIFT", "Fingers", "Strike"]
 
@@ -92,6 +92,26 @@ class Fingers:
         self._origin = self._data.xpos[piano].copy()
         self._axes = self._data.xmat[piano].reshape(3, 3).copy()
         self._jacobians = np.empty((3, model.nv)), np.empty((3, model.nv))
+
+    @property
+    def wrists(self) -> tuple[str, ...]:
+        """The bodies that the fingers are rigid parts of."""
+        return tuple(self._model.body(wrist).name for wrist in self._wrists)
+
+    @property
+    def tips(self) -> FloatArray:
+        """Shape (2, 3), m, frames of the wrists: the middles of the round tips."""
+        tips: FloatArray = self._model.site_pos[self._sites].copy()
+        return tips
+
+    @property
+    def strike_points(self) -> FloatArray:
+        """Shape (88, 3), m, frame of the robot's base: where keys that are released are struck."""
+        mujoco.mj_kinematics(self._model, self._data)
+        base = base_body(self._model, self.description)
+        world = np.stack([self.strike_point(key) for key in self.keys]) - self._data.xpos[base]
+        points: FloatArray = world @ self._data.xmat[base].reshape(3, 3)
+        return points
 
     def _arm(self, body: int) -> npt.NDArray[np.intp]:
         chain = []

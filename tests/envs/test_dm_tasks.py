@@ -27,7 +27,10 @@ dm_env = pytest.importorskip("dm_env")
 control = pytest.importorskip("dm_control.rl.control")
 test_utils = pytest.importorskip("dm_env.test_utils")
 
-ROBOTS = {"lite_tracking": load_robot("lite"), "biped_velocity": load_robot("lite_biped")}
+ROBOTS = {
+    name: load_robot(robot)
+    for name, robot in (("lite_tracking", "lite"), ("biped_velocity", "lite_biped"), ("lite_piano", "lite_piano"))
+}
 
 
 def load(name: str, **options: Any) -> Any:
@@ -245,7 +248,9 @@ def test_without_opengl_it_steps_and_a_mujoco_glstands(mujoco_gl: str | None, ex
 
 
 def test_unknown_names_and_a_missing_package_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="unknown dm_env task 'piano'; known: lite_tracking, biped_velocity, policy"):
+    with pytest.raises(
+        InputError, match="unknown dm_env task 'piano'; known: lite_tracking, biped_velocity, lite_piano, "
+    ):
         dm.load("piano")
     real = builtins.__import__
 

@@ -53,7 +53,7 @@ def test_notes_of_a_table() -> None:
 
 def test_two_voices_are_played_by_two_hands(player: PianoPlayer) -> None:
     table = song((30, 60, 80), (58, 60, 100), (27, 95, 120), (57, 120, 140))
-    plan = player.plan(table)
+    plan = player.poses_of(player.plan(table))
     left, right = plan[:, :7], plan[:, 7:]
     assert left[75] == pytest.approx(player.poses.table[0, 3, 30])
     assert right[75] == pytest.approx(player.poses.table[1, 3, 58])

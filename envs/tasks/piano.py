@@ -1,0 +1,92 @@
+"""Play a song: press the keys that it asks for, and no others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.controllers.rotation import rotate
+from humanoid_sim.envs.tasks.task import BoolArray, Task
+from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.errors import total
+from humanoid_sim.evaluation.rollout import StepSample
+from humanoid_sim.mit import KEY_PRESSED, FloatArray
+from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.simulation.fingers import Fingers
+
+__all__ = ["PianoTask"]
+
+_REACH = 0.05
+"""m"""
+_WRIST_HEIGHT = 0.05
+"""m above the white keys, below which a wrist is too low: the forearm would come onto the keys."""
+
+
+class PianoTask(Task):
+    """Hold down the keys that the song asks for in each step, to the song's end. Nothing terminates it.
+
+    ============ ======= ==== =================================================================================
+    term         weight  unit value
+    ============ ======= ==== =================================================================================
+    keys_hit     0.5     1    share of the song's present keys that are down; 1 where it asks for none
+    no_wrong_key 0.5     1    1 where no other key is down
+    reach        0.25    1    mean over the song's keys of exp(-d²/0.05² m²), d from the key to the nearest fingertip
+    energy       -0.0005 W    mechanical power of the motors, the sum of its magnitudes
+    low_wrist    -5.0    m    how far wrists are less than 0.05 m above the white keys, summed over both
+    ============ ======= ==== =================================================================================
+
+    The first two are the key press reward of RoboPianist (Zakka et al. 2023), for keys that are down or not; `energy`
+    is its energy cost, and `low_wrist` is in the place of its cost of forearms that touch.
+    """
+
+    WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
+        {"keys_hit": 0.5, "no_wrong_key": 0.5, "reach": 0.25, "energy": -0.0005, "low_wrist": -5.0, **Task.WEIGHTS}
+    )
+
+    def __init__(
+        self, description: RobotDescription, contract: PolicyContract, reference: MotionReference, **options: Any
+    ) -> None:
+        """As `Task`, with a reference that has `target_keys`, for a robot with a piano.
+
+        Raises:
+            InputError: the robot has no piano, or the song another number of keys.
+        """
+        super().__init__(description, contract, reference, **options)
+        fingers = Fingers(description)
+        self.bodies = fingers.wrists
+        self._tips, self._strike_points = fingers.tips, fingers.strike_points
+        self._song = reference.terms["target_keys"] > 0.5
+        if self._song.shape[1] != len(self._strike_points):
+            raise InputError(f"motion: has {self._song.shape[1]} keys, and the piano {len(self._strike_points)}")
+        self._lowest = float(self._strike_points[:, 2].min()) + _WRIST_HEIGHT
+        self.episode_steps = max(reference.lengths or (reference.frame_count,)) - 1
+
+    def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
+        pressed = sample.state.extern[KEY_PRESSED].value > 0.5
+        wanted = self._song[self.reference.clamp(sample.frame)]
+        hits, asked = (wanted & pressed).sum(axis=-1), wanted.sum(axis=-1)
+        wrists, turned = sample.body_position[..., -2:, :], sample.body_quaternion[..., -2:, :]
+        tips = wrists + rotate(turned, self._tips)
+        offset = tips[..., None, :, :] - self._strike_points[:, None, :]
+        nearest = total(offset * offset).min(axis=-1)
+        reach = np.where(wanted, np.exp(nearest / -(_REACH**2)), 0.0)
+        power = np.abs(sample.torque * sample.state.joint_velocity)
+        values: dict[str, FloatArray] = {
+            "keys_hit": np.where(asked > 0, hits / np.maximum(asked, 1), 1.0),
+            "no_wrong_key": np.where((pressed & ~wanted).any(axis=-1), 0.0, 1.0),
+            "reach": np.where(asked > 0, total(reach) / np.maximum(asked, 1), 1.0),
+            "energy": total(power),
+            "low_wrist": total(np.maximum(self._lowest - wrists[..., 2], 0.0)),
+        }
+        return values, np.zeros(asked.shape, dtype=np.bool_)
+
+    def _describe_stray(self, sample: StepSample, i: int) -> str:
+        return ""
+
+    def _is_over(self, sample: StepSample) -> BoolArray:
+        return np.asarray(sample.frame) >= self.reference.last(sample.frame)
