@@ -19,7 +19,7 @@ __all__ = ["MidiKeyboard", "message"]
 
 _PERIOD = 0.002
 """s between two looks at the keys, as long as a keyboard takes for one."""
-_SENSING_PERIOD = 0.25
+_SENSING_PERIOD = 0.1
 """s between two bytes of active sensing, which says that the keyboard is there; 0.3 is allowed."""
 _NOTE_ON, _ACTIVE_SENSING, _VELOCITY = 0x90, 0xFE, 64
 

@@ -109,16 +109,16 @@ class Keyboard:
         if self._source is None:
             return []
         self._name, self._stream = self._source.name, MidiStream()
-        return [f"midi: {self._name} is there again"]
+        return [f"{self._name} is there again"]
 
     def _hear(self, data: bytes) -> list[str]:
         lines = []
         if data and self._is_silent:
             self._is_silent = False
-            lines.append(f"midi: {self._name} is heard again")
+            lines.append(f"{self._name} is heard again")
         for message in self._stream.feed(data):
             news = self._keys.hear(message)
-            lines += [f"midi: {news}"] if news else []
+            lines += [news] if news else []
             if message.status == _ACTIVE_SENSING:
                 self._heard = self._clock()
         if data and self._heard is not None:
@@ -129,4 +129,4 @@ class Keyboard:
         """Release all keys: nobody will say when they are."""
         self._keys.release()
         self._heard = None
-        return f"midi: {self._name} {why}: all keys released"
+        return f"{self._name} {why}: all keys released"

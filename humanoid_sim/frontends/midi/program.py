@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         stack.callback(keyboard.close)
         attachment = stack.enter_context(attached(config.session, "midi"))
         _check_session(attachment)
-        ready(f"midi: the keys of {source.name}, for {attachment.session}")
+        ready(f"the keys of {source.name}, for {attachment.session}")
         # No other program may let the keyboard look lost.
         is_hardware = bool(attachment.session.hardware)
         stack.enter_context(punctual_threads(behind=_BEHIND) if is_hardware else nullcontext())

@@ -67,10 +67,10 @@ def test_a_keyboard_that_sends_it_and_falls_silent_is_lost() -> None:
     while source.now < 1.7:
         for line in keyboard.look(0.01):
             found[round(source.now, 2)] = (line, down(keyboard), keyboard.is_known)
-    lost = "midi: Keystation sends active sensing, and nothing for 300 ms: all keys released"
+    lost = "Keystation sends active sensing, and nothing for 300 ms: all keys released"
     assert found == {
         0.51: (lost, [], False),
-        1.01: ("midi: Keystation is heard again", [43], True),
+        1.01: ("Keystation is heard again", [43], True),
         1.51: (lost, [], False),
     }
 
@@ -91,7 +91,7 @@ def test_one_that_is_unplugged_releases_its_keys_and_may_come_back() -> None:
     keyboard = Keyboard(first, answers.popleft, clock=lambda: max(first.now, now[0]))
     assert keyboard.look(0.01) == []
     assert down(keyboard) == [39]
-    assert keyboard.look(0.02) == ["midi: Keystation is gone: all keys released"]
+    assert keyboard.look(0.02) == ["Keystation is gone: all keys released"]
     assert (down(keyboard), keyboard.is_known, first.is_open) == ([], False, False)
     now[0] = 1.0
     assert keyboard.look(0.001) == []
@@ -100,7 +100,7 @@ def test_one_that_is_unplugged_releases_its_keys_and_may_come_back() -> None:
     assert keyboard.look(0.001) == []
     assert len(answers) == 1, "half a second between two attempts"
     now[0] = 1.6
-    assert keyboard.look(0.001) == ["midi: Keystation 2 is there again"]
+    assert keyboard.look(0.001) == ["Keystation 2 is there again"]
     now[0] = 9.0
     keyboard.look(0.0)
     assert (down(keyboard), keyboard.is_known) == ([43], True)

@@ -76,7 +76,7 @@ def test_each_period_tells_which_keys_are_down_and_when_that_was_known(
     assert again.arrival_time > keys.arrival_time, "a key that stays down is told again"
     keyboard.unplug()
     (line,) = teller.step(0.001)
-    assert line == f"midi: {keyboard.path} is gone: all keys released"
+    assert line == f"{keyboard.path} is gone: all keys released"
     last = session.tick()
     assert down(last) == []
     for _ in range(3):
@@ -94,7 +94,7 @@ def running(session: LocalSession, *options: str, **streams: int) -> Iterator[su
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
-            assert line.startswith("midi: the keys of "), line
+            assert line.startswith("the keys of "), line
             yield process
         finally:
             process.kill()
@@ -117,10 +117,10 @@ def test_the_program_plays_stops_loses_and_finds_the_keyboard(
             until(lambda: down(records[-1]) == [43])
             assert [down(record) for record in records[stopped:] if down(record) not in ([], [43])] == []
             keyboard.unplug()
-            assert process.stdout.readline() == f"midi: {keyboard.path} is gone: all keys released\n"
+            assert process.stdout.readline() == f"{keyboard.path} is gone: all keys released\n"
             until(lambda: down(records[-1]) == [])
             with on_fifo(tmp_path / "keys") as replugged:
-                assert process.stdout.readline() == f"midi: {keyboard.path} is there again\n"
+                assert process.stdout.readline() == f"{keyboard.path} is there again\n"
                 replugged.press(50)
                 until(lambda: down(records[-1]) == [41])
         session.feed.close()
@@ -135,7 +135,7 @@ def test_standard_input_ends_it(session: LocalSession) -> None:
         process.stdin.flush()
         until(lambda: down(records[-1]) == [39])
         process.stdin.close()
-        assert process.stdout.readline() == "midi: standard input is gone: all keys released\n"
+        assert process.stdout.readline() == "standard input is gone: all keys released\n"
         assert process.wait(PATIENCE) == 1
         until(lambda: down(records[-1]) == [])
 
