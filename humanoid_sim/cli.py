@@ -28,7 +28,7 @@ VERBS = {
     "record_dataset": "make a LeRobot dataset of recordings",
     "compare": "how far apart recordings of one policy are, frame by frame",
     "plants": "how far the faster plants are from the truth, on a robot and a motion",
-    "piano": "how well a recorded run played its song: precision, recall, F1",
+    "piano": "how well a recorded run played its song; which keys a robot reaches",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
     "training": "train a policy for any task; make the sample policies and motions again",

@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.piano score run.mcap`: how well a recorded run played its song."""
+"""`python -m humanoid_sim.piano`: how well a recorded run played its song, and which keys a robot reaches."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import tyro
 
@@ -18,7 +18,10 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.piano_score import Performance, PlayedKeys
 from humanoid_sim.mit import KEY_PRESSED
 
-__all__ = ["Score", "main", "read_performance"]
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+__all__ = ["Reach", "Score", "main", "read_performance"]
 
 
 @dataclass(frozen=True)
@@ -47,11 +50,35 @@ class Score:
     )
 
 
+@dataclass(frozen=True)
+class Reach:
+    """Compute which keys each hand of a robot reaches: over the key and on it, within limits, touching nothing else."""
+
+    robot: str = "lite_piano"
+    """A shipped robot with a piano, or the path of a robot's YAML file."""
+    picture: Path | None = None
+    """PNG to draw: the keyboard, in the colours of the hands."""
+    json: bool = False
+    """Print the result as JSON."""
+    overwrite: bool = False
+    """Replace the picture if it exists."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("--robot lite_piano --picture reach.png", "the keys of each hand, and a picture"),
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `piano` with command-line arguments; returns the exit status."""
-    options: Score = parse(Commands("Score how a song was played.", {"score": Score}), "piano", arguments)
+    commands = Commands(
+        "Score how a song was played; see which keys a robot reaches.", {"score": Score, "reach": Reach}
+    )
+    options: Score | Reach = parse(commands, "piano", arguments)
+    return _reach(options) if isinstance(options, Reach) else _score(options)
 
-    from humanoid_sim.files import output_file, whole_file  # noqa: PLC0415 - heavy imports stay out of `--help`
+
+def _score(options: Score) -> int:
+    from humanoid_sim.files import output_file  # noqa: PLC0415 - heavy imports stay out of `--help`
 
     if not 0.0 < options.onset_tolerance < 10.0:
         raise InputError(f"--onset-tolerance: is {options.onset_tolerance}, expected seconds above 0 and below 10")
@@ -71,13 +98,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.picture is not None:
         from humanoid_sim.rendering.piano_roll import draw_piano_roll  # noqa: PLC0415
 
-        drawn = BytesIO()
         title = f"{options.recording.name}: F1 {result.steps.f1:.3f}"
-        draw_piano_roll(played.wanted, played.step, played.pressed, title).save(drawn, "PNG")
-        with whole_file(options.picture) as file:
-            file.write(drawn.getvalue())
-        print(f"wrote {options.picture}", file=sys.stderr)
+        _write(draw_piano_roll(played.wanted, played.step, played.pressed, title), options.picture)
     return 0
+
+
+def _reach(options: Reach) -> int:
+    from humanoid_sim.files import output_file  # noqa: PLC0415 - heavy imports stay out of `--help`
+    from humanoid_sim.policy.song import key_name  # noqa: PLC0415
+    from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
+    from humanoid_sim.simulation.fingers import HANDS, Fingers  # noqa: PLC0415
+
+    if options.picture is not None:
+        output_file(options.picture, "--picture", ".png", overwrite=options.overwrite)
+    robot = load_robot(options.robot)
+    fingers = Fingers(robot)
+    reached = {name: sorted(fingers.reachable(hand)) for hand, name in enumerate(HANDS)}
+    if options.json:
+        print(json.dumps({"robot": robot.name, "reach": reached}))
+    else:
+        for name, keys in reached.items():
+            span = f"{key_name(keys[0])} to {key_name(keys[-1])}, keys {keys[0]} to {keys[-1]}" if keys else "none"
+            print(f"{name:<6} {span}")
+        described = [list(keys) for keys in fingers.settings.hands]
+        if described != list(reached.values()):
+            print(f"{robot.name}: piano.reach is {[[keys[0], keys[-1]] for keys in described]}, which differs")
+    if options.picture is not None:
+        from humanoid_sim.rendering.keyboard import draw_reach  # noqa: PLC0415
+
+        _write(draw_reach(fingers.keys, list(reached.values()), f"{robot.name}: keys within reach"), options.picture)
+    return 0
+
+
+def _write(picture: Image, path: Path) -> None:
+    from humanoid_sim.files import whole_file  # noqa: PLC0415
+
+    drawn = BytesIO()
+    picture.save(drawn, "PNG")
+    with whole_file(path) as file:
+        file.write(drawn.getvalue())
+    print(f"wrote {path}", file=sys.stderr)
 
 
 def read_performance(recording: Path, song: Path | None = None) -> Performance:

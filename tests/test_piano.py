@@ -79,3 +79,19 @@ def test_what_cannot_be_scored_is_one_line(
     path = recorded(tmp_path / "run.mcap", np.zeros((6, width)), motion)
     assert run_program(piano.main, ["score", str(path)]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_reach_of_a_robot_s_hands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "reach.png"
+    assert piano.main(["reach", "--picture", str(picture)]) == 0
+    assert capsys.readouterr().out == "left   D1 to E5, keys 5 to 55\nright  F3 to G7, keys 32 to 82\n"
+    with Image.open(picture) as image:
+        assert image.width == 1280
+
+
+def test_a_robot_without_a_piano_reaches_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_program(piano.main, ["reach", "--robot", "lite"]) == 2
+    assert capsys.readouterr().err.startswith(
+        "error: lite: has no piano, expected a robot with one, such as lite_piano"
+    )

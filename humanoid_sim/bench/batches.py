@@ -21,12 +21,15 @@ from humanoid_sim.regress.episodes import EpisodeBatch, Step
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite import Disturbance
 from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.model import build_model
 
-__all__ = ["regress_speed", "vector_step"]
+__all__ = ["piano_scene", "regress_speed", "vector_step"]
 
-_NAME = "humanoid_sim/LiteTracking-v0"
-_MANY = 1024
+_NAME, _PIANO = "humanoid_sim/LiteTracking-v0", "humanoid_sim/LitePiano-v0"
+_MANY, _PIANO_MANY = 1024, 256
+_PHYSICS_STEPS = 400
 _SOME = 64
 """Environments that Gymnasium's own steps one by one; how many makes no difference to the ratio."""
 _VECTOR_STEPS = 2
@@ -97,11 +100,37 @@ class _BareRollout:
 
 def vector_step(repetitions: int) -> list[Row]:
     """Vector steps over bare `mujoco.rollout`s of the same states and controls, and over `SyncVectorEnv`."""
-    return [_over_rollout(repetitions), _over_sync(repetitions)]
+    return [_over_rollout("vector", _NAME, _MANY, 0.85, repetitions), _over_sync(repetitions)]
 
 
-def _over_rollout(repetitions: int) -> Row:
-    envs = _Stepped("vector_entry_point", _MANY)
+def piano_scene(repetitions: int) -> list[Row]:
+    """A physics step of the Lite at a piano over one without; and its vector environment over bare rollouts."""
+    with_keys, without = _Physics("lite_piano"), _Physics("lite")
+
+    def describe(ours: float, bare: float) -> str:
+        return f"{1e6 * ours / _PHYSICS_STEPS:.0f} µs, {1e6 * bare / _PHYSICS_STEPS:.0f} µs without a piano"
+
+    scene = paired_ratio("piano, physics step", with_keys.run, without.run, repetitions, 5.0, describe)
+    return [scene, _over_rollout("piano vector", _PIANO, _PIANO_MANY, 0.80, repetitions)]
+
+
+class _Physics:
+    """A robot whose arms fall: onto the keys, where there are any."""
+
+    def __init__(self, name: str) -> None:
+        robot = load_robot(name)
+        self._model = build_model(robot, scene=False)
+        self._data = mujoco.MjData(self._model)
+        self._ready = load_robot("lite_piano").standby_controller_a.pose_segments[-1]
+
+    def run(self) -> None:
+        mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[: len(self._ready)] = self._ready
+        mujoco.mj_step(self._model, self._data, _PHYSICS_STEPS)
+
+
+def _over_rollout(name: str, environment: str, many: int, target: float, repetitions: int) -> Row:
+    envs = _Stepped("vector_entry_point", many, environment)
     native = envs.envs.unwrapped
     assert isinstance(native, PolicyVectorEnv)
     simulation = native.simulation
@@ -112,12 +141,14 @@ def _over_rollout(repetitions: int) -> Row:
     physics = _BareRollout(simulation, simulation.qpos, simulation.qvel, targets, reached)
 
     def describe(ours: float, bare: float) -> str:
-        count = _MANY * _VECTOR_STEPS
+        count = many * _VECTOR_STEPS
         return f"{count / ours:.0f} environment steps per s, {count / bare:.0f} bare, {simulation.threads} threads"
 
-    name = f"vector, {_MANY} environments, over bare rollout"
+    title = f"{name}, {many} environments, over bare rollout"
     try:
-        return paired_ratio(name, envs.step, physics.run, repetitions, 0.85, describe, speed=True, prepare=envs.begin)
+        return paired_ratio(
+            title, envs.step, physics.run, repetitions, target, describe, speed=True, prepare=envs.begin
+        )
     finally:
         physics.close()
         envs.envs.close()
@@ -145,8 +176,8 @@ def _over_sync(repetitions: int) -> Row:
 class _Stepped:
     """Environments that are given the same actions from the same starts again and again."""
 
-    def __init__(self, mode: str, count: int) -> None:
-        self.envs: Any = gymnasium.make_vec(_NAME, num_envs=count, vectorization_mode=mode)
+    def __init__(self, mode: str, count: int, environment: str = _NAME) -> None:
+        self.envs: Any = gymnasium.make_vec(environment, num_envs=count, vectorization_mode=mode)
         self.envs.action_space.seed(0)
         self.actions = [np.float32(_SPREAD) * self.envs.action_space.sample() for _ in range(_VECTOR_STEPS)]
         self.begin()

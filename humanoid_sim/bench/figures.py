@@ -24,7 +24,7 @@ from rich.table import Table
 
 from humanoid_sim import __version__
 from humanoid_sim.bench import BenchOptions
-from humanoid_sim.bench.batches import regress_speed, vector_step
+from humanoid_sim.bench.batches import piano_scene, regress_speed, vector_step
 from humanoid_sim.bench.one_robot import (
     control_tick,
     environment_step,
@@ -104,6 +104,7 @@ _BENCHMARKS: dict[str, Callable[[int], list[Row]]] = {
     "real time": real_time_factor,
     "LiteTracking-v0.step": environment_step,
     "vector": vector_step,
+    "piano": piano_scene,
     "implicit plant": implicit_plant,
     "regress": regress_speed,
     "hardware loop": _hardware_loop,

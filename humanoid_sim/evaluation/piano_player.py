@@ -5,28 +5,26 @@ What a piano policy is measured against, and what it learns from. It hears nothi
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.key_poses import ABOVE, LIFTED, MIXED, READY, KeyPoses, Mixture, pose_number
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
-from humanoid_sim.simulation.fingers import DEPTH, HANDS, HOVER, Fingers
+from humanoid_sim.simulation.fingers import HANDS
 from humanoid_sim.simulation.kinematics import MassMatrix
 
-__all__ = ["APART", "HOME", "MIXED", "READY", "Goal", "KeyPoses", "PianoPlayer", "Plan", "Timing", "goals_of"]
+__all__ = ["APART", "HOME", "Goal", "PianoPlayer", "Plan", "Timing", "goals_of"]
 
 IntArray = npt.NDArray[np.intp]
 
 HORIZON = 1.2
 """s ahead that the player looks."""
-_PRESSING = 0.3
-"""N with which a finger holds a key at the end of its travel, beyond what the key's spring needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,88 +48,6 @@ def goals_of(table: npt.NDArray[np.floating]) -> list[Goal]:
         starts, ends = np.flatnonzero(change[:, key] == 1), np.flatnonzero(change[:, key] == -1)
         goals += [Goal(key, int(start), int(end)) for start, end in zip(starts, ends, strict=True)]
     return sorted(goals, key=lambda goal: (goal.start, goal.key))
-
-
-LIFTED, ABOVE, TOUCHED, PRESSED = range(4)
-"""Rows of `KeyPoses.table`."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class KeyPoses:
-    """What is commanded to have each hand over a key, and on it; the servos sag below it to where the pose is.
-
-    The poses of a hand are numbered: 4 rows of 88 keys, and the ready pose last.
-    """
-
-    table: FloatArray
-    """Shape (2, 4, 88, 7), rad: lifted, above, touched, pressed; of the nearest key where a hand does not reach one."""
-    touch: FloatArray
-    """Shape (88,): share of the way from above a key to on it at which the finger touches it."""
-    ready: FloatArray
-    """Shape (2, 7), rad: where the song begins."""
-    keys: tuple[tuple[int, ...], tuple[int, ...]]
-    """Those that each hand reaches."""
-    arms: tuple[IntArray, IntArray]
-    """Places of each arm's joints among the robot's."""
-
-    @classmethod
-    def of(cls, description: RobotDescription, keys: Collection[int] = range(KEY_COUNT)) -> KeyPoses:
-        """Of a robot with a piano; takes a few seconds for all keys.
-
-        Raises:
-            InputError: the robot has no piano, or a hand reaches none of the keys.
-        """
-        fingers = Fingers(description)
-        table = np.full((len(HANDS), 4, KEY_COUNT, 7), np.nan)
-        reached = []
-        for hand in range(len(HANDS)):
-            stiffness = description.stiffness[fingers.arms[hand]]
-            strikes = fingers.reachable(hand, keys)
-            if not strikes:
-                raise InputError(f"{description.name}: its {HANDS[hand]} hand reaches none of the keys")
-            for key, strike in strikes.items():
-                force = fingers.spring_force(fingers.keys[key], DEPTH)
-                poses = strike.lifted, strike.above, strike.touched, strike.pressed
-                for i, (pose, pressing) in enumerate(zip(poses, (0.0, 0.0, 0.0, force + _PRESSING), strict=True)):
-                    table[hand, i, key] = pose + fingers.holding_torque(hand, pose, pressing) / stiffness
-            reached.append(tuple(strikes))
-            nearest = np.clip(np.arange(KEY_COUNT), min(strikes), max(strikes))
-            table[hand] = table[hand][:, nearest]
-        ready = np.stack([fingers.ready[arm] for arm in fingers.arms])
-        drop = [fingers.tip_above(key, 0.0)[2] - fingers.tip_above(key, 0.0, DEPTH)[2] for key in fingers.keys]
-        touch = HOVER / (HOVER + np.array(drop))
-        return cls(table, touch, ready, (reached[0], reached[1]), (fingers.arms[0], fingers.arms[1]))
-
-    @property
-    def numbered(self) -> FloatArray:
-        """Shape (2, 353, 7), rad: all poses of each hand."""
-        rows = self.table.reshape(len(HANDS), -1, 7)
-        return np.concatenate([rows, self.ready[:, None]], axis=1)
-
-    def stroke(self, key: int, share: float) -> Mixture:
-        """The poses between which a hand is, a share of the way from above a key to on it."""
-        touch = self.touch[key]
-        if share < touch:
-            return _between(_number(ABOVE, key), _number(TOUCHED, key), share / touch)
-        return _between(_number(TOUCHED, key), _number(PRESSED, key), (share - touch) / (1.0 - touch))
-
-
-Mixture = dict[int, float]
-"""Numbers of poses and their shares, which add up to 1."""
-MIXED = 4
-"""Most poses of a mixture."""
-READY = 4 * KEY_COUNT
-"""Number of the ready pose."""
-
-
-def _number(row: int, key: int) -> int:
-    return row * KEY_COUNT + key
-
-
-def _between(a: int, b: int, share: float) -> Mixture:
-    if a == b:
-        return {a: 1.0}
-    return {number: part for number, part in ((a, 1.0 - share), (b, share)) if part}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,11 +192,11 @@ class PianoPlayer:
             lift = _smooth(min(min(share, 1.0 - share) * way / _LIFTED, 1.0))
             along = hand.origin + share * (hand.key - hand.origin)
             low = min(int(along), KEY_COUNT - 2)
-            hand.place = dict.fromkeys((hand.start, _number(ABOVE, hand.key)), 0.0)
+            hand.place = dict.fromkeys((hand.start, pose_number(ABOVE, hand.key)), 0.0)
             hand.place[hand.start] += (1.0 - lift) * (1.0 - near)
-            hand.place[_number(ABOVE, hand.key)] += (1.0 - lift) * near
+            hand.place[pose_number(ABOVE, hand.key)] += (1.0 - lift) * near
             for key, part in ((low, 1.0 - along + low), (low + 1, along - low)):
-                hand.place[_number(LIFTED, key)] = lift * part
+                hand.place[pose_number(LIFTED, key)] = lift * part
             hand.place = {number: part for number, part in hand.place.items() if part}
         if hand.step >= hand.steps:
             hand.start, hand.origin = None, hand.key
@@ -299,7 +215,7 @@ class PianoPlayer:
         if hand.down:
             if not (own and own[0].key == hand.key and own[0].start - frame <= self._sounds):
                 self._begin(hand, hand.key, down=False, steps=self._release)
-        elif own and own[0].key == hand.key and hand.place == {_number(ABOVE, hand.key): 1.0}:
+        elif own and own[0].key == hand.key and hand.place == {pose_number(ABOVE, hand.key): 1.0}:
             if own[0].start - frame <= self._sounds:
                 self._begin(hand, hand.key, down=True, steps=self._press)
         else:

@@ -23,6 +23,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(one_robot, "_STEPS", 3)
     monkeypatch.setattr(batches, "_MANY", 6)
     monkeypatch.setattr(batches, "_SOME", 2)
+    monkeypatch.setattr(batches, "_PIANO_MANY", 4)
     monkeypatch.setattr(batches, "_EPISODES", 4)
     monkeypatch.setattr(plants, "_MANY", 4)
     monkeypatch.setattr(plants, "_SECONDS", 0.1)
@@ -80,6 +81,8 @@ def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) ->
         "LiteTracking-v0.step",
         "vector, 6 environments, over bare rollout",
         "vector, over SyncVectorEnv",
+        "piano, physics step",
+        "piano vector, 4 environments, over bare rollout",
         "implicit plant over affine, LiteTracking-v0",
         "implicit plant over affine, BipedVelocity-v0",
         "implicit plant, error",
@@ -97,7 +100,7 @@ def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) ->
     assert rows["regress, 4 episodes, over bare rollout"]["target"] == 0.7
     for row in rows.values():
         assert row["low"] <= row["value"] <= row["high"]
-        assert row["at_least"] == row["name"].startswith(("vector", "regress", "implicit plant over"))
+        assert row["at_least"] == row["name"].startswith(("vector", "piano vector", "regress", "implicit plant over"))
         assert row["met"] == (row["target"] is None or _is_within(row))
     for name in ("control tick of play at 200 Hz", "play --help", "play, times real time"):
         assert rows[name]["value"] > 0.0
@@ -147,7 +150,7 @@ def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.Monke
         (
             ("--only", "speed"),
             "error: --only: is 'speed', expected part of one of control tick, play --help, supervisor step, recording, "
-            "feed, real time, LiteTracking-v0.step, vector, implicit plant, regress, hardware loop\n",
+            "feed, real time, LiteTracking-v0.step, vector, piano, implicit plant, regress, hardware loop\n",
         ),
         (("--repetitions", "0"), "error: --repetitions: is 0, expected a whole number >= 1\n"),
         (("--repetitions", "-3"), "error: --repetitions: is -3, expected a whole number >= 1\n"),

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.piano_player import Goal, KeyPoses, PianoPlayer, goals_of
+from humanoid_sim.evaluation.key_poses import KeyPoses
+from humanoid_sim.evaluation.piano_player import Goal, PianoPlayer, goals_of
 from humanoid_sim.evaluation.piano_score import PianoScore, score
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.policy.random_songs import held_out_songs

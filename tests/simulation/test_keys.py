@@ -113,3 +113,45 @@ def test_one_robot_and_a_batch_report_the_same_keys() -> None:
     assert not batch.state().extern[KEY_PRESSED].value[0].any()
     assert not robot.read()[0].extern[KEY_PRESSED].value.any()  # activation releases them
     batch.close()
+
+
+@pytest.mark.parametrize("key", [30, 31], ids=["white", "black"])
+@pytest.mark.parametrize(("timestep", "implicit"), STEPS)
+def test_a_finger_s_key_neither_buzzes_nor_tunnels_nor_sticks(key: int, timestep: float, implicit: bool) -> None:
+    """The finger goes down slowly, 4 cm too far, stays for a while, and comes up again."""
+    fingers = Fingers(ROBOT)
+    place = fingers.keys[key]
+    above = fingers.solve(0, fingers.tip_above(place, 0.02))
+    below = fingers.solve(0, fingers.tip_above(place, -0.04), above)
+    sag = fingers.holding_torque(0, above, 0.0) / ROBOT.stiffness[:7]
+    robot = MujocoRobot(
+        ROBOT, control_period=0.01, physics_timestep=timestep, actuation="implicit" if implicit else "affine"
+    )
+    keys, zeros = PianoKeys(robot.model), np.zeros(14)
+    ready = np.array(ROBOT.standby_controller_a.pose_segments[-1])
+    robot.data.qpos[:7], robot.data.qpos[7:14] = above, ready[7:]
+
+    def move(share: float) -> tuple[float, float, float]:
+        position = ready.copy()
+        position[:7] = above + share * (below - above) + sag
+        robot.write(MITCommand(position, zeros, zeros, ROBOT.stiffness, ROBOT.damping))
+        distance = robot.data.contact.dist.min(initial=1.0)
+        return keys.force(robot.model, robot.data)[key], robot.data.qpos[keys.qpos[key]] / keys.upper[key], distance
+
+    for i in range(40):
+        move(i / 40)
+    held = np.array([move(1.0) for _ in range(60)])
+    settled = held[30:]
+    force, travel, distance = settled.T
+    assert np.abs(np.diff(force)).max() < 0.2  # it does not buzz; friction lets it creep
+    assert np.abs(np.diff(travel)).max() < 0.005
+    assert force.min() > 3.0
+    assert force.max() < 14.0
+    assert 1.0 < travel.max() < 1.4  # the stop yields, as MuJoCo's limits do: the rest of black keys depends on it
+    assert keys.pressed(robot.data.qpos)[key] == 1.0
+    assert distance.min() > -0.0005  # the finger is on the key, not in it
+    for i in range(40):
+        move(1.0 - i / 40)
+    released = [move(0.0) for _ in range(30)]
+    assert released[-1][0] == 0.0
+    assert abs(released[-1][1]) < 0.03  # back at rest
