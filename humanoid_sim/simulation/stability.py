@@ -71,6 +71,10 @@ class DampingStability:
         self._inverse_mass = np.empty((len(poses), n, n))
         """Of each pose the joints' block of M⁻¹; other joints of the model (a base) are free to move."""
         addresses = joint_addresses(model, description.joint_names)
+        # What hangs together with the joints: the inverse of all else, such as a piano's keys, is a block of its own.
+        trees = model.dof_treeid
+        hanging = np.flatnonzero(np.isin(trees, trees[addresses.dof]))
+        joints = np.searchsorted(hanging, addresses.dof)
         data = mujoco.MjData(model)
         mass = np.empty((model.nv, model.nv))
         for i, pose in enumerate(poses):
@@ -80,13 +84,13 @@ class DampingStability:
             mujoco.mj_makeM(model, data)
             mujoco.mj_fullM(model, data, mass)
             try:
-                inverse = np.linalg.inv(mass)
+                inverse = np.linalg.inv(mass[np.ix_(hanging, hanging)])
             except np.linalg.LinAlgError:
                 what = "a joint moves nothing that has mass or inertia"
                 raise InputError(
                     f"{description.mjcf_path}: {what}; give its body a mass, or the joint an armature"
                 ) from None
-            self._inverse_mass[i] = inverse[np.ix_(addresses.dof, addresses.dof)]
+            self._inverse_mass[i] = inverse[np.ix_(joints, joints)]
 
     def measure(self, damping: npt.ArrayLike) -> DampingMeasure:
         """Measure a K_d: shape (n,) or scalar, N·m·s/rad. Infinite at the largest if it is beyond all measure."""

@@ -8,7 +8,7 @@ import pytest
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.stability import DampingStability
@@ -170,3 +170,17 @@ def test_implicit_damping_says_where_a_joint_may_chatter() -> None:
     assert passive.startswith("lite_biped: damping_controller, remote_policy_controller: dt·M⁻¹·K_d reaches 3.42 ")
     shorter = build_model(robot, physics_timestep=0.001, affine_actuators=True, implicit=True, scene=False)
     assert DampingStability(shorter, robot).check_description() == ()
+
+
+def test_what_hangs_on_nothing_of_the_robot_s_plays_no_part() -> None:
+    """A piano's 88 keys leave the arms' block of the inverse as it is in the whole one."""
+    piano = load_robot("lite_piano")
+    model = build_model(piano)
+    stability = DampingStability(model, piano, samples=0)
+    data, mass = mujoco.MjData(model), np.empty((model.nv, model.nv))
+    addresses = joint_addresses(model, piano.joint_names)
+    data.qpos[addresses.qpos] = piano.initial_position
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    whole = np.linalg.inv(mass)[np.ix_(addresses.dof, addresses.dof)]
+    np.testing.assert_allclose(stability._inverse_mass[0], whole, rtol=1e-9, atol=1e-9)
