@@ -12,6 +12,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rotation import multiply, rotate
+from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.rendering.ghost import ReferenceGhost
@@ -91,6 +92,9 @@ def reference_states(
     """The states of all frames, with the velocities from frame to frame; None where the motion tells no pose.
 
     Where a motion has the robot below its floor, the base is lifted onto it.
+
+    Raises:
+        InputError: the MJCF has other bodies that move before the floating base.
     """
     joints = reference_joints(description, contract, reference)
     if joints is None:
@@ -103,6 +107,11 @@ def reference_states(
     ghost = ReferenceGhost.of(description, contract, reference)
     if has_base and ghost is not None:
         place, orientation, _, _ = base_addresses(model, description)
+        if place.start:
+            raise InputError(
+                f"reference_start: the base '{description.base.body}' of '{description.name}' is not the first body "
+                f"that moves in {description.mjcf_path}"
+            )
         for frame, row in enumerate(qpos):
             posed = ghost.pose(model, row, frame)
             row[place], row[orientation] = posed[place], posed[orientation]
