@@ -70,7 +70,7 @@ def curves(config: CurvesConfig) -> int:
             returns = [row["return"] for row in run.rows]
             minutes = run.rows[-1]["seconds"] / 60.0
             by_steps.plot([row["steps"] / 1e6 for row in run.rows], returns, label=run.label, linewidth=1.2)
-            label = f"{minutes:.0f} min"
+            label = f"{run.label}, {minutes:.0f} min"
             by_time.plot([row["seconds"] / 60.0 for row in run.rows], returns, label=label, linewidth=1.2)
         by_steps.set(title=subject, xlabel="policy steps, millions", ylabel="return of an episode")
         by_time.set(title="the same over wall time", xlabel="minutes of training")

@@ -12,7 +12,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 from humanoid_sim.training.ppo.finish import export, measure
 from humanoid_sim.training.ppo.folder import RunFolder
-from humanoid_sim.training.ppo.journal import Journal, Update
+from humanoid_sim.training.ppo.journal import PROGRESS, Journal, Update, read_progress
 from humanoid_sim.training.ppo.learner import Learner, learner_class
 from humanoid_sim.training.ppo.meter import EpisodeMeter
 from humanoid_sim.training.ppo.options import TrainConfig
@@ -20,7 +20,7 @@ from humanoid_sim.training.ppo.settings import SETTINGS, first_spread
 from humanoid_sim.training.ppo.subject import Subject, subject_of
 from humanoid_sim.training.ppo.videos import Videos
 
-__all__ = ["train"]
+__all__ = ["seed_of", "train"]
 
 
 def train(config: TrainConfig) -> int:
@@ -69,6 +69,11 @@ def _use_threads(count: int) -> None:
     torch.set_num_threads(count)
 
 
+def seed_of(seed: int, updates: int) -> int:
+    """Of networks, actions and environments: a training that goes on after some updates does not begin again alike."""
+    return seed if updates == 0 else int(np.random.SeedSequence([seed, updates]).generate_state(1)[0])
+
+
 def _show(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
@@ -78,7 +83,8 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
     meter = EpisodeMeter(subject.environments(config.robots))
     start = folder.start
     spread = first_spread(subject.contract, is_floating=subject.scenario.description.is_floating)
-    learner = kind(meter, SETTINGS, spread, config.seed, start)
+    updates = len(read_progress(folder.path / PROGRESS)) if start is not None else 0
+    learner = kind(meter, SETTINGS, spread, seed_of(config.seed, updates), start)
     done = learner.steps
     if start is not None:
         _show(f"goes on after {done} steps")

@@ -12,6 +12,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.envs.tasks import TASKS
 from humanoid_sim.training import main
 from humanoid_sim.training.ppo.learner import ALGORITHMS
+from humanoid_sim.training.ppo.run import seed_of
 
 
 @pytest.mark.parametrize(
@@ -69,6 +70,12 @@ def test_a_bad_randomisation_names_its_file(tmp_path: Path, capsys: pytest.Captu
     file.write_text("weight: [0.9, 1.1]\n")
     assert run_program(main, ["train", "--randomisation", str(file)]) == 2
     assert f"{file}: randomisation: unknown field 'weight'; known: mass, " in capsys.readouterr().err
+
+
+def test_a_training_that_goes_on_draws_other_numbers() -> None:
+    assert seed_of(7, 0) == 7
+    assert seed_of(7, 12) == seed_of(7, 12)
+    assert len({seed_of(7, 0), seed_of(7, 12), seed_of(7, 13), seed_of(8, 12)}) == 4
 
 
 def test_help_names_every_task_and_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
