@@ -19,7 +19,8 @@ class TrainConfig:
 
     task: str = "auto"
     """tracking (arms follow the bodies of a motion), motion (a whole body follows a motion), velocity, walking
-    (velocity, with a gait on the contract's clock), balance, or auto: the one that the contract was made for."""
+    (velocity, with a gait on the contract's clock), balance, or auto: the one that the contract was made for. Not by
+    this command: piano."""
     robot: str = "lite"
     """A shipped robot ({robots}), the path of a robot's YAML file or of an MJCF."""
     contract: str | None = None

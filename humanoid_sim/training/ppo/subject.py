@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, sample_policy
+from humanoid_sim.assets import PIANO_POLICY, SAMPLE_MOTION, SAMPLE_POLICY, sample_policy
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.scenario import Scenario, make_scenario, read_policy
@@ -76,6 +76,10 @@ def subject_of(config: TrainConfig) -> Subject:
     """
     _known("--algorithm", "algorithm", config.algorithm, ALGORITHMS)
     _known("--task", "task", config.task, ("auto", *TASKS))
+    if config.task == "piano" or (config.contract is None and sample_policy(config.robot) == PIANO_POLICY):
+        raise InputError(
+            "--task: is piano, whose songs this command does not read; LitePiano-v0 trains with a library of your own"
+        )
     if config.privileged and config.algorithm == "ppo-sb3":
         raise InputError("--privileged: stable-baselines3's critic sees what the policy sees; give ppo-rsl_rl")
     description = load_robot(config.robot)

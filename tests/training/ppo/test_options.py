@@ -20,11 +20,11 @@ from humanoid_sim.training.ppo.run import seed_of
     [
         (
             ["--task", "trackin"],
-            "--task: unknown task 'trackin' (did you mean 'tracking'?); known: auto, tracking, motion, velocity, ",
+            "--task: unknown task 'trackin' (did you mean 'tracking'?); known: auto, tracking, motion, piano, ",
         ),
         (
             ["--task", "dance"],
-            "--task: unknown task 'dance'; known: auto, tracking, motion, velocity, walking, balance\n",
+            "--task: unknown task 'dance'; known: auto, tracking, motion, piano, velocity, walking, balance\n",
         ),
         (
             ["--algorithm", "sb3-ppo"],
@@ -32,6 +32,8 @@ from humanoid_sim.training.ppo.run import seed_of
         ),
         (["--algorithm", "PPO_RSL"], "(did you mean 'ppo-rsl_rl'?)"),
         (["--robot", "lite_bipd"], "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, lite_biped"),
+        (["--task", "piano"], "--task: is piano, whose songs this command does not read; LitePiano-v0 trains with "),
+        (["--robot", "lite_piano"], "--task: is piano, whose songs"),
         (["--task", "velocity"], "lite: has a fixed base, expected a floating one, to walk with"),
         (["--robot", "lite_biped", "--task", "tracking"], "task: tracking needs a motion with motion_body_pos_b"),
         (["--robot", "lite_biped", "--motion", "wave"], "follows no motion"),
