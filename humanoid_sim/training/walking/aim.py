@@ -24,7 +24,7 @@ __all__ = ["NO_AIM", "Aim", "aim_from", "measure_response"]
 
 _ASKED = np.array(
     [
-        *((x, 0.0, 0.0) for x in (0.2, 0.3, 0.4, -0.2, -0.3, -0.4)),
+        *((x, 0.0, 0.0) for x in (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, -0.2, -0.3, -0.4)),
         *((0.0, y, 0.0) for y in (0.1, 0.2, -0.1, -0.2)),
         *((0.0, 0.0, w) for w in (0.25, 0.5, -0.25, -0.5)),
     ]
@@ -36,12 +36,16 @@ _MOST = 2.0
 """Of a gain, and of what turning and stepping aside add to each other."""
 
 
+SPEEDS = np.array([0.15, 0.3, 0.45, 0.6, 0.8])
+"""m/s, forward. Nothing faster is aimed at."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
     """What is told for what is asked."""
 
-    ahead: float
-    """Factor on a forward command."""
+    ahead: FloatArray
+    """Shape (5,), m/s, what is told for the forward commands `SPEEDS`; in proportion between 0 and these."""
     back: float
     """Factor on a backward command."""
     aside: FloatArray
@@ -51,14 +55,16 @@ class Aim:
 
     def told(self, command: FloatArray) -> FloatArray:
         """Commands (..., 3) as the network is told."""
-        forward = self.ahead * np.maximum(command[..., :1], 0.0) + self.back * np.minimum(command[..., :1], 0.0)
+        asked = command[..., :1]
+        ahead = np.interp(asked, [0.0, *SPEEDS], [0.0, *self.ahead])
+        forward = ahead + self.back * np.minimum(asked, 0.0)
         aside = command[..., 1:] @ self.aside.T
         told: FloatArray = np.clip(np.concatenate([forward, aside], axis=-1), self.most[:, 0], self.most[:, 1])
         return told
 
 
 _EVERYTHING = np.array([[-1e3, 1e3]] * 3)
-NO_AIM = Aim(1.0, 1.0, np.eye(2), _EVERYTHING)
+NO_AIM = Aim(SPEEDS, 1.0, np.eye(2), _EVERYTHING)
 """Tells what is asked."""
 
 
@@ -88,11 +94,20 @@ def measure_response(scenario: Scenario, policy: Path) -> FloatArray:
 
 def aim_from(response: FloatArray, ranges: FloatArray) -> Aim:
     """The inverse of a response, as `measure_response` gives it; `ranges` (3, 2) are those of training."""
-    ahead, back = (_gain(response, _ASKED[:, 0] * sign > 0.0) for sign in (1.0, -1.0))
+    back = _gain(response, _ASKED[:, 0] < 0.0)
     turned = _ASKED[:, 0] == 0.0
     slope, *_ = np.linalg.lstsq(_ASKED[turned, 1:], response[turned, 1:], rcond=None)
     aside = np.clip(np.linalg.inv(slope.T), -_MOST, _MOST)
-    return Aim(ahead, back, aside, np.array(ranges))
+    return Aim(_forward(response), back, aside, np.array(ranges))
+
+
+def _forward(response: FloatArray) -> FloatArray:
+    """What is to be told for `SPEEDS`, shape (5,)."""
+    rows = _ASKED[:, 0] > 0.0
+    done = np.maximum.accumulate([0.0, *response[rows, 0]])
+    told = np.interp(SPEEDS, done, [0.0, *_ASKED[rows, 0]])
+    told_at: FloatArray = np.clip(told, SPEEDS / _MOST, SPEEDS * _MOST)
+    return told_at
 
 
 def _gain(response: FloatArray, rows: npt.NDArray[np.bool_]) -> float:

@@ -12,19 +12,24 @@ import onnx
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.training.graph import Graph, write_model
-from humanoid_sim.training.walking.aim import NO_AIM, Aim
+from humanoid_sim.training.walking.aim import NO_AIM, SPEEDS, Aim
 from humanoid_sim.training.walking.gait import (
     ACTION_MIRROR,
     ACTIONS,
     AHEAD,
+    ANSWER_SCALES,
+    ANSWERS,
+    BIGGEST,
     COMMAND,
     LEAN,
     MOST,
     OBSERVATION_MIRROR,
     OBSERVATIONS,
     PHASE,
+    SENSING,
     SIDESTEP,
     STRIDE,
+    SWAP,
     SWING,
     TURN,
 )
@@ -63,18 +68,37 @@ def walking_graph(weights: Mapping[str, npt.NDArray[np.float32]], aim: Aim = NO_
         return g("Where", mirrored, image, value, name=name)
 
     asked = g.columns("obs", COMMAND, COMMAND + 1)
-    forward = g("Mul", g("Relu", asked), g.constant(aim.ahead))
+    begins, slope = [0.0, *SPEEDS], np.diff([0.0, *aim.ahead], append=aim.ahead[-1]) / np.diff([0.0, *SPEEDS, np.inf])
+    bends = g("Relu", g("Sub", asked, g.constant(begins)))
+    forward = g("MatMul", bends, g.constant(np.diff(slope, prepend=0.0)[:, None]))
     backward = g("Mul", g("Relu", g("Neg", asked)), g.constant(aim.back))
     aside = g("MatMul", g.columns("obs", COMMAND + 1, COMMAND + 3), g.constant(aim.aside.T))
     told = g("Concat", g("Sub", forward, backward), aside, axis=-1)
     told = g("Min", g("Max", told, g.constant(aim.most[:, 0])), g.constant(aim.most[:, 1]))
     before, after = g.columns("obs", 0, COMMAND), g.columns("obs", COMMAND + 3, OBSERVATIONS)
     seen = mirror(g("Concat", before, told, after, axis=-1), OBSERVATION_MIRROR)
-    sine, cosine = g.columns(seen, PHASE, PHASE + 1), g.columns(seen, PHASE + 1, PHASE + 2)
-    commanded = g("Mul", g.columns(seen, COMMAND, COMMAND + 3), cosine)
-    stride = g("MatMul", commanded, g.constant(np.stack([STRIDE, SIDESTEP, TURN])))
-    ahead = g("Mul", g("Relu", g.columns(seen, COMMAND, COMMAND + 1)), g.constant(AHEAD))
-    step = g("Add", g("Mul", sine, g.constant(LEAN + SWING)), g("Add", stride, ahead))
-    added = g("Clip", g.perceptron(NETWORK, seen, "Elu"), g.constant(-MOST), g.constant(MOST))
-    mirror(g("Add", step, added), ACTION_MIRROR, name="actions")
+    answer = g("Clip", g.perceptron(NETWORK, _network_input(g, seen), "Elu"), g.constant(-MOST), g.constant(MOST))
+    mirror(_gait(g, seen, answer), ACTION_MIRROR, name="actions")
     return g.build("lite_biped_velocity", obs=OBSERVATIONS, actions=ACTIONS)
+
+
+def _network_input(g: Graph, seen: str) -> str:
+    """`network_input` of `gait.py`."""
+    late = g("Sub", g.constant(1.0), g.columns(seen, PHASE + 1, PHASE + 2))
+    stands = g("Clip", g("Div", late, g.constant(SWAP)), g.constant(0.0), g.constant(1.0))
+    left, right = (g("MatMul", seen, g.constant(SENSING[:, :, foot])) for foot in range(2))
+    velocity = g("Add", left, g("Mul", stands, g("Sub", right, left)))
+    return g("Concat", seen, velocity, axis=-1)
+
+
+def _gait(g: Graph, seen: str, answer: str) -> str:
+    """`gait` of `gait.py`, operator by operator."""
+    asked = g("Mul", g.columns(answer, ACTIONS, ANSWERS), g.constant(ANSWER_SCALES))
+    size = g("Add", g.constant(1.0), g.columns(asked, 0, 1))
+    size = g("Clip", size, g.constant(0.0), g.constant(BIGGEST))
+    velocity = g("Add", g.columns(seen, COMMAND, COMMAND + 3), g.columns(asked, 1, 4))
+    sine, cosine = g.columns(seen, PHASE, PHASE + 1), g.columns(seen, PHASE + 1, PHASE + 2)
+    step = g("Mul", cosine, g("MatMul", velocity, g.constant(np.stack([STRIDE, SIDESTEP, TURN]))))
+    step = g("Mul", size, g("Add", g("Mul", sine, g.constant(LEAN + SWING)), step))
+    ahead = g("Mul", g("Relu", g.columns(seen, COMMAND, COMMAND + 1)), g.constant(AHEAD))
+    return g("Add", g("Add", step, ahead), g.columns(answer, 0, ACTIONS))

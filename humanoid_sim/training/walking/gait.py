@@ -14,18 +14,26 @@ __all__ = [
     "ACTIONS",
     "ACTION_MIRROR",
     "AHEAD",
+    "ANSWERS",
+    "ANSWER_SCALES",
+    "BIGGEST",
     "COMMAND",
+    "INPUTS",
     "LEAN",
     "MOST",
     "OBSERVATIONS",
     "OBSERVATION_MIRROR",
     "PHASE",
+    "RATE_SCALE",
+    "SENSING",
     "SIDESTEP",
     "STRIDE",
+    "SWAP",
     "SWING",
     "TURN",
     "from_canonical",
     "gait",
+    "network_input",
     "to_canonical",
 ]
 
@@ -61,6 +69,8 @@ def _observation_mirror() -> tuple[npt.NDArray[np.intp], Float32Array]:
 OBSERVATION_MIRROR = _observation_mirror()
 """Likewise of the 53 values of the observation."""
 
+RATE_SCALE = 0.25
+"""Of the observed angular velocity, of the contract."""
 COMMAND = 6
 """Where in the observation the velocity command begins: forward, left, m/s, and yaw rate, rad/s."""
 MOST = 5.0
@@ -87,18 +97,72 @@ TURN = _actions((0.0, 0.0, -0.16, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.16, 0.0, 0.0
 AHEAD = _actions((-0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (-0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 """Times a forward command: both hips bend, and the body leans ahead."""
 
+ANSWERS = ACTIONS + 4
+"""Values of the network: what is added to the actions, then to the gait's size, forward, sideways and turning step."""
+ANSWER_SCALES = np.array([2.0, 1.0, 1.0, 1.0], dtype=np.float32)
+"""Of those four: 1, m/s, m/s, rad/s."""
+BIGGEST = 1.5
+"""Of the gait's size, which is 1 while the robot walks undisturbed."""
 
-def gait(observation: Float32Array) -> Float32Array:
-    """The action of the gait, shape (..., 14), raw, while the left leg swings.
+INPUTS = OBSERVATIONS + 2
+"""Values that the network sees: the observation, and the velocity that `sensed` finds in it."""
+VELOCITY_SCALE = 2.0
+"""Of that velocity, 1/(m/s)."""
+_THIGH, _SHANK, _LEG_LENGTH = 0.33, 0.34, 0.7
+"""m, from hip to knee, from knee to ankle, and from hip to ankle roll of a leg that is a little bent."""
+_JOINT_RATE_SCALE = 0.05
+"""Of the observed joint velocities, of the contract."""
+RATES = 23
+"""Where in the observation they begin."""
+SWAP = 0.4
+"""Of 1 - cos(phase), up to which the foot that is about to swing still bears some of the weight."""
+
+
+def _sensing() -> Float32Array:
+    """From what is observed to the velocity of the base over each of the feet, shape (53, 2, 2)."""
+    matrix = np.zeros((OBSERVATIONS, 2, ACTIONS // 7), dtype=np.float32)
+    for foot in range(2):
+        hip, roll, knee = (RATES + 7 * foot + i for i in (0, 1, 3))
+        matrix[1, 0, foot] = (_THIGH + _SHANK) / RATE_SCALE
+        matrix[hip, 0, foot] = (_THIGH + _SHANK) / _JOINT_RATE_SCALE
+        matrix[knee, 0, foot] = _SHANK / _JOINT_RATE_SCALE
+        matrix[0, 1, foot] = -_LEG_LENGTH / RATE_SCALE
+        matrix[roll, 1, foot] = -_LEG_LENGTH / _JOINT_RATE_SCALE
+    return matrix * np.float32(VELOCITY_SCALE)
+
+
+SENSING = _sensing()
+
+
+def network_input(observation: Float32Array) -> Float32Array:
+    """What the network sees, shape (..., 55): the observation, and the velocity of the base over the foot that stands.
+
+    The policy does not observe its velocity. A leg whose foot stands measures it.
+
+    Args:
+        observation: shape (..., 53), as `to_canonical` gives it.
+    """
+    stands = np.clip((1.0 - observation[..., PHASE + 1, None]) / SWAP, 0.0, 1.0)
+    over_left, over_right = (observation @ SENSING[:, :, foot] for foot in range(2))
+    velocity = over_left + stands * (over_right - over_left)
+    return np.concatenate([observation, velocity], axis=-1, dtype=np.float32)
+
+
+def gait(observation: Float32Array, answer: Float32Array) -> Float32Array:
+    """The action of gait and network together, shape (..., 14), raw, while the left leg swings.
 
     Args:
         observation: shape (..., 53), as `to_canonical` gives it. While the clock stands, the gait is the default pose.
+        answer: shape (..., 18), of the network, within ±`MOST`.
     """
     sine, cosine = observation[..., PHASE, None], observation[..., PHASE + 1, None]
-    forward, left, turn = (observation[..., i, None] for i in range(COMMAND, COMMAND + 3))
+    asked = answer[..., ACTIONS:] * ANSWER_SCALES
+    size = np.clip(1.0 + asked[..., :1], 0.0, BIGGEST)
+    forward, left, turn = (observation[..., COMMAND + i, None] + asked[..., 1 + i, None] for i in range(3))
     step = forward * STRIDE + left * SIDESTEP + turn * TURN
-    ahead = np.maximum(forward, 0.0) * AHEAD
-    return np.asarray(sine * (LEAN + SWING) + cosine * step + ahead, dtype=np.float32)
+    ahead = np.maximum(observation[..., COMMAND, None], 0.0) * AHEAD
+    made = size * (sine * (LEAN + SWING) + cosine * step) + ahead
+    return np.asarray(made + answer[..., :ACTIONS], dtype=np.float32)
 
 
 def to_canonical(observation: Float32Array) -> tuple[Float32Array, BoolArray]:

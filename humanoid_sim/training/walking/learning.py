@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
-from humanoid_sim.training.walking.gait import OBSERVATIONS
+from humanoid_sim.training.walking.gait import INPUTS
 from humanoid_sim.training.walking.learning_env import PRIVILEGED, LearningEnv
 from humanoid_sim.training.walking.stages import CONTRACT, RANDOMISATION, TIMESTEP, Stage
 
@@ -39,19 +39,19 @@ _SHOWN_EVERY = 30.0
 
 
 class _TwoNetworks(nn.Module):
-    """The actor sees the observation, the critic what is privileged as well."""
+    """The actor sees its input, the critic what is privileged as well."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.policy_net = _perceptron(OBSERVATIONS)
-        self.value_net = _perceptron(OBSERVATIONS + PRIVILEGED)
+        self.policy_net = _perceptron(INPUTS)
+        self.value_net = _perceptron(INPUTS + PRIVILEGED)
         self.latent_dim_pi = self.latent_dim_vf = _WIDTHS[-1]
 
     def forward(self, seen: Tensor) -> tuple[Tensor, Tensor]:
         return self.forward_actor(seen), self.forward_critic(seen)
 
     def forward_actor(self, seen: Tensor) -> Tensor:
-        features: Tensor = self.policy_net(seen[:, :OBSERVATIONS])
+        features: Tensor = self.policy_net(seen[:, :INPUTS])
         return features
 
     def forward_critic(self, seen: Tensor) -> Tensor:

@@ -13,14 +13,23 @@ from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.push import PUSH_DURATION, push_wrench
-from humanoid_sim.training.walking.gait import ACTIONS, MOST, OBSERVATIONS, from_canonical, gait, to_canonical
+from humanoid_sim.training.walking.gait import (
+    ANSWERS,
+    INPUTS,
+    MOST,
+    OBSERVATIONS,
+    from_canonical,
+    gait,
+    network_input,
+    to_canonical,
+)
 
 __all__ = ["PRIVILEGED", "LearningEnv"]
 
 Float32Array = npt.NDArray[np.float32]
 
 PRIVILEGED = 5
-"""Values after the observation that only the critic sees: base velocity in the heading frame, its height, and the
+"""Values after the network's input that only the critic sees: base velocity in the heading frame, its height, and the
 vertical velocity."""
 
 
@@ -36,8 +45,8 @@ class LearningEnv(VecEnvWrapper):
             push_interval: s between two pushes of a robot, on average.
             seed: of the pushes.
         """
-        wide = np.full(OBSERVATIONS + PRIVILEGED, np.inf, dtype=np.float32)
-        most = np.full(ACTIONS, MOST, dtype=np.float32)
+        wide = np.full(INPUTS + PRIVILEGED, np.inf, dtype=np.float32)
+        most = np.full(ANSWERS, MOST, dtype=np.float32)
         super().__init__(
             StableBaselinesVecEnv(envs),
             gymnasium.spaces.Box(-wide, wide),
@@ -62,7 +71,7 @@ class LearningEnv(VecEnvWrapper):
 
     def step_async(self, actions: Float32Array) -> None:
         """Say what to add to the gait in the next step."""
-        raw = from_canonical(gait(self._canonical) + actions, self._mirrored)
+        raw = from_canonical(gait(self._canonical, actions), self._mirrored)
         self._robots.wrench = self._pushes()
         self.venv.step_async(raw)
 
@@ -85,7 +94,9 @@ class LearningEnv(VecEnvWrapper):
         for i in np.flatnonzero(over).tolist():
             final, _ = to_canonical(infos[i]["terminal_observation"])
             command = final[6:9]
-            infos[i]["terminal_observation"] = np.concatenate([final, command, [0.76, 0.0]]).astype(np.float32)
+            infos[i]["terminal_observation"] = np.concatenate([network_input(final), command, [0.76, 0.0]]).astype(
+                np.float32
+            )
         return self._seen(np.asarray(observation)), reward, over, infos
 
     def _seen(self, observation: Float32Array) -> Float32Array:
@@ -96,4 +107,4 @@ class LearningEnv(VecEnvWrapper):
             [base.planar_velocity, base.height[:, None], base.linear_velocity[:, 2:]], axis=1, dtype=np.float32
         )
         told[:, 1:3] *= np.where(self._mirrored, -1.0, 1.0)[:, None]
-        return np.concatenate([self._canonical, told], axis=1, dtype=np.float32)
+        return np.concatenate([network_input(self._canonical), told], axis=1, dtype=np.float32)

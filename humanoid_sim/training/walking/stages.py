@@ -57,12 +57,19 @@ class Stage:
 
 
 _SHARP = {"alive": 3.0, "linear_velocity": 8.0, "yaw_rate": 3.0}
+_EASY = {**_SHARP, "strain": -60.0}
+_EXACT = {"alive": 3.0, "linear_velocity": 10.0, "yaw_rate": 5.0, "strain": -30.0}
+_FAST = {"alive": 3.0, "linear_velocity": 16.0, "yaw_rate": 8.0, "strain": -30.0}
 
 STAGES = (
     Stage("step", 2_400_000, robots=512, steps_per_update=32, batch=4096, epochs=4, learning_rate=7e-4),
     Stage("stay up", 2_700_000, learning_rate=6e-4),
     Stage("go", 2_000_000, entropy=0.002, spread=0.18),
     Stage("hold a speed", 1_500_000, entropy=0.0, push=0.15, spread=0.15, weights=_SHARP),
+    Stage("spare the motors", 2_700_000, entropy=0.0, push=0.4, spread=0.13, weights=_EASY),
+    Stage("be exact", 1_300_000, entropy=0.0, push=0.2, spread=0.12, weights=_EXACT),
+    Stage("hurry", 750_000, learning_rate=7e-4, entropy=0.0, push=0.15, spread=0.13, weights=_FAST),
+    Stage("settle", 480_000, batch=3072, learning_rate=3e-4, entropy=0.0, push=0.2, spread=0.1, weights=_FAST),
 )
 """What the shipped policy was trained in; the first ones need no speed, they learn not to fall."""
 

@@ -21,7 +21,15 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training import TrainWalkingConfig
 from humanoid_sim.training.walking.aim import Aim, aim_from, measure_response
 from humanoid_sim.training.walking.export import export_walking
-from humanoid_sim.training.walking.gait import COMMAND, MOST, OBSERVATIONS, from_canonical, gait, to_canonical
+from humanoid_sim.training.walking.gait import (
+    COMMAND,
+    MOST,
+    OBSERVATIONS,
+    from_canonical,
+    gait,
+    network_input,
+    to_canonical,
+)
 from humanoid_sim.training.walking.learning import learn, network_weights
 from humanoid_sim.training.walking.learning_env import PRIVILEGED
 from humanoid_sim.training.walking.stages import CONTRACT, QUICK, STAGES
@@ -73,9 +81,9 @@ def train_walking(config: TrainWalkingConfig) -> int:
     told = observations.copy()
     told[:, COMMAND : COMMAND + 3] = aim.told(observations[:, COMMAND : COMMAND + 3].astype(np.float64))
     seen, mirrored = to_canonical(told)
-    padded = np.concatenate([seen, np.zeros((len(seen), PRIVILEGED), dtype=np.float32)], axis=1)
+    padded = np.concatenate([network_input(seen), np.zeros((len(seen), PRIVILEGED), dtype=np.float32)], axis=1)
     added, _ = model.predict(padded, deterministic=True)
-    expected = from_canonical(gait(seen) + np.clip(added, -MOST, MOST), mirrored)
+    expected = from_canonical(gait(seen, np.clip(added, -MOST, MOST)), mirrored)
     actual = np.array([policy(observation, 0) for observation in observations])
     worst = float(np.abs(actual - expected).max())
     if not worst <= _EXPORT_TOLERANCE:

@@ -11,21 +11,35 @@ from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training.walking.aim import Aim
 from humanoid_sim.training.walking.export import export_walking
-from humanoid_sim.training.walking.gait import MOST, OBSERVATIONS, from_canonical, gait, to_canonical
+from humanoid_sim.training.walking.gait import (
+    ANSWERS,
+    INPUTS,
+    MOST,
+    OBSERVATIONS,
+    from_canonical,
+    gait,
+    network_input,
+    to_canonical,
+)
 
 CONTRACT = asset_path("policies", "lite_biped_velocity.contract.yaml")
 
 
 def test_the_graph_is_the_network_between_two_mirrors(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    sizes = (OBSERVATIONS, 8, 14)
+    sizes = (INPUTS, 8, ANSWERS)
     weights = {}
     for i, (given, made) in enumerate(pairwise(sizes)):
         weights[f"network.{i}.weight"] = rng.normal(size=(made, given)).astype(np.float32)
         weights[f"network.{i}.bias"] = rng.normal(size=made).astype(np.float32)
     path = tmp_path / "walk.onnx"
     contract = merge(read_contract_file(CONTRACT), str(CONTRACT), load_robot("lite_biped").joint_names)
-    aim = Aim(1.5, 1.2, np.array([[1.1, -0.2], [0.4, 1.3]]), np.array([[-0.5, 0.8], [-0.4, 0.4], [-0.8, 0.8]]))
+    aim = Aim(
+        np.array([0.2, 0.5, 0.6, 0.9, 1.0]),
+        1.2,
+        np.array([[1.1, -0.2], [0.4, 1.3]]),
+        np.array([[-0.5, 0.8], [-0.4, 0.4], [-0.8, 0.8]]),
+    )
     export_walking(path, weights, contract, aim)
 
     observations = rng.normal(size=(32, OBSERVATIONS)).astype(np.float32)
@@ -33,11 +47,11 @@ def test_the_graph_is_the_network_between_two_mirrors(tmp_path: Path) -> None:
     told[:, 6:9] = aim.told(observations[:, 6:9].astype(np.float64))
     assert bool((told[:, 6] == np.float32(0.8)).any())
     seen, mirrored = to_canonical(told)
-    hidden = seen @ weights["network.0.weight"].T + weights["network.0.bias"]
-    hidden = np.where(hidden > 0.0, hidden, np.expm1(hidden))
+    hidden = network_input(seen) @ weights["network.0.weight"].T + weights["network.0.bias"]
+    hidden = np.where(hidden > 0.0, hidden, np.expm1(np.minimum(hidden, 0.0)))
     added = np.clip(hidden @ weights["network.1.weight"].T + weights["network.1.bias"], -MOST, MOST)
     assert bool((np.abs(added) == MOST).any())
-    expected = from_canonical(gait(seen) + added, mirrored)
+    expected = from_canonical(gait(seen, added), mirrored)
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     (actual,) = session.run(None, {"obs": observations})
     np.testing.assert_allclose(actual, expected, atol=1e-4)

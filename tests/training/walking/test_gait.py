@@ -5,11 +5,19 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.training.walking.gait import (
     ACTION_MIRROR,
+    ACTIONS,
+    ANSWERS,
+    COMMAND,
     OBSERVATION_MIRROR,
     OBSERVATIONS,
     PHASE,
+    RATES,
+    SIDESTEP,
+    STRIDE,
+    TURN,
     from_canonical,
     gait,
+    network_input,
     to_canonical,
 )
 
@@ -52,13 +60,60 @@ def test_the_network_sees_a_left_leg_that_swings() -> None:
     np.testing.assert_array_equal(from_canonical(from_canonical(actions, mirrored), mirrored), actions)
 
 
-def test_the_gait_lifts_the_left_foot_in_mid_swing_and_rests_while_standing() -> None:
+NOTHING = np.zeros(ANSWERS, dtype=np.float32)
+
+
+def observed(phase: float, command: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
     observation = np.zeros(OBSERVATIONS, dtype=np.float32)
-    assert not gait(observation).any()
-    observation[PHASE] = 1.0
-    lift = 0.25 * gait(observation)
+    observation[COMMAND : COMMAND + 3] = command
+    observation[PHASE : PHASE + 2] = np.sin(phase), np.cos(phase)
+    return observation
+
+
+def test_the_gait_lifts_the_left_foot_in_mid_swing_and_rests_while_standing() -> None:
+    assert not gait(np.zeros(OBSERVATIONS, dtype=np.float32), NOTHING).any()
+    lift = 0.25 * gait(observed(np.pi / 2), NOTHING)
     np.testing.assert_allclose(lift[[0, 3, 5]], [-0.25, 0.5, -0.25], atol=1e-6)
     assert not lift[[7, 10, 12]].any()
-    observation[PHASE : PHASE + 2], observation[6] = (0.0, 1.0), 0.5
-    stride = 0.25 * gait(observation)
+    stride = 0.25 * gait(observed(0.0, (0.5, 0.0, 0.0)), NOTHING)
     np.testing.assert_allclose(stride[[0, 7]], [0.215 - 0.05, -0.215 - 0.05], atol=1e-6)  # behind, in front; and a lean
+
+
+def test_the_network_sizes_and_aims_the_gait() -> None:
+    answer = NOTHING.copy()
+    answer[ACTIONS] = -0.25
+    lift = 0.25 * gait(observed(np.pi / 2), answer)
+    np.testing.assert_allclose(lift[[0, 3, 5]], [-0.125, 0.25, -0.125], atol=1e-6)
+    answer[ACTIONS] = -1.0
+    assert not gait(observed(np.pi / 2), answer).any()
+    for i, step in enumerate((STRIDE, SIDESTEP, TURN)):
+        answer = NOTHING.copy()
+        answer[ACTIONS + 1 + i] = 0.2
+        further = gait(observed(0.0, (0.3, 0.1, -0.1)), answer) - gait(observed(0.0, (0.3, 0.1, -0.1)), NOTHING)
+        np.testing.assert_allclose(further, 0.2 * step, atol=1e-6)
+
+
+def test_a_leg_that_stands_measures_the_velocity_of_the_base() -> None:
+    """Against MuJoCo: how fast the right foot moves under a base that only turns."""
+    robot = load_robot("lite_biped")
+    model = build_model(robot, scene=False)
+    data, joints = mujoco.MjData(model), joint_addresses(model, robot.joint_names)
+    data.qpos[joints.qpos] = robot.initial_position
+    mujoco.mj_forward(model, data)
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        turning, rates = rng.normal(0.0, 0.5, 3), rng.normal(0.0, 0.5, 14)
+        turning[2], rates[[9, 11]] = 0.0, 0.0  # nothing turns about the vertical
+        data.qvel[:] = 0.0
+        data.qvel[3:6], data.qvel[joints.dof] = turning, rates
+        mujoco.mj_fwdVelocity(model, data)
+        expected = []
+        for body, axis in (("right_ankle_pitch", 0), ("right_foot", 1)):
+            velocity = np.zeros(6)
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, model.body(body).id, velocity, 0)
+            expected.append(-velocity[3 + axis])
+        observation = observed(np.pi)
+        observation[:3], observation[RATES : RATES + 14] = 0.25 * turning, 0.05 * rates
+        seen = network_input(observation)
+        np.testing.assert_array_equal(seen[:OBSERVATIONS], observation)
+        np.testing.assert_allclose(seen[OBSERVATIONS:] / 2.0, expected, atol=0.15)
