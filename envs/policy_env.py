@@ -24,6 +24,7 @@ from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_m
 from humanoid_sim.envs.resets import velocity_option
 from humanoid_sim.envs.scenario import Motions, Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
+from humanoid_sim.envs.tasks import Task
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
@@ -68,7 +69,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         robot: Named | RobotDescription,
         motion: Motions | None = None,
         *,
-        task: str = "auto",
+        task: str | type[Task] = "auto",
         actuation: Actuation = "affine",
         physics_timestep: float | None = None,
         command_delay: float = 0.0,
@@ -95,7 +96,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             motion: a sample motion by name, a file by path, or the motion itself, or several of these, of which each
                 episode has one; None for the one that a checkpoint carries in its graph, and for policies that follow
                 none.
-            task: `tracking`, `motion`, `velocity`, `balance`, or `auto` for the one that the contract was made for.
+            task: `tracking`, `motion`, `velocity`, `balance`, or `auto` for the one that the contract was made for;
+                or a class of your own, of `humanoid_sim.envs.tasks.Task`.
             actuation: `affine`, stepped natively, or `qfrc_applied`, the reference; they agree to 1e-9;
                 `implicit`, the faster approximation.
             physics_timestep: s; None for the robot's.

@@ -96,7 +96,7 @@ def make_scenario(
     robot: Named | RobotDescription,
     motion: Motions | None = None,
     *,
-    task: str = "auto",
+    task: str | type[Task] = "auto",
     physics_timestep: float | None = None,
     actuation: Actuation = "affine",
     action_limit: float | None = None,

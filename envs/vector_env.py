@@ -20,6 +20,7 @@ from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
 from humanoid_sim.envs.scenario import Motions, Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
+from humanoid_sim.envs.tasks import Task
 from humanoid_sim.envs.vector_info import VectorInfo
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
@@ -62,7 +63,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         robot: Named | RobotDescription,
         motion: Motions | None = None,
         *,
-        task: str = "auto",
+        task: str | type[Task] = "auto",
         actuation: BatchActuation = "affine",
         physics_timestep: float | None = None,
         action_limit: float | None = None,

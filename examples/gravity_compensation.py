@@ -1,7 +1,7 @@
 """Hold a robot's arms against gravity, from outside, over DDS: `python examples/gravity_compensation.py`.
 
 Walk the robot to REMOTE, by the gamepad, the console or `python -m humanoid_sim.mode start_remote`; the arms are then
-held. In the torque form they can be led by hand and stay where they are let go. In the PD form they keep their pose.
+held. In the effort form they can be led by hand and stay where they are let go. In the PD form they keep their pose.
 The page docs/dds-client.md explains it line by line.
 """
 
@@ -29,19 +29,19 @@ from humanoid_sim.simulation.kinematics import GravityTorque
 class Options:
     """Compensate gravity in REMOTE, over DDS."""
 
-    form: Literal["torque", "pd"] = "torque"
-    """torque: gravity's torque itself, no stiffness, a little damping; pd: a position offset that makes the spring of
+    form: Literal["effort", "pd"] = "effort"
+    """effort: gravity's torque itself, no stiffness, a little damping; pd: a position offset that makes the spring of
     the robot's own gains carry the weight."""
     robot: str = "lite"
     """Whose model this program uses: a shipped robot, the path of a robot's YAML file, or of an MJCF."""
     damping: float = 1.0
-    """N·m·s/rad, of the torque form."""
+    """N·m·s/rad, of the effort form."""
 
 
 def command(robot: RobotDescription, position: FloatArray, torque: FloatArray, form: str, damping: float) -> MITCommand:
     """What holds a position, shape (n,), rad, against gravity's torque, shape (n,), N·m."""
     zeros = np.zeros_like(position)
-    if form == "torque":
+    if form == "effort":
         return MITCommand(position, zeros, torque, zeros, np.full_like(position, damping))
     return MITCommand(position + torque / robot.stiffness, zeros, zeros, robot.stiffness, robot.damping)
 

@@ -5,8 +5,11 @@ from types import TracebackType
 
 
 def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
-    from humanoid_sim.errors import was_interrupted  # noqa: PLC0415 - before it nothing is loaded
+    from humanoid_sim.errors import missing_system, was_interrupted  # noqa: PLC0415 - before it nothing is loaded
 
+    if line := missing_system(error):
+        print(f"error: {line}", file=sys.stderr)
+        sys.exit(2)
     if not was_interrupted(error):
         sys.__excepthook__(kind, error, traceback)
         return
@@ -16,7 +19,7 @@ def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: 
 
 
 if getattr(sys, "argv", [])[:1] == ["-m"]:  # what Python has there while it looks for `-m humanoid_sim.…`
-    sys.excepthook = _told_in_a_line  # Ctrl-C while everything loads
+    sys.excepthook = _told_in_a_line  # Ctrl-C while everything loads, and what this system lacks
 
 from humanoid_sim.envs.registration import register_with_gymnasium  # noqa: E402 - what takes time to load comes after
 

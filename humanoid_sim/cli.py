@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from enum import IntEnum
 from functools import partial
 
-from humanoid_sim.errors import InputError, RobotError, known_names, was_interrupted
+from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, was_interrupted
 
 __all__ = ["VERBS", "ExitStatus", "complain", "load_program", "main", "mute_output", "run_program"]
 
@@ -86,10 +86,14 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
         complain(f"error: {error}")
         status = ExitStatus.BAD_INPUT
     except (KeyboardInterrupt, ImportError) as error:
-        if not was_interrupted(error):
+        if line := missing_system(error):
+            complain(f"error: {line}")
+            status = ExitStatus.BAD_INPUT
+        elif was_interrupted(error):
+            complain("interrupted")
+            status = ExitStatus.INTERRUPTED
+        else:
             raise
-        complain("interrupted")
-        status = ExitStatus.INTERRUPTED
     except OSError as error:
         # Whoever opens a file reports its failure with its name; what has none failed while printing.
         if error.errno not in _UNWRITABLE or error.filename is not None:

@@ -15,6 +15,7 @@ __all__ = [
     "MissingPackageError",
     "RobotError",
     "known_names",
+    "missing_system",
     "one_line",
     "reason_of",
     "was_interrupted",
@@ -85,6 +86,20 @@ def one_line(text: str) -> str:
 def reason_of(error: BaseException) -> str:
     """What another package's exception says, as part of a line; its type where it says nothing."""
     return one_line(str(error)) or type(error).__name__
+
+
+_OF_UNIX = ("fcntl", "grp", "pwd", "resource", "termios", "tty")
+"""Modules of Python's that Windows lacks."""
+
+
+def missing_system(error: BaseException | None) -> str:
+    """One line, where a module is missing that only some systems have: what runs here all the same; else empty."""
+    if not isinstance(error, ModuleNotFoundError) or error.name not in _OF_UNIX:
+        return ""
+    return (
+        f"sessions, front ends and hardware need Python's module '{error.name}', which this system lacks: use Linux; "
+        "environments, regress and the tools for policies run here"
+    )
 
 
 def was_interrupted(error: BaseException | None) -> bool:

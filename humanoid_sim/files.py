@@ -6,7 +6,6 @@ may never come.
 
 from __future__ import annotations
 
-import fcntl
 import io
 import os
 import stat
@@ -19,10 +18,19 @@ from typing import IO
 
 from humanoid_sim.errors import InputError
 
+try:
+    import fcntl
+
+    _HAS_LOCKS = True
+except ImportError:  # Windows: nothing tells who else writes a file
+    _HAS_LOCKS = False
+
 __all__ = ["exclusive_file", "is_file", "output_file", "regular_file", "whole_file"]
 
 _SHOWN = 40
 """Characters of a file's name that its temporary one begins with; four bytes each at most, of 255."""
+_CLOSE_IN_CHILDREN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+"""Flags of opening that not every system has, or needs."""
 _COUNT = count()
 
 
@@ -104,7 +112,7 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
         InputError: another process writes it, and it is left alone; it is there; or it cannot be written.
     """
     path = Path(path)
-    flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | (0 if overwrite else os.O_EXCL)
+    flags = os.O_WRONLY | os.O_CREAT | _CLOSE_IN_CHILDREN | (0 if overwrite else os.O_EXCL)
     try:
         file = io.FileIO(os.open(path, flags, 0o666), "wb")
     except FileExistsError:
@@ -113,7 +121,8 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if _HAS_LOCKS:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             file.truncate(0)
     except BlockingIOError:
@@ -130,6 +139,8 @@ _WRITTEN = "is being written by another session; choose another name"
 
 def _is_being_written(path: Path) -> bool:
     """Whether somebody has the file from `exclusive_file`."""
+    if not _HAS_LOCKS:
+        return False
     try:
         with io.FileIO(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)) as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)

@@ -45,12 +45,16 @@ _NEEDS = {"tracking": "motion_body_pos_b", "motion": "reference_joint_pos", "pia
 
 
 def make_task(
-    name: str, description: RobotDescription, contract: PolicyContract, reference: MotionReference, **options: Any
+    task: str | type[Task],
+    description: RobotDescription,
+    contract: PolicyContract,
+    reference: MotionReference,
+    **options: Any,
 ) -> Task:
-    """The task `name`; `auto`: the one that the contract and its motion were made for.
+    """A task; `auto`: the one that the contract and its motion were made for.
 
     Args:
-        name: of `TASKS`, or `auto`.
+        task: name in `TASKS`, or `auto`; or a class of your own.
         description: of the robot.
         contract: of the policy.
         reference: of the contract's motion.
@@ -59,6 +63,9 @@ def make_task(
     Raises:
         InputError: there is no such task, or it is not one for this robot and motion.
     """
+    if not isinstance(task, str):
+        return task(description, contract, reference, **options)
+    name = task
     if name == "auto":
         walks = description.is_floating and contract.task_type == "locomotion"
         followed = (task for task, term in _NEEDS.items() if term in reference.terms)

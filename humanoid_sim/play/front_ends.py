@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted, require_packages
@@ -19,7 +18,6 @@ __all__ = [
     "has_keys",
     "needs_gamepad",
     "operated_by",
-    "refuse_old_names",
     "require_gamepad",
     "shows_window",
     "wanted_front_ends",
@@ -28,19 +26,6 @@ __all__ = [
 
 _LOOK_WITHIN = 20.0
 """s for the program that looks for a gamepad."""
-_OLD_NAMES = {("--viewer", "web"): "--console", ("--remote", "dds"): "--dds"}
-
-
-def refuse_old_names(arguments: Sequence[str]) -> None:
-    """Refuse options of earlier versions.
-
-    Raises:
-        InputError: naming the option that has taken its place.
-    """
-    words = [word for argument in arguments for word in argument.split("=", 1)]
-    for pair in pairwise(words):
-        if pair in _OLD_NAMES:
-            raise InputError(f"{pair[0]}: {pair[1]} is now {_OLD_NAMES[pair]}")
 
 
 def shows_window(config: PlayConfig) -> bool:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
 import tyro
 
-__all__ = ["DEFAULT_ROBOT", "PlayConfig"]
+from humanoid_sim.errors import InputError
+
+__all__ = ["DEFAULT_ROBOT", "PlayConfig", "refuse_old_names"]
 
 DEFAULT_ROBOT = "lite"
 
@@ -32,7 +35,8 @@ class PlayConfig:
     ode_to_joy."""
     again: Annotated[str | None, tyro.conf.arg(metavar="RECORDING")] = None
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
-    with the same motion or command. Options override the recording's."""
+    with the same motion or command. Options override the recording's; another --policy comes with a contract of its
+    own."""
     branch: Annotated[str | None, tyro.conf.arg(metavar="RECORDING@SECONDS")] = None
     """FILE@SECONDS: begin a simulation in that instant of a recording (.mcap) of play, and go on with what it took in,
     or with another --policy, --contract (gains), --motion, --command, --script, --manual or --push."""
@@ -179,3 +183,18 @@ class PlayConfig:
     def checkpoint(self) -> str | None:
         """The checkpoint that runs, as the robot's policy or as its shadow; None for the sample policy."""
         return self.policy if self.shadow is None else self.shadow
+
+
+_OLD_NAMES = {("--viewer", "web"): "--console", ("--remote", "dds"): "--dds"}
+
+
+def refuse_old_names(arguments: Sequence[str]) -> None:
+    """Refuse options of earlier versions.
+
+    Raises:
+        InputError: naming the option that has taken its place.
+    """
+    words = [word for argument in arguments for word in argument.split("=", 1)]
+    for pair in pairwise(words):
+        if pair in _OLD_NAMES:
+            raise InputError(f"{pair[0]}: {pair[1]} is now {_OLD_NAMES[pair]}")

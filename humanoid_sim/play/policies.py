@@ -214,9 +214,9 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
             other = "" if config.branch is not None else "; name one with --policy or --shadow"
             raise InputError(f"{option}: '{path}' was made with --shadow, and no policy drove its robot{other}")
         recorded.pop("contract", None)  # it is for the shadow
+    if config.policy is not None:
+        recorded.pop("contract", None)  # it is for the recorded policy
     if config.branch is not None:
-        if config.policy is not None:
-            recorded.pop("contract", None)  # it is for the recorded policy
         recorded.pop("command", None)  # the velocity goes on as recorded
         config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
     known = {field.name: field for field in fields(config)}

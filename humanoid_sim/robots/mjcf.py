@@ -17,7 +17,7 @@ import numpy as np
 from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.imu import find_imu
-from humanoid_sim.robots.mjcf_bounds import check_mjcf_bounds
+from humanoid_sim.robots.mjcf_bounds import check_mjcf_bounds, kind_of_model
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
     BaseSettings,
@@ -61,7 +61,7 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         with mujoco_silenced:
             return mujoco.MjSpec.from_file(str(path))
     except (ValueError, *_NO_ROOM) as error:
-        raise InputError(f"{path}: not a valid MJCF model: {reason_of(error)}") from None
+        raise InputError(f"{path}: not a valid {kind_of_model(path)}: {reason_of(error)}") from None
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:

@@ -12,7 +12,7 @@ from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.mjcf_files import NamedFiles
 
-__all__ = ["check_mjcf_bounds"]
+__all__ = ["check_mjcf_bounds", "kind_of_model"]
 
 _SIZES = {
     "hfield": ("nrow", "ncol"),
@@ -34,6 +34,11 @@ _SUBDIVISIONS = 7
 _UNITS = {"K": 10, "M": 20, "G": 30, "T": 40, "P": 50, "E": 60}
 _DEPTH = 200
 """Levels of elements: MuJoCo's own parser ends at a few more, and some of its passes recurse."""
+
+
+def kind_of_model(path: Path) -> str:
+    """What a file of a robot's model is, by its name: MuJoCo reads both."""
+    return "URDF" if path.suffix == ".urdf" else "MJCF model"
 
 
 def check_mjcf_bounds(path: Path) -> None:
@@ -83,7 +88,7 @@ class _Elements:
         except ElementTree.ParseError:
             return  # MuJoCo says so, and where
         except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: not a valid MJCF model: {reason_of(error)}") from None
+            raise InputError(f"{path}: not a valid {kind_of_model(path)}: {reason_of(error)}") from None
 
     def _included(self, path: Path, element: ElementTree.Element) -> Iterator[Path]:
         for folder in (path.parent, self._folder):

@@ -19,7 +19,7 @@ from humanoid_sim.simulation.delay import DelayLine, delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
 from humanoid_sim.simulation.keys import PianoKeys, Touch, hardest_touch
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.plant import Actuation, make_plant, timestep_of
+from humanoid_sim.simulation.plant import Actuation, MotorPlant, make_plant, timestep_of
 from humanoid_sim.simulation.push import Push, Pushes
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
@@ -71,6 +71,7 @@ class MujocoRobot:
         velocity_at: Sequence[str] = (),
         pushes: Sequence[Push] = (),
         terrain: Terrain | None = None,
+        motors: type[MotorPlant] | None = None,
     ) -> None:
         """Build the model.
 
@@ -90,6 +91,7 @@ class MujocoRobot:
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state of a robot with a floating base reports.
             pushes: of a floating base, each at its time.
+            motors: a motor model of your own, in place of motors that give exactly what the MIT law asks for.
             terrain: instead of a level floor. A floating base starts as high as it would on that, at the origin.
 
         Raises:
@@ -110,7 +112,9 @@ class MujocoRobot:
         self._timestep = timestep
         self._control_period = period
         self._joints = description.joint_names
-        self._plant = make_plant(description, actuation=actuation, physics_timestep=timestep, terrain=terrain)
+        self._plant = make_plant(
+            description, actuation=actuation, physics_timestep=timestep, terrain=terrain, motors=motors
+        )
         self._stability = DampingStability(self._plant.model, description)
         self._warnings = self._stability.check_description()
         self._starts_held = support

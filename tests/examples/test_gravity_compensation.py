@@ -43,11 +43,11 @@ def test_both_forms_command_gravitys_torque_at_the_pose_and_no_more(example: Mod
     q = LITE.initial_position + np.full(14, 0.1)
     torque = GravityTorque(LITE)(q)
     assert np.abs(torque).max() > 0.5
-    for form in ("torque", "pd"):
+    for form in ("effort", "pd"):
         command = example.command(LITE, q, torque, form, 1.0)
         applied = command.stiffness * (command.position - q) + command.effort
         assert applied == pytest.approx(torque, abs=1e-9)
-    assert example.command(LITE, q, torque, "torque", 1.5).damping.tolist() == [1.5] * 14
+    assert example.command(LITE, q, torque, "effort", 1.5).damping.tolist() == [1.5] * 14
 
 
 @contextmanager
@@ -81,7 +81,7 @@ def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(
     options = ("--dds", "--pace", "realtime", "--viewer", "none", "--video", "none", "--record", str(record))
     with running("-m", "humanoid_sim.play", *options, "--script", script) as play:
         line_with(play, "DDS: domain ")
-        for form, end in (("torque", signal.SIGKILL), ("pd", signal.SIGTERM)):
+        for form, end in (("effort", signal.SIGKILL), ("pd", signal.SIGTERM)):
             with running(str(EXAMPLE), "--form", form) as client:
                 line_with(client, "REMOTE: holding")
                 time.sleep(held)
@@ -97,7 +97,7 @@ def _check(record: Path) -> None:
     remote = [tick for tick in open_recording(record).ticks() if tick.output.control_mode.mode is Mode.REMOTE]
     torque = [tick for tick in remote if tick.output.command.effort.any()]
     pd = [tick for tick in remote if tick.output.command.stiffness.any()]
-    _holds("torque", torque, 0.001)
+    _holds("effort", torque, 0.001)
     _holds("pd", pd, 0.001)
     # Killed: passive at the latest 100 ms after its last command, and from then on.
     last = torque[-1]

@@ -16,6 +16,8 @@ import pytest
 import yaml
 
 from humanoid_sim.assets import asset_path
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import MITCommand
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -67,6 +69,59 @@ def test_a_front_end_of_ones_own_watches_a_session(tmp_path: Path) -> None:
         session.kill()
         session.wait()
     assert all(line.endswith(" N·m\n") for line in lines)
+
+
+def test_motors_of_ones_own_follow_worse(capsys: pytest.CaptureFixture[str]) -> None:
+    load("own_motor").main()
+    ideal, tired = (float(line.split()[5]) for line in capsys.readouterr().out.splitlines())
+    assert 0.01 < ideal < tired < 0.1
+
+
+def test_motors_of_ones_own_give_what_the_law_asks_for_where_nothing_is_lost() -> None:
+    example = load("own_motor")
+
+    class Ideal(example.TiredMotors):  # type: ignore[misc,name-defined]
+        friction, no_load_velocity = 0.0, 1e12
+
+    command = MITCommand.zeros(14)
+    ends = []
+    for motors in (None, Ideal):
+        robot = example.MujocoRobot(example.LITE, control_period=0.005, motors=motors)
+        for _ in range(20):
+            robot.write(command)
+        ends.append(robot.read()[0].joint_position)
+        robot.close()
+    assert abs(ends[0] - ends[1]).max() < 1e-9
+    with pytest.raises(InputError, match="actuation: is 'affine', expected 'qfrc_applied' for motors of your own"):
+        example.MujocoRobot(example.LITE, actuation="affine", motors=Ideal)
+
+
+def test_a_task_of_ones_own_alone_and_in_a_batch(capsys: pytest.CaptureFixture[str]) -> None:
+    load("own_task").main()
+    zeros, random, batch = capsys.readouterr().out.splitlines()
+    held, strayed = (float(line.split()[1]) for line in (zeros, random))
+    assert zeros.endswith("held out")
+    assert 1.0 < held <= 2.0
+    assert strayed < held
+    assert 0.0 < float(batch.split()[3]) <= 0.02
+
+
+@pytest.mark.slow
+def test_branching_from_a_recording_shows_how_hard_a_push_is_stood(tmp_path: Path) -> None:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    run = subprocess.run(
+        ["bash", str(EXAMPLES / "branch.sh"), str(tmp_path)],
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+    )
+    assert (run.returncode, run.stderr) == (0, "")
+    weakest, *_, strongest, hint = run.stdout.splitlines()
+    assert weakest == "0.2 m/s to the left: stands"
+    assert strongest == "2.5 m/s to the left: falls"
+    assert Path(hint.split("--again ")[1].split()[0]).stat().st_size > 1000
 
 
 @pytest.mark.slow

@@ -169,6 +169,14 @@ def test_a_file_that_is_no_recording(tmp_path: Path) -> None:
         with_recorded_options(PlayConfig(again=str(motion_path("drum"))))
 
 
+def test_another_policy_comes_with_a_contract_of_its_own(tmp_path: Path) -> None:
+    path = recording(tmp_path, {"options": {"policy": "old.onnx", "contract": "old.yaml", "robot": "lite_biped"}})
+    assert with_recorded_options(PlayConfig(again=path)).contract == "old.yaml"
+    other = with_recorded_options(PlayConfig(again=path, policy="new.onnx"))
+    assert (other.policy, other.contract, other.robot) == ("new.onnx", None, "lite_biped")
+    assert with_recorded_options(PlayConfig(again=path, policy="new.onnx", contract="new.yaml")).contract == "new.yaml"
+
+
 def test_a_failure_that_regress_found_is_played_again(folder: Path, quick: str, run: Callable[..., Result]) -> None:
     """With the options that regress writes: the policy walks up and follows the motion that the file carries."""
     options = {"policy": str(SAMPLE_POLICY), "robot": quick, "actuation": "affine", "action_limit": 100.0}

@@ -72,7 +72,7 @@ def test_a_fixed_base_hangs_where_it_is(urdf: Path) -> None:
             "mesh 'package://walker/meshes/knee.obj' is not found; looked beside the URDF in: ",
         ),
         (("", ""), {"imu": "skull"}, "has no link 'skull' for the IMU; links: pelvis, head, leg"),
-        (("<robot", "<robot><"), {}, "not a valid MJCF model"),
+        (("<robot", "<robot><"), {}, "not a valid URDF: "),
     ],
 )
 def test_what_is_wrong_is_one_line(
