@@ -28,7 +28,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "humanoid_sim/LitePiano-v0": {
         "entry_point": _SINGLE,
         "vector_entry_point": _VECTOR,
-        "kwargs": {"contract": "lite_piano", "robot": "lite_piano", "motion": "ode_to_joy"},
+        "kwargs": {"contract": "lite_piano_task", "robot": "lite_piano", "motion": "ode_to_joy"},
     },
     "humanoid_sim/Policy-v0": {"entry_point": _SINGLE, "vector_entry_point": _VECTOR},
     "humanoid_sim/LiteModes-v0": {

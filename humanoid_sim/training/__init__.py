@@ -20,6 +20,7 @@ __all__ = [
     "TraceConfig",
     "TraceWalkingConfig",
     "TrainConfig",
+    "TrainPianoConfig",
     "TrainSampleConfig",
     "TrainWalkingConfig",
     "main",
@@ -87,6 +88,22 @@ class EvaluateConfig:
 
 
 @dataclass(frozen=True)
+class TrainPianoConfig:
+    """Train the sample policy that plays the piano, and write it as ONNX."""
+
+    output: str = "lite_piano.onnx"
+    """The checkpoint; written under a temporary name and renamed at the end."""
+    seed: int = 0
+    """Of everything random."""
+    songs: int = 140
+    """Generated songs of 14 s each to train on."""
+    rounds: int = 3
+    """How often the network plays them all, so that it learns from its own mistakes."""
+    epochs: int = 4
+    """Over all that was seen so far, in each round."""
+
+
+@dataclass(frozen=True)
 class TraceConfig:
     """Write a run of the sample policy as its trainer sees it, for `humanoid_sim.policy stamp --trace`."""
 
@@ -150,6 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         | MotionsConfig
         | SongsConfig
         | TrainSampleConfig
+        | TrainPianoConfig
         | TraceConfig
         | EvaluateConfig
         | TrainWalkingConfig
@@ -164,6 +182,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 "motions": MotionsConfig,
                 "songs": SongsConfig,
                 "train-sample": TrainSampleConfig,
+                "train-piano": TrainPianoConfig,
                 "trace": TraceConfig,
                 "evaluate": EvaluateConfig,
                 "train-walking": TrainWalkingConfig,
@@ -181,14 +200,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _any_task(config)
         case MotionsConfig() | SongsConfig():
             return _samples(config)
-        case TrainSampleConfig():
-            try:
-                from humanoid_sim.training.train import train_sample  # noqa: PLC0415
-            except ModuleNotFoundError as error:
-                if error.name != "torch":
-                    raise
-                raise MissingPackageError("torch", "train", "training train-sample") from None
-            return train_sample(config)
+        case TrainSampleConfig() | TrainPianoConfig():
+            return _sample_policies(config)
         case TraceConfig():
             from humanoid_sim.training.trace import write_trace  # noqa: PLC0415
 
@@ -211,6 +224,21 @@ def _samples(config: MotionsConfig | SongsConfig) -> int:
 
     write_samples(Path(config.output))
     return 0
+
+
+def _sample_policies(config: TrainSampleConfig | TrainPianoConfig) -> int:
+    name = "train-piano" if isinstance(config, TrainPianoConfig) else "train-sample"
+    try:
+        if isinstance(config, TrainPianoConfig):
+            from humanoid_sim.training.piano.train import train_piano  # noqa: PLC0415
+
+            return train_piano(config)
+        from humanoid_sim.training.train import train_sample  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise MissingPackageError("torch", "train", f"training {name}") from None
+    return train_sample(config)
 
 
 def _any_task(config: TrainConfig | CurvesConfig) -> int:

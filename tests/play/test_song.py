@@ -44,7 +44,7 @@ def test_a_song_is_played_and_scored(
     assert found["steps"]["precision"] > 0.95
     assert 0.75 < found["steps"]["f1"] < 0.95
     force = result.summary["key_force"]
-    assert 1.0 < force["force"] < force["limit"] == 7.1
+    assert 1.0 < force["force"] < force["limit"] == 14.0
     assert force["key"] in ("G3", "D5")
     assert f"hardest touch of a key: {force['force']:.2f} N ({force['key']} at " in result.out
     assert "5 of 6 notes struck in time, 0 wrong strokes" in result.out
@@ -68,7 +68,7 @@ def test_a_key_that_is_touched_too_hard_fails_the_run(run: Run, policy: Path, so
     [
         (
             ["--song", "twinkl"],
-            "--song: 'twinkl' is neither a MIDI file nor a sample song; did you mean twinkle? samples",
+            "--song: unknown song 'twinkl' (did you mean 'twinkle'?); known: black_keys, ",
         ),
         ([], "--song: is missing; "),
         (["--song", "twinkle", "--motion", "wave"], "--motion and --song: both are given, expected one of them"),
