@@ -5,7 +5,7 @@ What a piano policy is measured against, and what it learns from. It hears nothi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -64,18 +64,20 @@ class Plan:
 class Timing:
     """How long things take, in s."""
 
-    press: float = 0.14
+    press: float = 0.18
     """From over a key until it is down."""
-    sounds: float = 0.10
+    sounds: float = 0.12
     """From the beginning of that until the key sounds."""
     release: float = 0.06
     """From the bottom of a key to over it."""
     stops: float = 0.02
     """From the beginning of that until the key stops."""
-    travel: float = 0.08
+    travel: float = 0.07
     """Of the way to another key, and"""
-    per_key: float = 0.008
+    per_key: float = 0.0075
     """beyond it for each semitone."""
+    settle: float = 0.04
+    """After that, until the arm is still."""
 
 
 @dataclass(slots=True, eq=False)
@@ -95,6 +97,13 @@ class _Hand:
     """The key over which it began."""
     step: int = 0
     steps: int = 0
+    settling: int = 0
+    """Steps that are left until it may strike."""
+
+    @property
+    def keys(self) -> tuple[int, ...]:
+        """Over which it is: while it is on its way both ends."""
+        return (self.key,) if self.start is None else (self.origin, self.key)
 
 
 class PianoPlayer:
@@ -122,8 +131,9 @@ class PianoPlayer:
         self._stiffness, self._damping = description.stiffness, description.damping
         self._mass = MassMatrix(description)
         self._timing, self._dt = timing, policy_dt
-        self._press, self._sounds, self._release, self._stops = (
-            max(round(value / policy_dt), 1) for value in (timing.press, timing.sounds, timing.release, timing.stops)
+        self._press, self._sounds, self._release, self._stops, self._settle = (
+            max(round(value / policy_dt), 1)
+            for value in (timing.press, timing.sounds, timing.release, timing.stops, timing.settle)
         )
         self._horizon = round(HORIZON / policy_dt)
 
@@ -199,6 +209,7 @@ class PianoPlayer:
                 hand.place[pose_number(LIFTED, key)] = lift * part
             hand.place = {number: part for number, part in hand.place.items() if part}
         if hand.step >= hand.steps:
+            hand.settling = self._settle if hand.origin != hand.key else 0
             hand.start, hand.origin = None, hand.key
 
     def _begin(self, hand: _Hand, key: int, *, down: bool, steps: int) -> None:
@@ -216,11 +227,13 @@ class PianoPlayer:
             if not (own and own[0].key == hand.key and own[0].start - frame <= self._sounds):
                 self._begin(hand, hand.key, down=False, steps=self._release)
         elif own and own[0].key == hand.key and hand.place == {pose_number(ABOVE, hand.key): 1.0}:
-            if own[0].start - frame <= self._sounds:
+            hand.settling = max(hand.settling - 1, 0)
+            if own[0].start - frame <= self._sounds and not hand.settling:
                 self._begin(hand, hand.key, down=True, steps=self._press)
         else:
-            key = own[0].key if own else self._aside(hand, others, other)
-            if own or key != hand.key:
+            goes = bool(own) and _is_clear(hand.side, own[0].key, other.keys) and not _gives_way(hand.side, own, others)
+            key = own[0].key if goes else self._aside(hand, others, other)
+            if key != hand.key or hand.place == {READY: 1.0}:
                 self._begin(hand, key, down=False, steps=max(self._way(hand.key, key), self._release))
 
     def _way(self, a: int, b: int) -> int:
@@ -229,7 +242,7 @@ class PianoPlayer:
 
     def _needed(self, a: int, b: int) -> int:
         """Steps from over one key until another sounds."""
-        return self._sounds + self._way(a, b)
+        return self._sounds + (self._way(a, b) + self._settle - 1 if a != b else 0)
 
     def _assign(
         self, frame: int, coming: Sequence[Goal], owner: Mapping[Goal, int], hands: Sequence[_Hand]
@@ -278,9 +291,19 @@ class PianoPlayer:
     def _aside(self, hand: _Hand, others: Sequence[Goal], other: _Hand) -> int:
         """Where a hand with nothing to do waits: where it is, out of the other's way."""
         keys = self.poses.keys[hand.side]
-        taken = [other.key, *(goal.key for goal in others[:1])]
+        taken = [*other.keys, *(goal.key for goal in others[:1])]
         away = min(hand.key, min(taken) - APART) if hand.side == 0 else max(hand.key, max(taken) + APART)
         return min(max(away, keys[0]), keys[-1])
+
+
+def _is_clear(side: int, key: int, keys: Collection[int]) -> bool:
+    """Whether a hand over a key keeps away from the other one."""
+    return key <= min(keys) - APART if side == 0 else key >= max(keys) + APART
+
+
+def _gives_way(side: int, own: Sequence[Goal], others: Sequence[Goal]) -> bool:
+    """Whether the other hand's next note comes first, and this one's would be in its way."""
+    return bool(others) and others[0].start < own[0].start and not _is_clear(side, own[0].key, [others[0].key])
 
 
 def _smooth(share: float) -> float:

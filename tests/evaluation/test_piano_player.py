@@ -96,6 +96,8 @@ def test_unseen_songs_on_the_reference_plant(table_of: Callable[..., list[tuple[
         result, force = performed(player, goals(made, DT), "qfrc_applied")
         ratios.append((result.steps.precision, result.steps.recall, result.steps.f1))
         shown = (f"{value:.3f}" for value in ratios[-1])
+        assert ROBOT.piano is not None
+        assert force.max() < ROBOT.piano.key_force_limit
         rows.append((str(i), *shown, f"{result.hit_count}/{result.note_count}", f"{force.max():.1f}"))
     precision, _, f1 = np.mean(ratios, axis=0)
     assert precision > 0.95
