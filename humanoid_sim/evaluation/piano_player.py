@@ -66,7 +66,7 @@ class Timing:
 
     press: float = 0.18
     """From over a key until it is down."""
-    sounds: float = 0.12
+    sounds: float = 0.14
     """From the beginning of that until the key sounds."""
     release: float = 0.06
     """From the bottom of a key to over it."""
@@ -194,6 +194,8 @@ class PianoPlayer:
         hand.step += 1
         share = _smooth(hand.step / hand.steps)
         if hand.strokes:
+            if hand.down:
+                share = _gentle(hand.step / hand.steps, float(self.poses.touch[hand.key]))
             hand.place = self.poses.stroke(hand.key, share if hand.down else 1.0 - share)
         else:
             way = abs(hand.key - hand.origin)
@@ -311,10 +313,19 @@ def _smooth(share: float) -> float:
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
 
+def _gentle(time: float, touch: float) -> float:
+    """The share of a stroke's way at a share of its time: the finger is almost still where it touches the key."""
+    if time < _APPROACH:
+        return touch * _smooth(time / _APPROACH)
+    return touch + (1.0 - touch) * _smooth((time - _APPROACH) / (1.0 - _APPROACH))
+
+
 HOME = 30, 57
 """The key over which each hand is at home."""
 APART = 5
 """Semitones that hands keep from each other."""
+_APPROACH = 0.5
+"""Share of a stroke's time until the finger touches the key."""
 _LIFTED = 4.0
 """Semitones within which a hand rises to where hands are lifted, and comes down again."""
 _CHOSEN = 6

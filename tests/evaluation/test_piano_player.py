@@ -101,4 +101,4 @@ def test_unseen_songs_on_the_reference_plant(table_of: Callable[..., list[tuple[
         rows.append((str(i), *shown, f"{result.hit_count}/{result.note_count}", f"{force.max():.1f}"))
     precision, _, f1 = np.mean(ratios, axis=0)
     assert precision > 0.95
-    assert f1 > 0.88
+    assert f1 > 0.86
