@@ -99,9 +99,11 @@ def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]
 
 def change_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
     """What differs, one line each: the field, its value before, and after; long lists cut."""
+    pairs = [(path, _at(present, path), value) for path, value in _flat("", overrides(present, wanted))]
     return [
-        f"{path}: {_short(_at(present, path))} → {_short(value)}"
-        for path, value in _flat("", overrides(present, wanted))
+        f"{path}: {_short(before)} → {_short(after)}"
+        for path, before, after in pairs
+        if after not in (before, [before])  # a section is overridden as a whole, what stays in it too
     ]
 
 

@@ -185,3 +185,8 @@ def test_changes_show_the_value_before_and_after() -> None:
     assert change_lines(contract, changed["actions scaled"]) == ["terms.actions.form: raw → scaled"]
     assert change_lines(contract, changed["reference not aligned"]) == ["align_reference: true → false"]
     assert change_lines(contract, changed["action scale 0.5"]) == ["action_scale: [0.5, 0.6, … 4 in all] → 0.5"]
+
+
+def test_what_stays_as_it_is_in_a_section_that_is_written_whole_is_no_change() -> None:
+    longer = replace(one_foot(), phase=replace(one_foot().phase, period=0.8))
+    assert change_lines(one_foot(), longer) == ["phase.period: 0.7 → 0.8"]
