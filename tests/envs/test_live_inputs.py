@@ -107,7 +107,10 @@ def test_nothing_that_feeds_it_is_one_line(contract: Path) -> None:
         "policy on robot 'lite': observation term 'tilt' needs the live input 'tilt' of width 2 "
         "(fed through `live` from Python), and there is none"
     )
-    with pytest.raises(InputError, match=r"^policy on robot 'lite': live: unknown live input 'tlit'; .*known: tilt"):
+    with pytest.raises(
+        InputError,
+        match=r"^policy on robot 'lite': live: unknown live input 'tlit' .did you mean 'tilt'..; known: tilt",
+    ):
         single(contract, live={"tlit": tilt})
 
 
@@ -180,7 +183,10 @@ def test_the_whole_stack_refuses_what_nobody_feeds_and_what_nobody_observes(cont
         InputError, match=r"^policy on robot 'lite': observation term 'tilt' needs the live input 'tilt'"
     ):
         ModesEnv(LITE, str(contract))
-    with pytest.raises(InputError, match=r"^policy on robot 'lite': live: unknown live input 'tlit'; .*known: tilt"):
+    with pytest.raises(
+        InputError,
+        match=r"^policy on robot 'lite': live: unknown live input 'tlit' .did you mean 'tilt'..; known: tilt",
+    ):
         ModesEnv(LITE, str(contract), live={"tlit": tilt})
     with pytest.raises(InputError, match=r"^live\['tilt'\]: is given, but there is no policy that observes it$"):
         ModesEnv(LITE, live={"tilt": tilt})

@@ -44,7 +44,7 @@ def test_an_address_names_interface_and_channel(text: str, interface: str, chann
         ("", "names no channel"),
         ("virtual:", "names no channel"),
         (":can0", "names no interface"),
-        ("socketkan:can0", "unknown interface 'socketkan'; known: .*socketcan"),
+        ("socketkan:can0", "unknown interface 'socketkan' .did you mean 'socketcan'..; known: .*socketcan"),
         ("socketcan:", "names no channel"),
         ("a-very-long-interface", "cannot be a network interface's name"),
         ("can 0", "cannot be a network interface's name"),

@@ -137,7 +137,7 @@ def test_a_base_without_a_name(small_robot: Callable[..., RobotDescription]) -> 
 def test_unknown_frames_are_refused(small_robot: Callable[..., RobotDescription]) -> None:
     robot = small_robot(EVERY_JOINT, ("slide", "hinge"))
     known = "known: stand, slider, ball, tip, trunk, limb, hand$"
-    with pytest.raises(InputError, match=f"^unknown body 'head'; {known}"):
+    with pytest.raises(InputError, match=f"^unknown body 'head' .did you mean 'hand'..; {known}"):
         sensors_of(robot, ["tip", "head"])
-    with pytest.raises(InputError, match=f"^anchor body: unknown body 'head'; {known}"):
+    with pytest.raises(InputError, match=f"^anchor body: unknown body 'head' .did you mean 'hand'..; {known}"):
         sensors_of(robot, [], anchor_body="head")
