@@ -86,22 +86,23 @@ class StableBaselinesVecEnv(VecEnv):
         return [None] * self.num_envs if pictures is None else list(pictures)
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """An attribute of the vector environment, once for each of these environments.
+        """An attribute of the vector environment or of a wrapper around it, once for each of these environments.
 
         Raises:
-            AttributeError: it has none of that name.
+            AttributeError: neither has one of that name.
         """
-        return [getattr(self.envs, attr_name)] * len(self._chosen(indices))
+        owner = self.envs if hasattr(self.envs, attr_name) else self.envs.unwrapped
+        return [getattr(owner, attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Set an attribute of the vector environment.
+        """Set an attribute of the vector environment, below the wrappers that are around it.
 
         Raises:
             InputError: only for some of the environments.
         """
         if len(self._chosen(indices)) < self.num_envs:
             raise InputError(f"{attr_name}: the environments are one, expected a value for all of them")
-        setattr(self.envs, attr_name, value)
+        setattr(self.envs.unwrapped, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any

@@ -1,6 +1,6 @@
 """Train legs on robots and ground that grow harder: randomisation, terrain and commands on a curriculum.
 
-    pip install humanoid_sim[rl]
+    pip install -e '.[rl]'
     python examples/growing_harder.py --steps 5000000
 
 It shows where the environments' `progress` is set, and makes no claim that this recipe walks: `python -m

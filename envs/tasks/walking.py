@@ -52,7 +52,7 @@ class WalkingTask(VelocityTask):
     linear_velocity   4.0    1       mean of exp(-e²/s²) for s = 0.15 and 0.5 m/s, e the horizontal velocity error in
                                      the heading frame
     yaw_rate          2.0    1       likewise for 0.2 and 0.8 rad/s, e the error of the rate about the vertical
-    foot_height       1.5    1       exp(-e²/0.02² m²), e of a foot's height from 0.06 m · sine in its swing and from
+    foot_height       1.5    1       exp(-e²/0.03² m²), e of a foot's height from 0.06 m · sine in its swing and from
                                      the floor otherwise, mean over the feet
     foot_slide        -2.0   m²/s²   squared horizontal speed of the feet, faded out over 0.02 m of height
     foot_slap         -1.0   m²/s²   squared downward speed of the feet, faded out likewise

@@ -76,6 +76,15 @@ def test_attributes_and_options() -> None:
     ours.close()
 
 
+def test_an_attribute_reaches_the_environment_below_its_wrappers() -> None:
+    envs = gymnasium.make_vec(NAME, num_envs=2, robot=ROBOT, threads=1, autoreset_mode="SameStep")
+    ours = StableBaselinesVecEnv(gymnasium.wrappers.vector.RecordEpisodeStatistics(envs))
+    ours.set_attr("progress", 0.5)
+    assert envs.unwrapped.progress == 0.5
+    assert ours.get_attr("progress") == [0.5, 0.5]
+    ours.close()
+
+
 def test_other_autoreset_modes_are_refused() -> None:
     envs = gymnasium.make_vec(NAME, num_envs=1, robot=ROBOT, threads=1)
     with pytest.raises(InputError, match="autoreset_mode: is 'NextStep', expected 'SameStep'"):
