@@ -64,8 +64,6 @@ def show(options: Show) -> int:
     try:
         checkpoint, note = _load(options, joints)
     except IncompleteContractError as error:
-        if not error.known:
-            raise
         return _show_incomplete(options, error)
     contract = checkpoint.contract
     try:
@@ -126,7 +124,8 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
     console.print(_pairs_table(str(path), rows))
     if "joint_names" in error.known:
         console.print(_known_joints(error.known))
-    console.print(_field_table("known so far, and where it came from", known_lines(error.known, error.terms)))
+    if error.known or error.terms:
+        console.print(_field_table("known so far, and where it came from", known_lines(error.known, error.terms)))
     missing = f"missing: {', '.join(error.missing)}; give it in a contract.yaml"
     console.print(f"[red]{escape(missing)}[/red]", soft_wrap=True)
     return ExitStatus.FAILED

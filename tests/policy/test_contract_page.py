@@ -31,13 +31,13 @@ def test_every_example_is_read(text: str) -> None:
 
 
 def test_the_example_without_any_other_source_is_a_whole_contract() -> None:
-    contract = merge(parse_contract(yaml.safe_load(EXAMPLES[6]), "docs/contract.md", "contract.yaml"), "policy.onnx")
+    contract = merge(parse_contract(yaml.safe_load(EXAMPLES[7]), "docs/contract.md", "contract.yaml"), "policy.onnx")
     assert (len(contract.joint_names), contract.action_count, contract.policy_dt) == (14, 12, 0.04)
     assert contract.terms[-1].kind == "gait_phase"
 
 
 def test_the_published_policys_example_is_the_one_that_is_tested() -> None:
-    shown, tested = yaml.safe_load(EXAMPLES[4]), yaml.safe_load(HOLOSOMA_REST)
+    shown, tested = yaml.safe_load(EXAMPLES[5]), yaml.safe_load(HOLOSOMA_REST)
     assert tested["phase"].pop("offsets") == [0.0, 3.141592653589793]  # the page leaves out what is the default
     assert shown == tested
 
@@ -62,5 +62,5 @@ def test_the_schema_has_every_option_of_a_term() -> None:
 
 
 def test_the_example_of_a_live_input_declares_one() -> None:
-    (partial,) = parse_contract(yaml.safe_load(EXAMPLES[0]), "docs/contract.md", "contract.yaml")
+    (partial,) = parse_contract(yaml.safe_load(EXAMPLES[1]), "docs/contract.md", "contract.yaml")
     assert {name: given.value for name, given in partial.terms["foot_contact"].items()} == {"width": 2, "scale": 0.5}

@@ -147,8 +147,9 @@ def test_bad_input_is_one_line(cli, tmp_path: Path, walker: Path) -> None:
     model = onnx.load(str(walker))
     del model.metadata_props[:]
     onnx.save(model, str(bare))
+    stamp = ["stamp", "-o", tmp_path / "out.onnx"]
     for path in (tmp_path / "missing.onnx", tmp_path, text, bare):
-        for verb in (["show"], ["stamp", "-o", tmp_path / "out.onnx"]):
+        for verb in (["show"], stamp) if path != bare else (stamp,):
             status, out, error = cli(verb[0], path, *verb[1:])
             assert (status, out) == (2, "")
             assert error.startswith(f"error: {path}: ")
@@ -186,6 +187,23 @@ def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path: Path, walk
     assert document["known"]["joint_stiffness"] == {"value": [40.5, 41.5], "source": "contract.yaml"}
     assert document["known"]["action_clip"]["value"] is None
     assert document["model"]["inputs"][0]["shape"] == [1, 32]
+
+
+def test_a_network_of_which_nothing_is_known_shows_its_tensors_and_what_is_missing(
+    cli, tmp_path: Path, walker: Path
+) -> None:
+    bare = tmp_path / "bare.onnx"
+    model = onnx.load(str(walker))
+    del model.metadata_props[:]
+    onnx.save(model, str(bare))
+    status, out, error = cli("show", bare)
+    assert (status, error) == (1, "")
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if line.startswith("│")]
+    assert ["inputs", "obs [1, 32]"] in rows
+    assert "missing: joint_names, " in out
+    assert "known so far" not in out
+    status, out, _ = cli("show", bare, "--json")
+    assert (status, json.loads(out)["known"]) == (1, {})
 
 
 def test_keys_of_a_piano_policy_follow_from_the_models_input() -> None:
