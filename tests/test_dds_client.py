@@ -62,7 +62,8 @@ def test_a_client_reads_the_robot_commands_it_and_asks_for_modes(
             until(obeyed, "the command")
             assert robot.is_heard
             answer = robot.ask("damp")
-            assert (answer.granted, records[-1].output.control_mode.mode) == (True, Mode.DAMPING)
+            assert answer.granted
+            until(lambda: records[-1].output.control_mode.mode is Mode.DAMPING, "DAMPING")
             until(lambda: getattr(robot.control_mode(), "mode", None) is Mode.DAMPING, "DAMPING on DDS")
 
 
