@@ -60,7 +60,7 @@ class TrainConfig:
     regress: bool = True
     """Measure the policy at the end with the shipped suite for the task, where there is one."""
     seed: int = 0
-    """Of everything random. A training that is stopped by --minutes, or resumed, has other bits than one that is not."""
+    """Of everything random. A training that was resumed, or that --minutes ended, has other bits than one in one go."""
     threads: int = 1
     """Of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
 
