@@ -9,7 +9,7 @@ ROS := .venv-ros
 # What pip downloads is shown, and how far it is. Where nobody watches (CI), a line for each package.
 PIP := --disable-pip-version-check --progress-bar $(if $(CI),off,on)
 
-.PHONY: play test test-slow test-train test-lerobot test-ros docs bench lint format types train train-walking clean
+.PHONY: play test test-slow test-train test-lerobot test-ros docs picture bench lint format types train train-walking clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -39,6 +39,9 @@ test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/test.done  ## with ROS 2's r
 
 docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked
 	$(BIN)/python docs/build.py
+
+picture: $(VENV)/slow.done  ## README's moving picture, from real runs; what is in build/moving-picture is not run again
+	$(BIN)/python docs/moving_picture.py
 
 bench: $(VENV)/play.done  ## this machine's figures
 	$(BIN)/python -m humanoid_sim.bench $(ARGS)

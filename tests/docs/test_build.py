@@ -31,7 +31,7 @@ def build() -> Iterator[ModuleType]:
 @pytest.mark.parametrize(
     ("source", "text", "expected"),
     [
-        ("README.md", "[a](docs/play.md#modes) ![b](docs/play.png)", "[a](play.md#modes) ![b](play.png)"),
+        ("README.md", "[a](docs/play.md#modes) ![b](docs/play.webp)", "[a](play.md#modes) ![b](play.webp)"),
         ("docs/concepts.md", "[a](../CONTRIBUTING.md#layout)", "[a](contributing.md#layout)"),
         ("docs/guides/researcher.md", "[a](../play.md) [b](../../README.md)", "[a](../play.md) [b](../index.md)"),
         ("README.md", "[docs/figures.md](docs/figures.md)", "[Figures](figures.md)"),
