@@ -9,7 +9,7 @@ ROS := .venv-ros
 # What pip downloads is shown, and how far it is. Where nobody watches (CI), a line for each package.
 PIP := --disable-pip-version-check --progress-bar $(if $(CI),off,on)
 
-.PHONY: play test test-slow test-train test-lerobot test-ros docs picture bench lint format types train train-walking clean
+.PHONY: play test test-slow test-train test-lerobot test-ros docs picture bench lint format types train train-walking train-piano clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -72,6 +72,13 @@ train-walking: $(VENV)/slow.done  ## train the policy that walks again; resumed 
 	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_biped_velocity.onnx --robot lite_biped \
 	    --contract assets/policies/lite_biped_velocity.contract.yaml --trace $(VENV)/lite_biped_velocity.npz \
 	    --overwrite --output assets/policies/lite_biped_velocity.onnx
+
+train-piano: $(VENV)/train.done  ## train the policy that plays the piano again
+	$(BIN)/python -m humanoid_sim.training train-piano --output $(VENV)/lite_piano.onnx $(ARGS)
+	$(BIN)/python -m humanoid_sim.training trace-piano --policy $(VENV)/lite_piano.onnx --output $(VENV)/lite_piano.npz
+	$(BIN)/python -m humanoid_sim.prepare --song ode_to_joy --fps 50 --output $(VENV)/song --overwrite
+	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_piano.onnx --trace $(VENV)/lite_piano.npz \
+	    --motion $(VENV)/song/ode_to_joy.mcap --overwrite --output assets/policies/lite_piano.onnx
 
 clean:
 	rm -rf $(VENV) $(LEROBOT) $(ROS) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY
+from humanoid_sim.assets import PIANO_POLICY, SAMPLE_POLICY, WALKING_POLICY
 from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.training.ppo.options import CurvesConfig, TrainConfig
 
@@ -18,6 +18,7 @@ __all__ = [
     "MotionsConfig",
     "SongsConfig",
     "TraceConfig",
+    "TracePianoConfig",
     "TraceWalkingConfig",
     "TrainConfig",
     "TrainPianoConfig",
@@ -114,6 +115,16 @@ class TraceConfig:
 
 
 @dataclass(frozen=True)
+class TracePianoConfig:
+    """Write a run of the piano policy as its trainer sees it, for `humanoid_sim.policy stamp --trace`."""
+
+    policy: str | None = None
+    """ONNX checkpoint, as `train-piano` writes it. Default: the sample policy."""
+    output: str = "trace.npz"
+    """The trace, of the sample song that `prepare --song` makes the `--motion` of."""
+
+
+@dataclass(frozen=True)
 class TrainWalkingConfig:
     """Train the walking policy for the Lite's legs with stable-baselines3's PPO, and write it as ONNX."""
 
@@ -169,6 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         | TrainSampleConfig
         | TrainPianoConfig
         | TraceConfig
+        | TracePianoConfig
         | EvaluateConfig
         | TrainWalkingConfig
         | TraceWalkingConfig
@@ -184,6 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 "train-sample": TrainSampleConfig,
                 "train-piano": TrainPianoConfig,
                 "trace": TraceConfig,
+                "trace-piano": TracePianoConfig,
                 "evaluate": EvaluateConfig,
                 "train-walking": TrainWalkingConfig,
                 "trace-walking": TraceWalkingConfig,
@@ -202,10 +215,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _samples(config)
         case TrainSampleConfig() | TrainPianoConfig():
             return _sample_policies(config)
-        case TraceConfig():
-            from humanoid_sim.training.trace import write_trace  # noqa: PLC0415
-
-            return write_trace(SAMPLE_POLICY if config.policy is None else Path(config.policy), Path(config.output))
+        case TraceConfig() | TracePianoConfig():
+            return _trace(config)
         case EvaluateConfig():
             from humanoid_sim.training.evaluate import evaluate  # noqa: PLC0415
 
@@ -239,6 +250,16 @@ def _sample_policies(config: TrainSampleConfig | TrainPianoConfig) -> int:
             raise
         raise MissingPackageError("torch", "train", f"training {name}") from None
     return train_sample(config)
+
+
+def _trace(config: TraceConfig | TracePianoConfig) -> int:
+    if isinstance(config, TracePianoConfig):
+        from humanoid_sim.training.piano.trace import write_piano_trace  # noqa: PLC0415
+
+        return write_piano_trace(PIANO_POLICY if config.policy is None else Path(config.policy), Path(config.output))
+    from humanoid_sim.training.trace import write_trace  # noqa: PLC0415
+
+    return write_trace(SAMPLE_POLICY if config.policy is None else Path(config.policy), Path(config.output))
 
 
 def _any_task(config: TrainConfig | CurvesConfig) -> int:

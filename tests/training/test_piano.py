@@ -11,6 +11,7 @@ from humanoid_sim.evaluation.key_poses import KeyPoses
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training.piano.hands import BOTTOM, FAR, HOVERING, LEVELS, QUARTERS, Motion, pose_grid
+from humanoid_sim.training.piano.trace import piano_run
 
 OFFSETS = (0, *range(1, 13), *range(14, 31, 2), *range(35, 61, 5))
 
@@ -86,3 +87,20 @@ def test_the_shipped_policy_strikes_what_a_song_asks_for() -> None:
         down[:, hand] = [np.abs(command[7 * hand : 7 * hand + 7] - bottom).max() < 1e-4 for command in commands]
     assert np.flatnonzero(down[:, 0]).tolist() == list(range(57, 78))
     assert np.flatnonzero(down[:, 1]).tolist() == list(range(67, 97))
+
+
+def test_the_shipped_policy_carries_samples_of_its_trainers_run() -> None:
+    assert load_checkpoint(PIANO_POLICY).golden == "8 samples of the trainer's run (lite_piano.npz)"
+
+
+def test_the_trainers_run_plays_the_song_and_is_a_trace() -> None:
+    robot = load_robot("lite_piano")
+    table = np.zeros((120, 88))
+    table[60:80, 34] = 1.0
+    run = piano_run(PIANO_POLICY, robot, table, seconds=1.9)
+    assert run["obs"].shape == (95, 14 + 88 + 28 * 88)
+    assert (run["obs"][0, :14] == 0.0).all(), "no action came before the first"
+    np.testing.assert_array_equal(run["obs"][1:, :14], run["action"][:-1])
+    np.testing.assert_array_equal(run["obs"][:, 14:102], run["key_pressed"])
+    assert np.flatnonzero(run["key_pressed"].any(axis=0)).tolist() == [34]
+    assert 60 <= np.flatnonzero(run["key_pressed"][:, 34])[0] <= 66
