@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
-from humanoid_sim.errors import FieldError
-from humanoid_sim.policy.song import KEY_COUNT, LEAD_IN, Note, Song
+from humanoid_sim.assets import song_path
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.files import is_file
+from humanoid_sim.policy.song import KEY_COUNT, LEAD_IN, Note, Song, playable, read_song
+from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["APART", "NOTES_PER_SECOND", "held_out_songs", "most_onsets", "random_song"]
+__all__ = ["APART", "NOTES_PER_SECOND", "held_out_songs", "most_onsets", "named_song", "random_song"]
 
 NOTES_PER_SECOND = 3
 """Most notes of a song, all voices together, that begin within any one second."""
@@ -24,6 +28,7 @@ _RELEASED = 0.08
 """s between two notes of a voice, at least: one finger leaves a key before it strikes the next."""
 _WINDOW = 1.0 - 1e-9
 """s: notes that begin exactly one second apart are not within it."""
+_RANDOM, _DIGITS = "random:", 9
 _HELD_OUT = 88
 """Keeps songs to test on apart from those to train on, whatever the seed."""
 
@@ -80,7 +85,39 @@ def random_song(
 
 def held_out_songs(hands: Sequence[Sequence[int]], count: int, seed: int = 0, *, seconds: float = 20.0) -> list[Song]:
     """Songs that no training with `random_song` sees, whatever its seed; arguments as there."""
-    return [random_song(np.random.default_rng([_HELD_OUT, seed, i]), hands, seconds=seconds) for i in range(count)]
+    return [_held_out(hands, i, seed, seconds) for i in range(count)]
+
+
+def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> Song:
+    """What a robot can play of a sample song, of a MIDI file, or of `random:N`, the N-th of `held_out_songs`.
+
+    Args:
+        name: of the song.
+        robot: with a piano.
+        folder: that the path of a file is relative to.
+
+    Raises:
+        InputError: there is no such song, it cannot be read, or none of its notes is within reach.
+    """
+    if name.startswith(_RANDOM):
+        number = name.removeprefix(_RANDOM)
+        if not (number.isascii() and number.isdigit() and len(number) <= _DIGITS):
+            raise InputError(f"song: is '{name}', expected {_RANDOM}N, N a whole number of at most {_DIGITS} digits")
+        if robot.piano is None:
+            raise InputError(f"song: is '{name}', but '{robot.name}' has no piano, whose keys it would be made for")
+        return _held_out(robot.piano.hands, int(number), 0, 20.0)
+    beside = folder / name
+    try:
+        song, _ = playable(read_song(beside if is_file(beside) else song_path(name)), robot)
+    except InputError as error:  # which names the option of `play`
+        raise InputError(str(error).replace("--song", "song", 1)) from None
+    if not song.notes:
+        raise InputError(f"song: none of the notes of '{name}' is within the reach of '{robot.name}'")
+    return song
+
+
+def _held_out(hands: Sequence[Sequence[int]], number: int, seed: int, seconds: float) -> Song:
+    return random_song(np.random.default_rng([_HELD_OUT, seed, number]), hands, seconds=seconds)
 
 
 def most_onsets(song: Song, window: float = 1.0) -> int:

@@ -95,6 +95,9 @@ class EpisodeBatch:
         self._keys = episode_keys(case.case.name, seeds)
         self._pushes = disturbance.pushes
         self._feet = find_feet(scenario.description) if case.suite.task == "velocity" else None
+        bodies = scenario.bodies if case.suite.task == "piano" else contract.body_names
+        if self._feet is not None:
+            bodies = self._feet.bodies
         self.simulation = BatchSimulation(
             scenario.description,
             len(seeds),
@@ -104,7 +107,7 @@ class EpisodeBatch:
             threads=threads,
             anchor_body=contract.anchor_body,
             velocity_at=contract.velocity_points,
-            bodies=contract.body_names if self._feet is None else self._feet.bodies,
+            bodies=bodies,
             randomisation=disturbance.randomisation,
             seeds=self._keys,
         )
@@ -162,8 +165,9 @@ class EpisodeBatch:
         if self._feet is not None:
             return VelocityMeasures(task, self._feet, case.suite.settle, case.steps, count)
         if case.suite.task == "piano":
-            assert case.motion is not None  # a piano case has a song
-            return PianoMeasures(task, case.motion.frames, case.steps, count)
+            piano = case.description.piano
+            assert case.motion is not None and piano is not None  # noqa: PT018 - a piano suite has songs, for pianos
+            return PianoMeasures(task, case.motion.frames, piano.key_force_limit, case.steps, count)
         return TrackingMeasures(task, case.joint_reference, case.steps, count)
 
     def _wrench(self, pushes: Pushes, step: int, directions: Sequence[np.random.Generator]) -> FloatArray | None:

@@ -98,6 +98,8 @@ _PIANO = (
     _metric(
         "note_f1", "share", "episode", "F1 of strokes and notes: a stroke counts within 0.1 s of its note.", "higher"
     ),
+    _metric("key_force", "N", "episode", "The hardest touch of a key, of every physics step."),
+    _metric("hard_touches", "share", "episode", "Episodes in which a key was touched harder than the robot allows."),
     *_CARE,
     *_END,
 )
@@ -111,7 +113,7 @@ METRICS: Mapping[TaskName, Mapping[str, Metric]] = MappingProxyType(
 """By task and name, in the order in which they are shown."""
 
 ALWAYS: Mapping[TaskName, tuple[str, ...]] = MappingProxyType(
-    {"tracking": ("losses", "faults"), "velocity": ("falls", "faults"), "piano": ("faults",)}
+    {"tracking": ("losses", "faults"), "velocity": ("falls", "faults"), "piano": ("hard_touches", "faults")}
 )
 """What is judged whether a suite names it or not: errors are those of the episodes that did not fail."""
 
@@ -232,11 +234,12 @@ class VelocityMeasures(Measures):
 
 
 class PianoMeasures(Measures):
-    """Which keys are down against those that the song asks for."""
+    """Which keys are down against those that the song asks for, and how hard they are touched."""
 
-    def __init__(self, task: Task, goals: npt.NDArray[np.floating], steps: int, count: int) -> None:
-        """As `Measures`, for goals of shape (F, 88)."""
-        super().__init__(task, steps, count, ("f1", "precision", "recall"))
+    def __init__(self, task: Task, goals: npt.NDArray[np.floating], force_limit: float, steps: int, count: int) -> None:
+        """As `Measures`, for goals of shape (F, 88), and keys that may be touched with `force_limit` N."""
+        super().__init__(task, steps, count, ("f1", "precision", "recall", "key_force"))
+        self._force_limit = force_limit
         self._goals = goals > 0.5
         self._down = np.zeros((steps, count, goals.shape[1]), dtype=np.bool_)
         self._wanted = np.zeros_like(self._down)
@@ -249,9 +252,15 @@ class PianoMeasures(Measures):
         ratios = step_ratios(self._down[step], self._wanted[step])
         for name, values in zip(("precision", "recall", "f1"), ratios, strict=True):
             self.rows[name][step] = values
+        self.rows["key_force"][step] = simulation.key_force
 
     def of_episode(self, i: int, steps: int) -> Mapping[str, float]:
         """See `Measures.of_episode`."""
         if not steps:
             return {}
-        return {"note_f1": score(self._down[:steps, i], self._wanted[:steps, i], self.period).notes.f1}
+        force = float(self.rows["key_force"][:steps, i].max())
+        return {
+            "note_f1": score(self._down[:steps, i], self._wanted[:steps, i], self.period).notes.f1,
+            "key_force": force,
+            "hard_touches": float(force > self._force_limit),
+        }

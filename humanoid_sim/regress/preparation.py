@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from humanoid_sim.assets import motion_path
 from humanoid_sim.envs.reference_states import reference_joints
@@ -19,7 +20,10 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.random_songs import named_song
+from humanoid_sim.policy.song import Song, song_motion
 from humanoid_sim.regress.batched_policy import BatchedPolicy
+from humanoid_sim.regress.metrics import TaskName
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
 
@@ -34,6 +38,12 @@ __all__ = [
 ]
 
 _JUDGING = ("seeds", "first_seed", "tolerances", "case_tolerance", "confidence", "resamples", "margins")
+_POLICIES: Mapping[TaskName, tuple[str, str]] = {
+    "tracking": ("tracking", "a policy that follows motions"),
+    "velocity": ("locomotion", "one that walks at a velocity"),
+    "piano": ("piano", "one that plays songs"),
+}
+"""By task of a suite: the `task_type` of its policies, and those in words."""
 _NAMES = ("name", "summary", "robot", "cases")
 _INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
 
@@ -47,8 +57,8 @@ class PreparedSuite:
     """What the robot is called, wherever one is: a shipped robot's name or an absolute path."""
     description: RobotDescription
     """Of the robot, as it is without a policy."""
-    motions: Mapping[str, Motion | None]
-    """By case; None where the case names none."""
+    motions: Mapping[str, Motion | Song | None]
+    """By case: its motion, or what the robot can play of its song; None where the case names none."""
     digests: Mapping[str, str]
     """By case, of all that its episodes depend on beside policy and seed: results are compared only where equal."""
 
@@ -110,13 +120,18 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
         for sweep in () if suite.margins is None else suite.margins.sweeps:
             if sweep.axis in ("push", "friction"):
                 raise InputError(f"{where}, which does not feel the suite's sweep of {sweep.axis}")
+    if suite.task == "piano" and description.piano is None:
+        raise InputError(f"robot '{description.name}': has no piano, a piano suite expects one, such as lite_piano has")
     if suite.base_height is not None:
         base = msgspec.structs.replace(description.base, height=suite.base_height)
         description = msgspec.structs.replace(description, base=base)
-    motions: dict[str, Motion | None] = {}
+    motions: dict[str, Motion | Song | None] = {}
     for case in suite.cases:
         beside = folder / case.motion
         try:
+            if case.song:
+                motions[case.name] = named_song(case.song, description, folder)
+                continue
             file = beside if beside.is_file() or not case.motion else motion_path(case.motion)
             motions[case.name] = read_motion(file) if case.motion else None
         except InputError as error:
@@ -125,8 +140,8 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
     return PreparedSuite(suite, name, description, motions, digests)
 
 
-def _digest(suite: Suite, case: Case, motion: Motion | None, description: RobotDescription) -> str:
-    """SHA-256 of the suite's conditions, the case, its motion, and the robot with its MJCF.
+def _digest(suite: Suite, case: Case, motion: Motion | Song | None, description: RobotDescription) -> str:
+    """SHA-256 of the suite's conditions, the case, its motion or song, and the robot with its MJCF.
 
     Neither names for people nor what only the judging depends on takes part, nor the motion that is in a policy.
     """
@@ -135,7 +150,7 @@ def _digest(suite: Suite, case: Case, motion: Motion | None, description: RobotD
         del conditions[name]
     if suite.actuation == "affine":  # what baselines ran that know of no other
         del conditions["actuation"]
-    described = {**msgspec.to_builtins(case), "motion": bool(case.motion)}
+    described = {**msgspec.to_builtins(case), "motion": bool(case.motion), "song": bool(case.song)}
     if not case.song:  # what baselines ran that know of none
         del described["song"]
     document = {
@@ -144,7 +159,9 @@ def _digest(suite: Suite, case: Case, motion: Motion | None, description: RobotD
         "robot": description.to_json(),
     }
     digest = hashlib.sha256(msgspec.json.encode(document, order="deterministic"))
-    if motion is not None:
+    if isinstance(motion, Song):
+        digest.update(np.array([(note.key, note.start, note.end) for note in motion.notes]).tobytes())
+    elif motion is not None:
         digest.update(motion.frames.tobytes())
     for text in _mjcf(description.mjcf_path):
         digest.update(text)
@@ -170,17 +187,20 @@ def prepare_policy(
     """
     suite, description = prepared.suite, prepared.description
     checkpoint = load_checkpoint(path, contract_file, description.joint_names)
-    walks = checkpoint.contract.task_type == "locomotion"
-    if walks is (suite.task == "tracking") or checkpoint.contract.task_type == "piano":
+    contract = checkpoint.contract
+    wanted, described = _POLICIES[suite.task]
+    if contract.task_type != wanted:
         raise InputError(
-            f"{path}: is a policy for task_type {checkpoint.contract.task_type}, the suite '{suite.name}' is for "
-            f"{'a policy that follows motions' if suite.task == 'tracking' else 'one that walks at a velocity'}"
+            f"{path}: is a policy for task_type {contract.task_type}, the suite '{suite.name}' is for {described}"
         )
     assert isinstance(checkpoint.policy, OnnxPolicy)  # load_checkpoint makes no other
     policy = BatchedPolicy(checkpoint.policy)
-    cases = (
-        prepare_case(suite, case, checkpoint, policy, description, prepared.motions[case.name]) for case in suite.cases
-    )
+    cases = []
+    for case in suite.cases:
+        motion = prepared.motions[case.name]
+        if isinstance(motion, Song):
+            motion = song_motion(motion, contract.policy_dt, description)
+        cases.append(prepare_case(suite, case, checkpoint, policy, description, motion))
     return TestedPolicy(name or path.stem, checkpoint, policy, tuple(cases))
 
 
@@ -200,7 +220,7 @@ def prepare_case(
         checkpoint: the policy.
         policy: the checkpoint's, for batches.
         description: the robot.
-        motion: that the case names; None for the one in the policy, or for a task without.
+        motion: that the case names, or the goals of its song; None for the one in the policy, or for a task without.
 
     Raises:
         InputError: one line that names the checkpoint and what does not fit.
@@ -218,7 +238,7 @@ def prepare_case(
             physics_timestep=suite.physics_timestep,
             actuation=suite.actuation,
             action_limit=suite.action_limit,
-            motion_source=f"case '{case.name}': {case.motion or 'the motion in the policy'}",
+            motion_source=f"case '{case.name}': {case.motion or case.song or 'the motion in the policy'}",
             joint_noise=suite.start.joint_position,
             velocity_noise=suite.start.joint_velocity,
         )

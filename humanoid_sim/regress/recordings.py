@@ -130,7 +130,7 @@ def _settings(case: PreparedCase, episode: Episode, robot: str) -> dict[str, obj
         "options": options,
         "policy": policy,
         "policy_sha256": checkpoint.sha256,
-        "motion": case.case.motion or None,
+        "motion": case.case.motion or case.case.song or None,
         "regress": {"suite": suite.name, "case": episode.case, "seed": episode.seed, "failure": episode.failure},
     }
 

@@ -159,13 +159,15 @@ def test_what_the_means_do_not_say_stands_below_the_verdicts(worse_page):
 
 
 def test_the_moment_of_the_worst_episode():
+    effort = MetricInfo(name="effort", unit="N·m", better="lower", summary="Torque.")
     failed = invented.episode("wave", 1, Behaviour(faulty=(("wave", 1),)))
-    assert worst_moment(failed, "effort", 0.02) == failed.steps == 50
+    assert worst_moment(failed, effort, 0.02) == failed.steps == 50
     whole = msgspec.structs.replace(
         invented.episode("wave", 1, Behaviour()), trace_times=(1.0, 2.0, 3.0), traces={"effort": (1.0, 4.0, None)}
     )
-    assert worst_moment(whole, "effort", 0.02) == 100
-    assert worst_moment(whole, "tilt", 0.02) == whole.steps
+    assert worst_moment(whole, effort, 0.02) == 100
+    assert worst_moment(whole, msgspec.structs.replace(effort, name="tilt"), 0.02) == whole.steps
+    assert worst_moment(whole, msgspec.structs.replace(effort, better="higher"), 0.02) == 50
 
 
 def test_only_what_moved_is_drawn_by_case(worse_html):

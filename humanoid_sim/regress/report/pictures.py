@@ -13,7 +13,7 @@ from PIL import Image
 from humanoid_sim.regress.episodes import Step, run_episodes
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy
 from humanoid_sim.regress.report.pairs import pair_up, trace, worst
-from humanoid_sim.regress.results import Episode, PolicyRun, Results
+from humanoid_sim.regress.results import Episode, MetricInfo, PolicyRun, Results
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.simulation.model import build_model
 
@@ -55,7 +55,7 @@ def worst_pictures(
     found = []
     for policy, candidate in zip(policies, results.candidates, strict=True):
         (pair,) = worst(pair_up(candidate.run, results.baseline), results.metrics[0], 1)
-        moment = worst_moment(pair.candidate, results.metrics[0].name, results.suite.policy_dt)
+        moment = worst_moment(pair.candidate, results.metrics[0], results.suite.policy_dt)
         pictures = []
         for shown in (baseline, policy):
             if isinstance(shown, TestedPolicy):
@@ -72,16 +72,16 @@ def worst_pictures(
     return found
 
 
-def worst_moment(episode: Episode, metric: str, policy_dt: float) -> int:
-    """The policy step to look at: the last of an episode that failed, else where a metric's trace is highest.
+def worst_moment(episode: Episode, metric: MetricInfo, policy_dt: float) -> int:
+    """The policy step to look at: the last of an episode that failed, else where a metric's trace is worst.
 
     Args:
         episode: which.
         metric: whose trace.
         policy_dt: s.
     """
-    if episode.failure or metric not in episode.traces:
+    if episode.failure or metric.name not in episode.traces:
         return episode.steps
-    values = trace(episode, metric)
+    values = trace(episode, metric.name) * (1.0 if metric.better == "lower" else -1.0)
     known = np.where(np.isfinite(values), values, -np.inf)
     return round(episode.trace_times[int(known.argmax())] / policy_dt)

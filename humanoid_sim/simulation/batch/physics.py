@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -157,6 +157,7 @@ class BatchPhysics:
         self._periods = -(-(longest_delay + 2) // steps) if longest_delay else 0
         self._line = np.zeros((self._periods, count, steps, width))
         self._controls = np.zeros((self._periods, count, steps, model.nu))
+        self._advanced: tuple[FloatArray, FloatArray, FloatArray, IndexArray] | None = None
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         # A pool of one thread would only hand its work over.
         self._rollout = rollout.Rollout(nthread=threads if threads > 1 else 0)
@@ -204,6 +205,8 @@ class BatchPhysics:
                 initial_warmstart=self.acceleration if everyone else self.acceleration[chosen],
                 state=path,
             )
+        indices = np.arange(count) if chosen is None else chosen
+        self._advanced = initial, path, actuated if everyone else actuated[chosen], indices
         last, before = path[:, -1], path[:, -2] if self._steps > 1 else initial
         # MuJoCo stops an environment at its first warning of a bad state: then its clock is behind.
         expected = initial[:, 0] + (self._steps - 0.5) * self._timestep
@@ -220,6 +223,17 @@ class BatchPhysics:
         self._before[rows] = before
         self.acceleration[rows] = (last[:, self._qvel] - before[:, self._qvel]) / self._timestep
         return broken
+
+    def latest(self) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+        """Of each environment that took part in the latest `advance`: its index, its path and its controls.
+
+        The path is of shape (steps + 1, …), the states before the first step and after each; the controls are of
+        shape (steps, n). Valid until the next `advance`.
+        """
+        if self._advanced is not None:
+            initial, path, control, indices = self._advanced
+            for row, i in enumerate(indices.tolist()):
+                yield i, np.concatenate([initial[row][None], path[row]]), control[row]
 
     def past(self, delay: IndexArray) -> tuple[PhysicalStates, PhysicalStates, FloatArray]:
         """Where the robots were some physics steps ago, but not before their start.

@@ -20,6 +20,7 @@ from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usabl
 from humanoid_sim.simulation.batch.pushes import RandomPushes
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.batch.sensors import BatchSensors
+from humanoid_sim.simulation.batch.touches import BatchTouches
 from humanoid_sim.simulation.batch.variation import vary_models
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose
@@ -152,6 +153,7 @@ class BatchSimulation:
             bodies=bodies,
         )
         self._effort = np.zeros((count, len(self._joints.dof)))
+        self._touches = None if description.piano is None else BatchTouches(self._pool, self._physics)
         self._step = np.zeros(count, dtype=np.int64)
         self._fault = np.zeros(count, dtype=np.bool_)
         self._truth: MITState | None = None
@@ -217,6 +219,19 @@ class BatchSimulation:
             return None
         centre_of_mass = self._sensors.centre_of_mass(self._measure())
         return self._base.at(self._physics.qpos, self._physics.qvel, centre_of_mass)
+
+    @property
+    def key_force(self) -> FloatArray:
+        """Shape (N,), N, with which a key of each robot's piano was touched in the latest `step`, at most.
+
+        Of every physics step; 0 where none was touched. Computed when it is asked for, at about the cost of a `step`.
+
+        Raises:
+            RobotError: the robot has no piano.
+        """
+        if self._touches is None:
+            raise RobotError(f"{self.description.name}: has no piano, whose keys could be touched")
+        return self._touches.hardest()
 
     def model(self, i: int) -> mujoco.MjModel:
         """The model of environment i, which others may share."""
