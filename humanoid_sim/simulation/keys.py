@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -31,8 +32,12 @@ class Touch:
 class PianoKeys:
     """The 88 keys of a model, the lowest first. Keeps nothing of a simulation: any thread may ask."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, fingers: Sequence[str] = ()) -> None:
         """Find the keys.
+
+        Args:
+            model: of a robot with a piano.
+            fingers: MJCF sites of the tips that may touch keys, as `PianoSettings` has them.
 
         Raises:
             InputError: the model is of a robot without a piano.
@@ -50,6 +55,9 @@ class PianoKeys:
         self._key_of_geom = np.full(model.ngeom, -1)
         for i, body in enumerate(model.jnt_bodyid[ids].tolist()):
             self._key_of_geom[model.geom_bodyid == body] = i
+        hands = model.site_bodyid[[model.site(name).id for name in fingers]]
+        self._part_of_geom = np.where(np.isin(model.geom_bodyid, hands), _HAND, _OTHER)
+        self._part_of_geom[self._key_of_geom >= 0] = _KEY
 
     def pressed(self, qpos: FloatArray) -> FloatArray:
         """Which keys sound: 1 where one is beyond 0.70 of its travel, strictly, else 0.
@@ -81,6 +89,25 @@ class PianoKeys:
                 mujoco.mj_contactForce(model, data, contact, wrench)
                 force[touched[contact]] += wrench[0]
         return force
+
+    def other_contacts(self, model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
+        """What touches in the latest physics step, beside hands with keys: pairs of the bodies' ids, smaller first.
+
+        Args:
+            model: that was given.
+            data: of the model, after a physics step.
+        """
+        if not data.ncon:
+            return frozenset()
+        geoms = data.contact.geom
+        strange = (self._part_of_geom[geoms].sum(axis=1) != _HAND + _KEY) & (data.contact.dist < 0.0)
+        if not strange.any():
+            return frozenset()
+        return frozenset((min(pair), max(pair)) for pair in model.geom_bodyid[geoms[strange]].tolist())
+
+
+_OTHER, _KEY, _HAND = 0, 1, 4
+"""Parts of the scene; no two of them, but a hand and a key, add up to what these do."""
 
 
 def hardest_touch(

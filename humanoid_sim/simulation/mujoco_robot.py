@@ -133,7 +133,9 @@ class MujocoRobot:
             )
         self._sensors = BodySensors(self._plant.model, description, anchor_body, velocity_at)
 
-        self._keys = None if description.piano is None else PianoKeys(self._plant.model)
+        piano = description.piano
+        self._keys = None if piano is None else PianoKeys(self._plant.model, piano.fingers)
+        self._contacts: frozenset[tuple[int, int]] = frozenset()
         self._touch: Touch | None = None
         # The implicit plant's steps depend on how many are taken at a time.
         self._steps_at_once = 1 if self._keys is not None and actuation != "implicit" else steps
@@ -229,9 +231,29 @@ class MujocoRobot:
         """
         return self._touch
 
+    @property
+    def other_contacts(self) -> tuple[str, ...]:
+        """What has touched, beside a hand with a key of its piano, since `forget_touches`: `a and b`, two bodies.
+
+        Of the same physics steps as `hardest_touch`.
+        """
+        body = self._plant.model.body
+        return tuple(f"{body(a).name} and {body(b).name}" for a, b in sorted(self._contacts))
+
+    @property
+    def pressed_keys(self) -> FloatArray:
+        """Shape (88,), 1 for each key of its piano that sounds now, else 0.
+
+        Raises:
+            RobotError: it has no piano.
+        """
+        if self._keys is None:
+            raise RobotError(f"{self._description.name}: has no piano, whose keys could be pressed")
+        return self._keys.pressed(self._plant.data.qpos)
+
     def forget_touches(self) -> None:
-        """Look for the hardest touch from here on."""
-        self._touch = None
+        """Look for the hardest touch, and for other contacts, from here on."""
+        self._touch, self._contacts = None, frozenset()
 
     @property
     def qpos(self) -> FloatArray:
@@ -369,6 +391,7 @@ class MujocoRobot:
             steps -= count
             if self._keys is not None:
                 self._touch = hardest_touch(self._keys, self._plant.model, self._plant.data, self.time, self._touch)
+                self._contacts |= self._keys.other_contacts(self._plant.model, self._plant.data)
 
     def _arrive(self) -> None:
         """The command written `command_delay` ago reaches the motors, which may answer."""
