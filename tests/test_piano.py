@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from humanoid_sim import piano
+from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.cli import run_program
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import Extern
@@ -95,3 +96,31 @@ def test_a_robot_without_a_piano_reaches_nothing(capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().err.startswith(
         "error: lite: has no piano, expected a robot with one, such as lite_piano"
     )
+
+
+@pytest.mark.slow
+def test_a_table_of_songs(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the policy, and open loop; a key that is touched too hard, if there is one, is what makes the status 1."""
+    status = piano.main(["table", "five_fingers", "random:0", "--actuation", "implicit", "--json"])
+    document = json.loads(capsys.readouterr().out)
+    assert list(document["songs"]) == ["five_fingers", "random:0"]
+    assert status == (1 if document["problems"] else 0)
+    for row in document["songs"].values():
+        for by in ("policy", "open_loop"):
+            assert row[by]["score"]["steps"]["precision"] > 0.9
+            assert row[by]["score"]["steps"]["f1"] > 0.8
+            assert row[by]["contacts"] == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nosuch"], "song: unknown song 'nosuch'; known: black_keys"),
+        (["random:x"], "song: is 'random:x', expected random:N"),
+        (["--robot", "lite"], "--robot: 'lite' has no piano"),
+        (["--policy", str(SAMPLE_POLICY)], "is a policy for task_type tracking, expected one for piano"),
+    ],
+)
+def test_a_table_of_what_there_is_not(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_program(piano.main, ["table", *arguments]) == 2
+    assert message in capsys.readouterr().err

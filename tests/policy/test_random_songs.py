@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import FieldError
-from humanoid_sim.policy.random_songs import APART, held_out_songs, most_onsets, random_song
+from humanoid_sim.assets import song_path
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.policy.random_songs import APART, held_out_songs, most_onsets, named_song, random_song
 from humanoid_sim.policy.song import LEAD_IN, Note, Song, goals
+from humanoid_sim.robots.description import load_robot
 
 HANDS = (tuple(range(20, 46)), tuple(range(38, 64)))
 
@@ -56,3 +59,25 @@ def test_hands_without_keys_are_refused() -> None:
         random_song(np.random.default_rng(0), ((1, 2), ()))
     with pytest.raises(FieldError, match=r"0 notes a second"):
         random_song(np.random.default_rng(0), HANDS, notes_per_second=0)
+
+
+def test_songs_by_name(tmp_path: Path) -> None:
+    robot = load_robot("lite_piano")
+    assert robot.piano is not None
+    assert named_song("random:3", robot) == held_out_songs(robot.piano.hands, 4)[3]
+    assert len(named_song("twinkle", robot).notes) == 66
+    (tmp_path / "mine.mid").write_bytes(song_path("leaps").read_bytes())
+    assert named_song("mine.mid", robot, tmp_path) == named_song("leaps", robot)
+
+
+@pytest.mark.parametrize(
+    ("name", "robot", "message"),
+    [
+        ("twinkel", "lite_piano", r"^song: unknown song 'twinkel' \(did you mean 'twinkle'\?\); known: black_keys"),
+        ("random:-1", "lite_piano", r"^song: is 'random:-1', expected random:N, N a whole number of at most 9 digits"),
+        ("random:1", "lite", r"^song: is 'random:1', but 'lite' has no piano"),
+    ],
+)
+def test_a_song_that_there_is_not(name: str, robot: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        named_song(name, load_robot(robot))

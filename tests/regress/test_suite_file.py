@@ -8,18 +8,18 @@ import pytest
 from regress_runs import SHORT, yaml_suite
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.regress.metrics import METRICS
+from humanoid_sim.regress.metrics import ALWAYS, METRICS
 from humanoid_sim.regress.suite_file import load_suite, shipped_suites
 
 
-@pytest.mark.parametrize("name", ["lite_tracking", "velocity"])
+@pytest.mark.parametrize("name", ["lite_tracking", "velocity", "lite_piano"])
 def test_shipped_suites(name: str) -> None:
     assert name in shipped_suites()
     suite, _ = load_suite(name)
     assert suite.name == name
     assert suite.seeds >= 8
     assert suite.margins is not None
-    assert {"faults", "losses" if suite.task == "tracking" else "falls"} <= set(suite.tolerances)
+    assert set(ALWAYS[suite.task]) <= set(suite.tolerances)
 
 
 def test_a_suite_of_ones_own(tmp_path: Path) -> None:

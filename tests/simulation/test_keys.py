@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import KEY_PRESSED, MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
@@ -94,6 +94,61 @@ def test_the_hardest_touch_is_kept_with_its_key() -> None:
     assert touch.key == 34
     assert 1.0 < touch.force < 7.1
     assert 0.0 < touch.time <= 1.0
+
+
+def test_a_batch_knows_the_hardest_touch_of_every_physics_step() -> None:
+    """The right hand comes down on E4 from above: one robot and a batch of two agree, and only one of them touches."""
+    fingers = Fingers(ROBOT)
+    above = np.array(ROBOT.standby_controller_a.pose_segments[-1])
+    arm = fingers.arms[1]
+    above[arm] = fingers.solve(1, fingers.tip_above(fingers.keys[43], 0.008))
+    held = above.copy()
+    held[arm] += fingers.holding_torque(1, above[arm], 0.0) / ROBOT.stiffness[arm]
+    low = above.copy()
+    low[arm] = fingers.solve(1, fingers.tip_above(fingers.keys[43], 0.0, 0.9), above[arm])
+    one = MujocoRobot(ROBOT, control_period=0.02, actuation="affine")
+    one.begin_at(0.0, above, np.zeros(14), np.array([1.0, 0.0, 0.0, 0.0]))
+    batch = BatchSimulation(ROBOT, 2, control_period=0.02, threads=1)
+    batch.reset(joint_position=np.stack([above, above]))
+    assert batch.key_force.tolist() == [0.0, 0.0]
+    zeros, forces = np.zeros(14), []
+    for _ in range(8):
+        one.forget_touches()
+        one.write(MITCommand(low, zeros, zeros, ROBOT.stiffness, ROBOT.damping))
+        both = np.stack([zeros, zeros])
+        gains = np.stack([ROBOT.stiffness] * 2), np.stack([ROBOT.damping] * 2)
+        batch.step(MITCommand(np.stack([low, held]), both, both, *gains))
+        touch = one.hardest_touch
+        forces.append([0.0 if touch is None else touch.force, batch.key_force[0], batch.key_force[1]])
+    batch.close()
+    found = np.array(forces)
+    assert found[:, 0].max() > 2.0
+    np.testing.assert_allclose(found[:, 1], found[:, 0], atol=0.05)
+    assert not found[:, 2].any()
+    assert one.other_contacts == ()
+
+
+def test_a_robot_without_a_piano_tells_no_touches() -> None:
+    batch = BatchSimulation(load_robot("lite"), 1, threads=1)
+    with pytest.raises(RobotError, match="lite: has no piano"):
+        _ = batch.key_force
+    batch.close()
+    with pytest.raises(RobotError, match="lite: has no piano"):
+        _ = MujocoRobot(load_robot("lite")).pressed_keys
+
+
+def test_what_touches_beside_a_hand_and_a_key_is_named() -> None:
+    """Both hands are moved to the same place."""
+    robot, fingers = MujocoRobot(ROBOT), Fingers(ROBOT)
+    pose = np.array(ROBOT.standby_controller_a.pose_segments[-1])
+    for hand in (0, 1):
+        pose[fingers.arms[hand]] = fingers.solve(hand, fingers.tip_above(fingers.keys[43], 0.1))
+    robot.begin_at(0.0, pose, np.zeros(14), np.array([1.0, 0.0, 0.0, 0.0]))
+    robot.write(MITCommand(pose, np.zeros(14), np.zeros(14), ROBOT.stiffness, ROBOT.damping))
+    assert robot.other_contacts
+    assert all("left" in contact and "right" in contact for contact in robot.other_contacts)
+    robot.forget_touches()
+    assert robot.other_contacts == ()
 
 
 def test_a_robot_without_a_piano_has_no_keys() -> None:
