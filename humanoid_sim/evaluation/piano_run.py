@@ -72,8 +72,11 @@ def play_with_policy(
     robot = MujocoRobot(description, control_period=period, actuation=actuation)
     loop = ClosedLoop(OneRobot(robot), wiring, np.zeros(3))
 
+    def answer(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+        return np.asarray(policy(observation, frame), dtype=np.float32)
+
     def advance(frame: int) -> None:
-        action, accepted = loop.infer(policy)
+        action, accepted = loop.infer(answer)
         if not accepted:
             why = wiring.observation_problem(loop.observation) or wiring.action_problem(action)
             raise InputError(f"policy: at {frame * period:.2f} s of the song: {why}")

@@ -39,7 +39,7 @@ class BatchTouches:
         for i, states, controls in self._physics.latest():
             model = self._pool[i]
             angles = states[:, 1 + self._keys.qpos]
-            moved = (angles > _MOVED).any(axis=1)
+            moved = np.asarray((angles > _MOVED).any(axis=1))
             for step in np.flatnonzero(moved[:-1] | moved[1:]).tolist():
                 mujoco.mj_setState(model, data, states[step], int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
                 data.ctrl[:] = controls[step]
