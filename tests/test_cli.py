@@ -93,7 +93,7 @@ def test_the_start_page(capsys: pytest.CaptureFixture[str]) -> None:
     text = " ".join(out.split())
     assert "robots lite, lite_biped, lite_neck, " in text
     assert "motions circle, drum, reach, wave " in text
-    assert "suites lite_tracking, " in text
+    assert "suites lite_piano, lite_tracking, " in text
     assert "policies lite_biped_velocity, lite_piano, lite_tracking" in text
     assert "songs black_keys, " in text
     for kind in ("robots", "motions", "suites", "policies", "songs"):
