@@ -27,7 +27,7 @@ _LONGEST_LINE = 10_000
 
 
 class HumanoidSimError(Exception):
-    """Root of every exception that this package raises on purpose."""
+    """Root of every exception that this package raises deliberately."""
 
 
 class FieldError(HumanoidSimError, ValueError):

@@ -69,7 +69,7 @@ def choose_policy(
     Args:
         config: the options.
         description: of the robot; the placeholder is made for it.
-        wrap: put around the policy's callable, for faults on purpose.
+        wrap: put around the policy's callable, for faults that are injected deliberately.
 
     Raises:
         InputError: naming the file and what is wrong with it.

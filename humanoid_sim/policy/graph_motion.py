@@ -99,7 +99,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion:
 
 
 def _rows(frame: _Frame, path: str) -> list[npt.NDArray[np.float32]]:
-    """All frames up to the first of those that stay the same for good."""
+    """All frames up to the first of those that never change again."""
     rows: list[npt.NDArray[np.float32]] = []
     end = 0
     while True:

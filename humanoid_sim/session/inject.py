@@ -1,4 +1,4 @@
-"""Faults on purpose, for demonstrations and tests of the safety path: `--inject nan_policy@5`."""
+"""Faults that are injected deliberately, for demonstrations and tests of the safety path: `--inject nan_policy@5`."""
 
 from __future__ import annotations
 
@@ -101,7 +101,9 @@ class Injector:
         if not any(0.0 <= now - start < _PULSE for start in self._pulses):
             return statuses
         self._takes_effect("safety")
-        injected = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "injected", "motor fault on purpose")
+        injected = SafetyStatus(
+            SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "injected", "motor fault, injected deliberately"
+        )
         return (*statuses, injected)
 
     def remote(self, source: RemoteSource) -> RemoteSource:

@@ -153,7 +153,7 @@ class Planned(IntentSource, Protocol):
 
 
 class OverriddenScript:
-    """A script, and operators whose first intent takes the script's place for good.
+    """A script, and operators whose first intent ends the script.
 
     So does a fresh start, for which an operator asked: it is seen by the outputs of ticks beginning again.
     """

@@ -165,7 +165,7 @@ def test_a_safety_status_damps_in_that_very_tick(run: Play, quick: str) -> None:
     assert result.ticks[i - 1].output.control_mode.mode is Mode.LOCOMOTION
     assert result.ticks[i].output.control_mode.mode is Mode.DAMPING
     assert result.ticks[i].output.command.damping.tolist() == [5.0] * 14
-    assert result.reasons[-1].startswith("safety FAULT MOTOR_FAULT from injected: motor fault on purpose")
+    assert result.reasons[-1].startswith("safety FAULT MOTOR_FAULT from injected: motor fault, injected deliberately")
     assert [item["time"] for item in result.summary["safety"]] == [pytest.approx(0.9)]
     pulse = [tick for tick in result.ticks if len(tick.input.safety) > 1]
     assert len(pulse) in (20, 21)  # 0.1 s at 200 Hz; rounding decides whether both ends count

@@ -75,7 +75,7 @@ def test_a_safety_fault_lasts_a_tenth_of_a_second_each_time(time: list[float]) -
         assert len(statuses) == 1 + fails
         if fails:
             assert (statuses[1].level, statuses[1].flags) == (SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT)
-            assert "on purpose" in statuses[1].message
+            assert "deliberately" in statuses[1].message
 
 
 def test_a_silent_remote_repeats_the_last_command_from_before(time: list[float]) -> None:
