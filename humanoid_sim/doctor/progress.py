@@ -7,7 +7,8 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from humanoid_sim.doctor.search import Plan, Ranking
+from humanoid_sim.doctor.ranking import Ranking
+from humanoid_sim.doctor.search import Plan
 
 __all__ = ["SearchProgress"]
 

@@ -10,53 +10,51 @@ from rich.table import Table
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.overrides import Pasting, change_lines
-from humanoid_sim.doctor.search import Ranking, Verdict
+from humanoid_sim.doctor.ranking import Ranking, Verdict
 
-__all__ = ["conclusion", "is_healthy", "print_ranking", "ranking_document"]
-
-_SLIGHT = 0.15
-"""Share of the cost below which an improvement may be chance."""
-
-
-def is_healthy(ranking: Ranking) -> bool:
-    """Whether the contract as it is does best, and keeps the robot up."""
-    best = ranking.best()
-    return bool(best) and not best[0].hypothesis.edits and best[0].stays_up
+__all__ = ["conclusion", "print_ranking", "ranking_document"]
 
 
 def conclusion(ranking: Ranking) -> str:
     """What the ranking says, in a sentence or two."""
-    best, present = ranking.best(), ranking.present
+    best, present, finding = ranking.best(), ranking.present, ranking.finding
     if not best or present is None:
         return "Nothing has been tried yet."
-    first = best[0]
     if not any(verdict.stays_up for verdict in best):
         return (
             "Nothing in this space keeps the robot up, so the ranking is only a hint. Look at the robot model (joint "
             "armature, contacts, effort limits), at the gains, and for more than two mistakes at once."
         )
-    if not first.hypothesis.edits:
-        return _unproven(best, present) or "Nothing wrong found in this space: the contract as it is does best."
-    saved = (present.cost - first.cost) / max(present.cost, 1.0)
-    if present.stays_up and saved < _SLIGHT:
+    if finding is None:
+        return _nothing_wrong(ranking, present)
+    if present.stays_up and ranking.is_slight(finding):
         return (
-            f"The robot stays up with the contract as it is. '{first.hypothesis.name}' does {saved:.0%} better, which "
-            "is little: believe it only if the training configuration says so."
+            f"The robot stays up with the contract as it is. '{finding.hypothesis.name}' does "
+            f"{ranking.saved(finding):.0%} better, which is little: believe it only if the training configuration says "
+            "so."
         )
-    before = f"does {saved:.0%} better" if present.stays_up else "keeps the robot up"
-    return f"Most likely: {first.hypothesis.explanation}. With that it {before}."
+    before = f"does {ranking.saved(finding):.0%} better" if present.stays_up else "keeps the robot up"
+    return f"Most likely: {finding.hypothesis.explanation}. With that it {before}."
 
 
-def _unproven(best: list[Verdict], present: Verdict) -> str:
-    """What does clearly better than the contract as it is without being believed; empty if nothing does."""
-    up = [verdict for verdict in best if verdict.stays_up and verdict.is_thorough]
+def _nothing_wrong(ranking: Ranking, present: Verdict) -> str:
+    """Of a contract that is not to blame, with what does clearly better without being believed."""
+    nothing = "Nothing wrong found in this space: "
+    up = [verdict for verdict in ranking.best() if verdict.stays_up and verdict.is_thorough]
     better = min(up, key=lambda verdict: verdict.cost, default=present)
-    saved = (present.cost - better.cost) / max(present.cost, 1.0)
-    if saved < _SLIGHT:
-        return ""
+    if ranking.is_slight(better):
+        return f"{nothing}the contract as it is does best."
+    if not present.is_inconspicuous:
+        return (
+            f"Nothing is certain. '{better.hypothesis.name}' does {ranking.saved(better):.0%} better, but such a "
+            "change may suit a robot without being what its policy was trained with: compare it with the training "
+            "configuration."
+        )
+    worse = better.worsens(present)
+    cost = f", though worse in {' and '.join(worse)}" if worse else ""
     return (
-        f"Nothing is certain. '{better.hypothesis.name}' does {saved:.0%} better, but such a change may suit a robot "
-        "without being what its policy was trained with: compare it with the training configuration."
+        f"{nothing}the run as it is shows nothing noticeable. It also runs with '{better.hypothesis.name}', "
+        f"{ranking.saved(better):.0%} better{cost}; most healthy policies have such a change."
     )
 
 
@@ -84,13 +82,12 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
             "s; --budget gives them more time[/dim]",
             soft_wrap=True,
         )
-    if not best or is_healthy(ranking):
+    finding = ranking.finding
+    if finding is None:
         return
-    first = best[0].hypothesis
-    if first.edits and best[0].stays_up:
-        text = pasting.text(contract, first.contract)
-        console.print(text, soft_wrap=True, end="", markup=False, emoji=False, highlight=False)
-    others = [verdict.hypothesis.name for verdict in ranking.alternatives(best[0]) if verdict.stays_up]
+    text = pasting.text(contract, finding.hypothesis.contract)
+    console.print(text, soft_wrap=True, end="", markup=False, emoji=False, highlight=False)
+    others = [verdict.hypothesis.name for verdict in ranking.alternatives(finding) if verdict.stays_up]
     if others:
         console.print(f"[dim]of the same cause, and up as well: {escape(', '.join(others))}[/dim]", soft_wrap=True)
 
@@ -119,7 +116,7 @@ def ranking_document(ranking: Ranking, contract: PolicyContract, pasting: Pastin
         "seconds": round(ranking.seconds, 1),
         "pairs_tried": ranking.pairs_tried,
         "pairs_known": ranking.pairs_known,
-        "healthy": is_healthy(ranking),
+        "healthy": ranking.is_healthy,
         "conclusion": conclusion(ranking),
         "file": str(pasting.file),
         "ranking": [

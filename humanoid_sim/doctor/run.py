@@ -12,8 +12,9 @@ from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
 from humanoid_sim.doctor.overrides import pasting_for
 from humanoid_sim.doctor.progress import SearchProgress
-from humanoid_sim.doctor.report import is_healthy, print_ranking, ranking_document
-from humanoid_sim.doctor.search import Ranking, make_plan, search
+from humanoid_sim.doctor.ranking import Ranking
+from humanoid_sim.doctor.report import print_ranking, ranking_document
+from humanoid_sim.doctor.search import make_plan, search
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy_tools.show import make_console
@@ -65,7 +66,7 @@ def doctor(config: DoctorConfig) -> int:
         print_ranking(make_console(), ranking, examined.contract, config.top, pasting)
     if interrupted:
         return ExitStatus.INTERRUPTED
-    return ExitStatus.of(is_healthy(ranking))
+    return ExitStatus.of(ranking.is_healthy)
 
 
 def _check(config: DoctorConfig) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
@@ -21,9 +21,10 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
 from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, singles, spared
+from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
 
-__all__ = ["Plan", "Progress", "Ranking", "Verdict", "make_plan", "search"]
+__all__ = ["Plan", "Progress", "make_plan", "search"]
 
 Progress = Callable[[str, int, int], None]
 """Told the stage, and how many of how many hypotheses it has tried."""
@@ -33,10 +34,6 @@ _PROMOTED = 16
 _CLOSE = 1.2
 """Ratio of costs within which two edits of one cause are both tried at length."""
 _RIVALS = 2
-_WORTH = 0.15
-"""Share of the cost that a second change must save: two changes explain anything a little better than one."""
-_LONGER = 0.05
-"""Share of the time that it must keep the robot up for longer instead, and not less."""
 _PAIRS = 6000
 """More than any contract has."""
 _GLANCE = 0.125
@@ -46,8 +43,6 @@ _PROMOTED_GLANCES = 150
 _PROMOTED_PAIRS = 8
 _GLANCED_BY, _TRIED_BY = 0.6, 0.85
 """Shares of the budget after which pairs are no longer looked at, and no longer tried briefly."""
-_NOTICED = 1.0
-"""A part of the quality from which on an onlooker notices something."""
 _LEADERS = 12
 """Causes whose best edits are tried in pairs where one change keeps the robot up already."""
 _SPARED = 3
@@ -75,96 +70,6 @@ class Plan:
     def glance(self) -> tuple[Trial, ...]:
         """Of pairs, where there are many."""
         return tuple(replace(trial, seconds=_GLANCE * trial.seconds) for trial in self.brief)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Verdict:
-    """What became of one hypothesis."""
-
-    hypothesis: Hypothesis
-    outcomes: tuple[Outcome, ...]
-    is_thorough: bool
-    """Whether it was tried at length."""
-
-    @property
-    def time_up(self) -> float:
-        """Share of the trials' time that the robot stayed up, 0 to 1."""
-        return sum(outcome.time_up for outcome in self.outcomes) / sum(outcome.seconds for outcome in self.outcomes)
-
-    @property
-    def stays_up(self) -> bool:
-        """Whether it was never lost."""
-        return not any(outcome.lost for outcome in self.outcomes)
-
-    @property
-    def cost(self) -> float:
-        """Mean cost of the trials, smaller is better."""
-        return sum(outcome.quality.cost for outcome in self.outcomes) / len(self.outcomes)
-
-    @property
-    def is_inconspicuous(self) -> bool:
-        """Whether it was never lost, and an onlooker would have noticed nothing."""
-        parts = (part for outcome in self.outcomes for part in outcome.quality.parts.values())
-        return self.stays_up and all(part <= _NOTICED for part in parts)
-
-    @property
-    def doubtful_cost(self) -> float:
-        """The cost, and what the hypothesis must save to be believed: below 1 nobody would notice a difference."""
-        return self.cost + self.hypothesis.doubt * max(self.cost, 1.0)
-
-    @property
-    def order(self) -> tuple[float, ...]:
-        """Sorts verdicts, best first: at length before briefly, then the time up, then the cost."""
-        return (-float(self.is_thorough), -round(self.time_up, 2), self.doubtful_cost)
-
-
-@dataclass
-class Ranking:
-    """What is known so far; it grows while the search goes on."""
-
-    verdicts: dict[str, Verdict] = field(default_factory=dict)
-    """By the hypothesis's name, the latest of each."""
-    is_complete: bool = False
-    expected: float = 0.0
-    """s of wall time that the single changes will take, by the first trial; 0 before it."""
-    seconds: float = 0.0
-    """s of wall time that the search has taken."""
-    pairs_known: int = 0
-    """Pairs that are worth trying."""
-    pairs_tried: int = 0
-
-    def add(self, verdict: Verdict) -> None:
-        """Take in a verdict."""
-        self.verdicts[verdict.hypothesis.name] = verdict
-
-    @property
-    def present(self) -> Verdict | None:
-        """Of the contract as it is."""
-        return next((verdict for verdict in self.verdicts.values() if not verdict.hypothesis.edits), None)
-
-    def best(self) -> list[Verdict]:
-        """Best first: of every cause its best edit, and of pairs those that do better than each of their halves."""
-        found: dict[tuple[str, ...], Verdict] = {}
-        for verdict in sorted(self.verdicts.values(), key=lambda verdict: verdict.order):
-            if len(verdict.hypothesis.edits) < 2 or self._pays(verdict):
-                found.setdefault(verdict.hypothesis.causes, verdict)
-        return list(found.values())
-
-    def _pays(self, pair: Verdict) -> bool:
-        halves = [self.verdicts[edit.name] for edit in pair.hypothesis.edits if edit.name in self.verdicts]
-        return all(_beats(pair, half) for half in halves)
-
-    def alternatives(self, verdict: Verdict) -> list[Verdict]:
-        """Other edits of the same cause, best first."""
-        same = [v for v in self.verdicts.values() if v.hypothesis.causes == verdict.hypothesis.causes]
-        return sorted((v for v in same if v is not verdict), key=lambda v: v.order)
-
-
-def _beats(pair: Verdict, half: Verdict) -> bool:
-    """Whether a second change is worth it."""
-    if abs(pair.time_up - half.time_up) > _LONGER:
-        return pair.time_up > half.time_up
-    return pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost
 
 
 def make_plan(
@@ -316,9 +221,9 @@ def _pairs(
     Where one change leaves nothing to notice, those of it with every other, and those of the leading causes among
     themselves. Else all, also where one change keeps the robot up: it need not be one of the two mistakes.
     """
-    best = ranking.best()[0]
-    if best.stays_up and not best.hypothesis.edits:
+    if ranking.is_healthy:
         return []
+    best = ranking.finding or ranking.best()[0]
     ranked = sorted(everything, key=lambda hypothesis: ranking.verdicts[hypothesis.name].order)
     found: Iterable[Hypothesis]
     if best.is_inconspicuous:

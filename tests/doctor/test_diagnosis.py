@@ -12,8 +12,8 @@ from published_policies import load_examined
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, robot_facts
 from humanoid_sim.doctor.hypotheses import same_contract
-from humanoid_sim.doctor.report import is_healthy
-from humanoid_sim.doctor.search import Plan, Ranking, make_plan, search
+from humanoid_sim.doctor.ranking import Ranking
+from humanoid_sim.doctor.search import Plan, make_plan, search
 
 pytestmark = needs_policies
 
@@ -64,7 +64,7 @@ def test_even_a_hasty_search_finds_what_makes_a_robot_fall(
     ranking = diagnosed(examined, wrong, make_plan(wrong, seconds=1.5, motion_seconds=3.0, pairs=0))
     assert rank(ranking, chosen.cause) == 1
     assert same_contract(ranking.best()[0].hypothesis.contract, examined.contract)
-    assert not is_healthy(ranking)
+    assert not ranking.is_healthy
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_the_cause_is_among_the_first_three(
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("policy", POLICIES)
 def test_nothing_is_wrong_with_the_right_contract(policy: str, subjects: dict[str, ExaminedPolicy]) -> None:
-    assert is_healthy(diagnosed(subjects[policy], subjects[policy].contract))
+    assert diagnosed(subjects[policy], subjects[policy].contract).is_healthy
 
 
 @pytest.mark.slow

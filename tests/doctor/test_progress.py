@@ -5,7 +5,8 @@ import io
 from rich.console import Console
 
 from humanoid_sim.doctor.progress import SearchProgress
-from humanoid_sim.doctor.search import Plan, Ranking
+from humanoid_sim.doctor.ranking import Ranking
+from humanoid_sim.doctor.search import Plan
 
 
 def lines(plan: Plan, *, terminal: bool = False) -> list[str]:

@@ -13,8 +13,8 @@ from rich.console import Console
 from humanoid_sim.doctor.goals import Quality
 from humanoid_sim.doctor.hypotheses import Hypothesis, present, singles
 from humanoid_sim.doctor.overrides import Pasting
-from humanoid_sim.doctor.report import conclusion, is_healthy, print_ranking, ranking_document
-from humanoid_sim.doctor.search import Ranking, Verdict
+from humanoid_sim.doctor.ranking import Ranking, Verdict
+from humanoid_sim.doctor.report import conclusion, print_ranking, ranking_document
 from humanoid_sim.doctor.trials import Outcome
 
 CONTRACT = replace(tracker(), anchor_body="pelvis")
@@ -52,12 +52,12 @@ def ranking(before: tuple[float, float], after: tuple[float, float]) -> Ranking:
 )
 def test_conclusions(before: tuple[float, float], after: tuple[float, float], healthy: bool, text: str) -> None:
     result = ranking(before, after)
-    assert is_healthy(result) is healthy
+    assert result.is_healthy is healthy
     assert text in conclusion(result)
 
 
 def test_before_anything_was_tried() -> None:
-    assert not is_healthy(Ranking())
+    assert not Ranking().is_healthy
     assert conclusion(Ranking()) == "Nothing has been tried yet."
     assert "Nothing has been tried yet." in printed(Ranking())
 
@@ -116,13 +116,28 @@ def test_what_does_clearly_better_is_named_even_where_it_is_seldom_the_cause(aft
     assert conclusion(result).startswith(text)
 
 
+def test_a_healthy_policy_is_not_accused_and_what_else_runs_is_told() -> None:
+    result = Ranking(is_complete=True)
+    for hypothesis, parts in (
+        (present(CONTRACT), {"velocity": 0.02, "tilt": 0.98, "shaking": 0.79}),
+        (FOUND["action scale × 0.5"], {"velocity": 0.28, "tilt": 0.53, "shaking": 0.45}),
+    ):
+        result.add(Verdict(hypothesis, (Outcome(4.0, 4.0, Quality(parts)),), True))
+    assert conclusion(result) == (
+        "Nothing wrong found in this space: the run as it is shows nothing noticeable. It also runs with 'action scale "
+        "× 0.5', 30% better, though worse in velocity; most healthy policies have such a change."
+    )
+    assert "override:" not in printed(result)
+    assert "Most likely" not in printed(result)
+
+
 def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better() -> None:
     wrong = replace(CONTRACT, policy_dt=0.01)
     (cure,) = (h for h in singles(wrong, FACTS) if h.name == "rate 50 Hz")
     result = Ranking(is_complete=True)
     result.add(verdict(present(wrong), 1.0, 2.0))
     result.add(verdict(cure, 1.0, 1.68))
-    assert not is_healthy(result)
+    assert not result.is_healthy
     assert conclusion(result) == "Most likely: the policy was trained at 50 Hz. With that it does 16% better."
 
 

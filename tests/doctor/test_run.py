@@ -47,11 +47,27 @@ def test_a_wrong_contract_is_diagnosed_and_what_it_says_to_write_cures_it(
 
 
 @pytest.mark.slow
-def test_nothing_is_wrong_with_the_policy_that_walks(capsys: pytest.CaptureFixture[str]) -> None:
-    """At full speed: at 0.3 m/s half of each action walks as far, and more smoothly."""
-    options = ("--robot", "lite_biped", "--command", "0.6,0,0", "--seconds", "3", "--pairs", "0")
-    assert main([str(WALKING_POLICY), *options]) == 0
-    assert "Nothing wrong found in this space" in capsys.readouterr().out
+@pytest.mark.timeout(1800)
+def test_nothing_is_wrong_with_the_shipped_policies(
+    capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
+) -> None:
+    """Whatever they are told to do: at 0.3 m/s half of each action walks more smoothly, and is no finding.
+
+    All of it with `--complete`; else standing, walking slowly, and one motion.
+    """
+    complete = request.config.getoption("--complete")
+    commands = ["0,0,0", "0.3,0,0", "0.6,0,0", "-0.3,0,0", "0,0.2,0", "0,0,0.5"]
+    motions = ["wave", "circle", "reach", "drum"]
+    walking = [str(WALKING_POLICY), "--robot", "lite_biped", "--seconds", "2", "--pairs", "0"]
+    tracking = [CHECKPOINT, "--robot", "lite", "--seconds", "1", "--pairs", "0"]
+    runs = [[*walking, f"--command={command}"] for command in (commands if complete else commands[:2])]
+    runs += [[*tracking, "--motion", motion] for motion in (motions if complete else motions[:1])]
+    accused = {}
+    for options in runs:
+        status, told = main(options), capsys.readouterr().out
+        if status != 0 or "Nothing wrong found in this space" not in told:
+            accused[options[-1]] = told
+    assert accused == {}
 
 
 def test_ctrl_c_shows_what_is_known(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""The order of the search and of its ranking, with trials whose outcomes are made up."""
+"""The order of the search, with trials whose outcomes are made up."""
 
 from __future__ import annotations
 
@@ -11,72 +11,19 @@ from doctor_examples import FACTS, tracker, walker
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import search as module
-from humanoid_sim.doctor.edits import Edit, set_fields
+from humanoid_sim.doctor.edits import set_fields
 from humanoid_sim.doctor.goals import Quality
-from humanoid_sim.doctor.hypotheses import Hypothesis, same_contract, singles, spared
-from humanoid_sim.doctor.search import Ranking, Verdict, make_plan, search
+from humanoid_sim.doctor.hypotheses import same_contract, singles, spared
+from humanoid_sim.doctor.ranking import Ranking, Verdict
+from humanoid_sim.doctor.search import make_plan, search
 from humanoid_sim.doctor.trials import Outcome, Trial
 
 Judge = Callable[[PolicyContract], tuple[float, float]]
 """Share of the time up, and cost."""
 
 
-def verdict(
-    *edits: tuple[str, str], up: float = 1.0, cost: float = 2.0, thorough: bool = True, doubt: float = 0.05
-) -> Verdict:
-    made = tuple(Edit(name, cause, "…", set_fields(), doubt) for name, cause in edits)
-    outcome = Outcome(up * 4.0, 4.0, Quality({"all": cost}), "" if up == 1.0 else "tilted")
-    return Verdict(Hypothesis(made, tracker()), (outcome,), thorough)
-
-
-def ranking(*verdicts: Verdict) -> Ranking:
-    result = Ranking()
-    for item in verdicts:
-        result.add(item)
-    return result
-
-
 def names(result: Ranking) -> list[str]:
     return [item.hypothesis.name for item in result.best()]
-
-
-def test_time_up_comes_before_quality() -> None:
-    assert names(ranking(verdict(("a", "A"), up=0.5, cost=0.1), verdict(("b", "B"), cost=9.0))) == ["b", "a"]
-
-
-def test_of_equals_the_simpler_comes_first() -> None:
-    assert names(ranking(verdict(("a", "A"), cost=2.0), verdict(cost=2.0))) == ["as it is", "a"]
-    assert names(ranking(verdict(("a", "A"), cost=1.8), verdict(cost=2.0))) == ["a", "as it is"]
-    assert names(ranking(verdict(("a", "A"), cost=1.8, doubt=0.25), verdict(cost=2.0))) == ["as it is", "a"]
-
-
-def test_below_what_anybody_would_notice_differences_do_not_count() -> None:
-    assert names(ranking(verdict(("a", "A"), cost=0.08), verdict(cost=0.1))) == ["as it is", "a"]
-
-
-def test_what_was_tried_at_length_comes_first() -> None:
-    assert names(ranking(verdict(("a", "A"), thorough=False), verdict(("b", "B"), up=0.5))) == ["b", "a"]
-
-
-def test_of_a_cause_only_the_best_edit_is_ranked() -> None:
-    result = ranking(verdict(("a1", "A"), cost=3.0), verdict(("a2", "A"), cost=2.0), verdict(("b", "B"), cost=4.0))
-    assert names(result) == ["a2", "b"]
-    assert [item.hypothesis.name for item in result.alternatives(result.best()[0])] == ["a1"]
-
-
-@pytest.mark.parametrize(("up", "cost", "pays"), [(1.0, 1.9, False), (1.0, 1.0, True), (0.9, 1.0, False)])
-def test_a_pair_has_to_do_better_than_both_halves(up: float, cost: float, pays: bool) -> None:
-    result = ranking(
-        verdict(("a", "A"), cost=2.0), verdict(("b", "B"), up=0.5), verdict(("a", "A"), ("b", "B"), up=up, cost=cost)
-    )
-    assert ("a + b" in names(result)) is pays
-
-
-def test_a_pair_pays_by_time_as_well() -> None:
-    result = ranking(
-        verdict(("a", "A"), up=0.5), verdict(("b", "B"), up=0.4), verdict(("a", "A"), ("b", "B"), cost=30.0)
-    )
-    assert names(result)[0] == "a + b"
 
 
 def test_a_plan_walks_with_commands_that_the_policy_knows() -> None:

@@ -1,0 +1,161 @@
+"""What became of each hypothesis, which does best, and whether that is a finding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from humanoid_sim.doctor.hypotheses import Hypothesis
+from humanoid_sim.doctor.trials import Outcome
+
+__all__ = ["Ranking", "Verdict"]
+
+_WORTH = 0.15
+"""Share of the cost that a second change must save: two changes explain anything a little better than one."""
+_LONGER = 0.05
+"""Share of the time that it must keep the robot up for longer instead, and not less."""
+_NOTICED = 1.0
+"""A part of the quality from which on an onlooker notices something."""
+_SLIGHT = 0.15
+"""Share of the cost below which an improvement may be chance."""
+_TELLING = 0.5 * _NOTICED
+"""What a change must save of a run in which there is nothing to notice. Measured: published policies that observe no
+velocity still walk and dance so, and the right wiring saves 0.54 and 0.59; a policy that stands well saves 0.23 with
+smaller actions."""
+_WORSENED = 0.05 * _NOTICED
+"""By which it must make no part of such a run worse: with half of its actions a policy that walks well rocks less, and
+falls short of its velocity."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """What became of one hypothesis."""
+
+    hypothesis: Hypothesis
+    outcomes: tuple[Outcome, ...]
+    is_thorough: bool
+    """Whether it was tried at length."""
+
+    @property
+    def time_up(self) -> float:
+        """Share of the trials' time that the robot stayed up, 0 to 1."""
+        return sum(outcome.time_up for outcome in self.outcomes) / sum(outcome.seconds for outcome in self.outcomes)
+
+    @property
+    def stays_up(self) -> bool:
+        """Whether it was never lost."""
+        return not any(outcome.lost for outcome in self.outcomes)
+
+    @property
+    def cost(self) -> float:
+        """Mean cost of the trials, smaller is better."""
+        return sum(outcome.quality.cost for outcome in self.outcomes) / len(self.outcomes)
+
+    @property
+    def is_inconspicuous(self) -> bool:
+        """Whether it was never lost, and an onlooker would have noticed nothing."""
+        parts = (part for outcome in self.outcomes for part in outcome.quality.parts.values())
+        return self.stays_up and all(part <= _NOTICED for part in parts)
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """The parts of the cost by name, each the mean over the trials."""
+        count = len(self.outcomes)
+        names = dict.fromkeys(name for outcome in self.outcomes for name in outcome.quality.parts)
+        return {name: sum(outcome.quality.parts.get(name, 0.0) for outcome in self.outcomes) / count for name in names}
+
+    def worsens(self, other: Verdict) -> tuple[str, ...]:
+        """The parts in which it is clearly worse than `other`, of the same trials."""
+        before = other.parts
+        return tuple(name for name, part in self.parts.items() if part - before.get(name, 0.0) > _WORSENED)
+
+    @property
+    def doubtful_cost(self) -> float:
+        """The cost, and what the hypothesis must save to be believed: below 1 nobody would notice a difference."""
+        return self.cost + self.hypothesis.doubt * max(self.cost, 1.0)
+
+    @property
+    def order(self) -> tuple[float, ...]:
+        """Sorts verdicts, best first: at length before briefly, then the time up, then the cost."""
+        return (-float(self.is_thorough), -round(self.time_up, 2), self.doubtful_cost)
+
+
+@dataclass
+class Ranking:
+    """What is known so far; it grows while the search goes on."""
+
+    verdicts: dict[str, Verdict] = field(default_factory=dict)
+    """By the hypothesis's name, the latest of each."""
+    is_complete: bool = False
+    expected: float = 0.0
+    """s of wall time that the single changes will take, by the first trial; 0 before it."""
+    seconds: float = 0.0
+    """s of wall time that the search has taken."""
+    pairs_known: int = 0
+    """Pairs that are worth trying."""
+    pairs_tried: int = 0
+
+    def add(self, verdict: Verdict) -> None:
+        """Take in a verdict."""
+        self.verdicts[verdict.hypothesis.name] = verdict
+
+    @property
+    def present(self) -> Verdict | None:
+        """Of the contract as it is."""
+        return next((verdict for verdict in self.verdicts.values() if not verdict.hypothesis.edits), None)
+
+    @property
+    def finding(self) -> Verdict | None:
+        """The change that cures the contract, as far as is known; None: none does, or there is nothing to cure.
+
+        Where the contract as it is lets nobody notice anything, a change that is only a little better, or better in one
+        part of the quality and worse in another, is none: some change suits every healthy policy.
+        """
+        present = self.present
+        for verdict in self.best():
+            if not verdict.hypothesis.edits and verdict.stays_up:
+                return None  # no other does better
+            if verdict.stays_up and (present is None or self._cures(verdict, present)):
+                return verdict
+        return None
+
+    def _cures(self, verdict: Verdict, present: Verdict) -> bool:
+        if not present.is_inconspicuous:
+            return True
+        return present.cost - verdict.cost >= _TELLING and not verdict.worsens(present)
+
+    @property
+    def is_healthy(self) -> bool:
+        """Whether the contract as it is keeps the robot up, and no change cures it of anything."""
+        return self.present is not None and self.present.stays_up and self.finding is None
+
+    def saved(self, verdict: Verdict) -> float:
+        """The share of the present cost that a change saves; below a cost of 1 nobody would notice a difference."""
+        return 0.0 if self.present is None else (self.present.cost - verdict.cost) / max(self.present.cost, 1.0)
+
+    def is_slight(self, verdict: Verdict) -> bool:
+        """Whether what a change saves may be chance."""
+        return self.saved(verdict) < _SLIGHT
+
+    def best(self) -> list[Verdict]:
+        """Best first: of every cause its best edit, and of pairs those that do better than each of their halves."""
+        found: dict[tuple[str, ...], Verdict] = {}
+        for verdict in sorted(self.verdicts.values(), key=lambda verdict: verdict.order):
+            if len(verdict.hypothesis.edits) < 2 or self._pays(verdict):
+                found.setdefault(verdict.hypothesis.causes, verdict)
+        return list(found.values())
+
+    def _pays(self, pair: Verdict) -> bool:
+        halves = [self.verdicts[edit.name] for edit in pair.hypothesis.edits if edit.name in self.verdicts]
+        return all(_beats(pair, half) for half in halves)
+
+    def alternatives(self, verdict: Verdict) -> list[Verdict]:
+        """Other edits of the same cause, best first."""
+        same = [v for v in self.verdicts.values() if v.hypothesis.causes == verdict.hypothesis.causes]
+        return sorted((v for v in same if v is not verdict), key=lambda v: v.order)
+
+
+def _beats(pair: Verdict, half: Verdict) -> bool:
+    """Whether a second change is worth it."""
+    if abs(pair.time_up - half.time_up) > _LONGER:
+        return pair.time_up > half.time_up
+    return pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost
