@@ -21,7 +21,7 @@ class DoctorConfig:
 
     Changes the contract in every way in which contracts usually are wrong, one change at a time and then two, tries
     each in short simulated runs in which nothing holds the robot, and ranks them by how long and how well it stays up.
-    Ctrl-C ends the search and shows the ranking so far. Exit status 0 if the contract as it is does best, else 1.
+    Ctrl-C ends the search and shows the ranking so far. Exit status 0 if nothing wrong was found, else 1.
     """
 
     checkpoint: tyro.conf.Positional[Path]
