@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from humanoid_sim.errors import InputError, known_names
@@ -20,6 +21,7 @@ __all__ = [
     "WALKING_POLICY",
     "asset_path",
     "motion_path",
+    "policy_path",
     "sample_policy",
     "sample_songs",
     "shipped",
@@ -47,9 +49,11 @@ def asset_path(*parts: str) -> Path:
 
 def shipped(kind: str) -> tuple[str, ...]:
     """The names of what ships with the package: of `robots`, `suites`, `motions`, `songs`, `policies`."""
-    return tuple(
-        sorted(path.name.removesuffix(end) for end in (_ENDS[kind],) for path in (ASSETS / kind).glob(f"*{end}"))
-    )
+    return tuple(path.name.removesuffix(_ENDS[kind]) for path in _ending(kind, _ENDS[kind]))
+
+
+def _ending(kind: str, end: str) -> list[Path]:
+    return sorted((ASSETS / kind).glob(f"*{end}"))
 
 
 def motion_path(name: str) -> Path:
@@ -65,6 +69,35 @@ def motion_path(name: str) -> Path:
     if not os.path.exists(path):
         raise InputError(f"--motion: {known_names('motion', name, shipped('motions'))}; or a file that exists (.mcap)")
     return path
+
+
+def policy_path(
+    name: str | Path, option: str = "--policy", *, also: Sequence[str] = (), contracts: bool = False
+) -> Path:
+    """The file of a policy: a path where a file of this name exists, else a sample policy by name.
+
+    What cannot be a name (it has a folder or a suffix) is a path, and opening it says what is wrong with it.
+
+    Args:
+        name: of a sample policy, or a path.
+        option: that names it, for the message.
+        also: other names that the option takes, for the message.
+        contracts: samples of contracts alone are policies too.
+
+    Raises:
+        InputError: it is neither.
+    """
+    path = Path(name)
+    if is_file(path):
+        return path
+    ends = (_ENDS["policies"], ".contract.yaml") if contracts else (_ENDS["policies"],)
+    samples = {file.name.removesuffix(end): file for end in reversed(ends) for file in _ending("policies", end)}
+    if str(name) in samples:
+        return samples[str(name)]
+    if path.suffix or len(path.parts) > 1 or os.path.exists(path):
+        return path
+    known = known_names("policy", str(name), (*sorted(samples), *also))
+    raise InputError(f"{option}: {known}; or a file that exists ({'.onnx or .yaml' if contracts else '.onnx'})")
 
 
 def sample_songs() -> tuple[str, ...]:

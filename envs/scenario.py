@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.assets import asset_path, motion_path, sample_songs, song_path
+from humanoid_sim.assets import motion_path, policy_path, sample_songs, song_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
@@ -288,9 +288,7 @@ def _read_motion(name: str) -> Motion:
 
 def _policy_file(name: Named) -> Path:
     """The file of a checkpoint (.onnx) or a contract (.yaml)."""
-    shipped = {path.name.split(".")[0]: path for path in sorted(asset_path("policies").iterdir())}
-    path = shipped.get(str(name), Path(name))
+    path = policy_path(name, "policy", contracts=True)
     if path.suffix not in (".onnx", *_CONTRACTS):
-        known = ", ".join(shipped)
-        raise InputError(f"policy: is '{name}', expected a checkpoint (.onnx), a contract (.yaml) or one of: {known}")
+        raise InputError(f"policy: is '{name}', expected a checkpoint (.onnx) or a contract (.yaml)")
     return path

@@ -83,8 +83,8 @@ class Table:
     songs: tyro.conf.Positional[tuple[str, ...]] = ()
     """Sample songs ({songs}), MIDI files, or random:N, songs that no training has seen. Default: all sample songs, and
     eight that no training has seen."""
-    policy: Path | None = None
-    """ONNX checkpoint. Default: the sample policy of the robot."""
+    policy: str | None = None
+    """ONNX checkpoint, or a shipped policy ({policies}). Default: the one for the robot."""
     robot: str = "lite_piano"
     """A shipped robot with a piano, or the path of a robot's YAML file."""
     actuation: Literal["qfrc_applied", "affine", "implicit"] = "qfrc_applied"
@@ -141,7 +141,7 @@ def _score(options: Score) -> int:
 
 
 def _table(options: Table) -> int:
-    from humanoid_sim.assets import sample_policy, sample_songs  # noqa: PLC0415 - heavy imports stay out of `--help`
+    from humanoid_sim.assets import policy_path, sample_policy, sample_songs  # noqa: PLC0415 - heavy imports stay out of `--help`
     from humanoid_sim.cli import complain  # noqa: PLC0415
     from humanoid_sim.envs.scenario import make_scenario  # noqa: PLC0415
     from humanoid_sim.evaluation.piano_player import PianoPlayer  # noqa: PLC0415
@@ -154,7 +154,7 @@ def _table(options: Table) -> int:
     robot = load_robot(options.robot)
     if robot.piano is None:
         raise InputError(f"--robot: '{robot.name}' has no piano, expected a robot with one, such as lite_piano")
-    path = sample_policy(robot.name) if options.policy is None else options.policy
+    path = sample_policy(robot.name) if options.policy is None else policy_path(options.policy)
     checkpoint = load_checkpoint(path, None, robot.joint_names)
     contract = checkpoint.contract
     if contract.task_type != "piano":

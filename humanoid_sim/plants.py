@@ -7,10 +7,9 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
-from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, sample_policy
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, policy_path, sample_policy
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import parse
 from humanoid_sim.envs.scenario import make_scenario
@@ -41,7 +40,7 @@ class PlantsConfig:
     """
 
     policy: str | None = None
-    """ONNX checkpoint. Default: the sample policy for the robot."""
+    """ONNX checkpoint, or a shipped policy ({policies}). Default: the one for the robot."""
     robot: str = "lite"
     """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
     motion: str | None = None
@@ -67,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not (math.isfinite(step) and step > 0.0):
             raise InputError(f"--step: is {step}, expected finite numbers > 0")
     description = load_robot(config.robot)
-    path = sample_policy(description.name) if config.policy is None else Path(config.policy)
+    path = sample_policy(description.name) if config.policy is None else policy_path(config.policy)
     motion = SAMPLE_MOTION if config.motion is None and path == SAMPLE_POLICY else config.motion
     checkpoint = load_checkpoint(path, None, description.joint_names)
     scenario = make_scenario(checkpoint, description, motion)

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
 
+from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import ExitStatus, run_program
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
@@ -42,8 +43,9 @@ class ReplayConfig:
     """Recording (.mcap), finished or cut off."""
     infer: bool = False
     """Also run the policy on the recorded observations, and compare its answers with the recorded actions."""
-    policy: Path | None = None
-    """Model for --infer, which it implies. Default: the file that the recording names."""
+    policy: str | None = None
+    """ONNX checkpoint, or a shipped policy ({policies}), for --infer, which it implies. Default: the file that
+    the recording names."""
     tolerance: float | None = None
     """Of --infer: largest difference of an action (a share of it beyond 1) that is still the same answer. Default:
     1e-4, which another processor or build of ONNX Runtime stays below; 0: bit for bit."""
@@ -102,9 +104,9 @@ def _tolerance(value: float | None, infers: bool) -> float:
 class _Inference:
     """Runs the model on every recorded observation."""
 
-    def __init__(self, recording: Recording, path: Path | None, tolerance: float) -> None:
+    def __init__(self, recording: Recording, policy: str | None, tolerance: float) -> None:
         settings = recorded_settings(recording.path, recording.header)
-        self.checkpoint = _load(recording, settings, path)
+        self.checkpoint = _load(recording, settings, policy)
         recorded = settings.get("policy_sha256")
         self.is_same_file = recorded == self.checkpoint.sha256 if recorded else None
         self.report = InferenceReport(tolerance)
@@ -139,13 +141,15 @@ class _Inference:
         )
 
 
-def _load(recording: Recording, settings: dict[str, Any], path: Path | None) -> Checkpoint:
+def _load(recording: Recording, settings: dict[str, Any], given: str | None) -> Checkpoint:
     """The model to run: the given one, or the one that the recording names."""
     from humanoid_sim.policy.checkpoint import load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
     from humanoid_sim.policy.onnx_policy import OnnxPolicy  # noqa: PLC0415 - ONNX Runtime is heavy
     from humanoid_sim.stack import recorded_contract  # noqa: PLC0415
 
-    if path is None:
+    if given is not None:
+        path = policy_path(given)
+    else:
         named = settings.get("policy")
         if not isinstance(named, str) or named in ("", _PLACEHOLDER):
             raise InputError(f"{recording.path}: ran {named or 'no policy'}, which is no model to infer with")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from humanoid_sim.assets import motion_path, song_path
+from humanoid_sim.assets import ASSETS, motion_path, policy_path, song_path
 from humanoid_sim.errors import InputError
 
 
@@ -28,3 +28,28 @@ def test_sample_songs_go_by_name_and_a_near_miss_is_named(tmp_path: Path, monkey
         song_path("ode-to-joy")
     with pytest.raises(InputError, match="--song: unknown song 'xyz'; known: black_keys"):
         song_path("xyz")
+
+
+def test_sample_policies_go_by_name_and_files_by_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert policy_path("lite_piano") == ASSETS / "policies" / "lite_piano.onnx"
+    assert policy_path("missing.onnx") == Path("missing.onnx")  # whoever opens it says so
+    assert policy_path("runs/lite_piano") == Path("runs/lite_piano")
+    message = (
+        "unknown policy 'lite-pino' (did you mean 'lite_piano'?); known: lite_biped_velocity, lite_piano, lite_tra"
+    )
+    with pytest.raises(InputError, match="^" + re.escape(f"--policy: {message}")):
+        policy_path("lite-pino")
+    with pytest.raises(InputError, match=r"^--shadow: unknown policy 'xyz'; known: .*, other; or a file that exists"):
+        policy_path("xyz", "--shadow", also=("other",))
+    (tmp_path / "lite_tracking").mkdir()
+    assert policy_path("lite_tracking").name == "lite_tracking.onnx"
+    (tmp_path / "lite_piano").touch()
+    assert policy_path("lite_piano") == Path("lite_piano")
+
+
+def test_sample_contracts_are_policies_only_where_that_is_asked_for() -> None:
+    assert policy_path("lite_piano_task", contracts=True).name == "lite_piano_task.contract.yaml"
+    assert policy_path("lite_biped_velocity", contracts=True).name == "lite_biped_velocity.onnx"
+    with pytest.raises(InputError, match="unknown policy 'lite_piano_task' "):
+        policy_path("lite_piano_task")

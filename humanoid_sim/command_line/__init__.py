@@ -16,7 +16,7 @@ from contextvars import ContextVar
 from itertools import takewhile
 from typing import Any, TypeVar, overload
 
-from humanoid_sim.command_line.description import Command, Commands, Option, Specification, describe
+from humanoid_sim.command_line.description import Command, Commands, Option, Specification, describe, filled
 from humanoid_sim.errors import InputError, known_names
 
 __all__ = ["Commands", "description_of", "parse"]
@@ -114,7 +114,7 @@ def description_of(program: Callable[[Sequence[str] | None], int]) -> Command | 
 
 
 def _check_names(command: Command, words: Sequence[str]) -> None:
-    """Refuse options and choices that do not exist, with the nearest ones that do.
+    """Refuse options and choices that do not exist, with the nearest ones that do, and options that are given twice.
 
     Raises:
         InputError: naming the first.
@@ -124,20 +124,29 @@ def _check_names(command: Command, words: Sequence[str]) -> None:
         if option.choices and word not in option.choices:
             raise InputError(f"{command.words[0]}: {known_names(option.field, word, option.choices)}")
     options = {flag: option for option in command.options for flag in option.flags}
+    before: dict[str, str] = {}
     for i, word in enumerate(words):
         if word == "--":
             return
-        if not word.startswith("--"):
+        if not word.startswith("-"):
             continue
         name, has_value, value = word.partition("=")
-        given = options.get("--" + name[2:].replace("_", "-"))
+        given = options.get("-" + name[1:].replace("_", "-"))
+        if given is None and not word.startswith("--"):  # a negative number
+            continue
         if given is None:
             unknown = known_names("option", name, options, listed=False)
             raise InputError(f"{unknown}; '{command.invocation} --help' lists all")
         if not has_value:
             value = words[i + 1] if i + 1 < len(words) else ""
         if given.choices and not given.takes_many and value not in ("", *given.choices):
-            raise InputError(f"{given.flags[0]}: {known_names('choice', value, given.choices)}")
+            raise InputError(f"{given.name}: {known_names('choice', value, given.choices)}")
+        if given.field in before and given.value and not given.may_repeat:
+            more = ", followed by all its values" if given.takes_many else ""
+            raise InputError(
+                f"{given.name}: is given twice, as '{before[given.field]}' and '{value}', expected once{more}"
+            )
+        before[given.field] = value
 
 
 def _read(specification: type[Any], command: Command, words: Sequence[str], positional: bool) -> Any:
@@ -184,7 +193,7 @@ def _told(box: str, command: Command) -> str:
 
 
 def _is_named(option: Option, line: str) -> bool:
-    return option.flags[0] in line if option.flags else option.help in line
+    return option.flags[0] in line if option.flags else option.help in filled(line)
 
 
 _OURS = tuple(

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from humanoid_sim.assets import shipped
 
-__all__ = ["ARGUMENTS", "Command", "Commands", "Option", "Specification", "describe"]
+__all__ = ["ARGUMENTS", "Command", "Commands", "Option", "Specification", "describe", "filled"]
 
 Specification: TypeAlias = "type[Any] | Commands"
 """A dataclass of options, or subcommands that have one each."""
@@ -62,6 +62,11 @@ class Option:
     names: tuple[str, ...] = ()
     """That ship with the package, of what is accepted."""
     may_repeat: bool = False
+
+    @property
+    def name(self) -> str:
+        """What messages call it: `--output` of `-o` and `--output`."""
+        return next((flag for flag in self.flags if flag.startswith("--")), self.metavar)
 
     @property
     def value(self) -> str:
@@ -160,7 +165,7 @@ def _option(name: str, kind: Any, markers: list[Any], default: Any, text: str, p
         name,
         () if is_place else names,
         "" if is_switch else (stated or [metavar])[0],
-        _filled(f"Leaves this out: {text[:1].lower()}{text[1:]}" if is_switch and default is True else text),
+        filled(f"Leaves this out: {text[:1].lower()}{text[1:]}" if is_switch and default is True else text),
         "" if is_switch or "efault" in text or "ithout," in text else _shown(default),
         is_required,
         takes_many,
@@ -183,7 +188,7 @@ def _shown(default: Any) -> str:
     return f"{default:g}" if isinstance(default, float) else str(default)
 
 
-def _filled(text: str) -> str:
+def filled(text: str) -> str:
     """A help text on one line, with the names that ship with the package in the places of `{robots}` and the like."""
     text = " ".join(text.split())
     for kind in _SHIPPED:

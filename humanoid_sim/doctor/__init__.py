@@ -25,7 +25,7 @@ class DoctorConfig:
     """
 
     checkpoint: tyro.conf.Positional[Path]
-    """ONNX file."""
+    """ONNX file, or a shipped policy ({policies})."""
     robot: str
     """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
     imu_site: str | None = None

@@ -24,8 +24,9 @@ class PlayConfig:
     START_LOCOMOTION, DAMP. With --manual or --script the FSM is yours.
     """
 
-    policy: Annotated[str | None, tyro.conf.arg(metavar="FILE.onnx")] = None
-    """ONNX checkpoint; 'placeholder' for a policy that answers zeros. Default: the sample policy."""
+    policy: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None
+    """ONNX checkpoint (FILE.onnx) or a shipped policy ({policies}); 'placeholder' for one that answers zeros.
+    Default: the sample policy for the robot."""
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
@@ -40,10 +41,10 @@ class PlayConfig:
     branch: Annotated[str | None, tyro.conf.arg(metavar="RECORDING@SECONDS")] = None
     """FILE@SECONDS: begin a simulation in that instant of a recording (.mcap) of play, and go on with what it took in,
     or with another --policy, --contract (gains), --motion, --command, --script, --manual or --push."""
-    shadow: Annotated[str | None, tyro.conf.arg(metavar="FILE.onnx")] = None
-    """ONNX checkpoint that only looks on: while the robot is in DAMPING or STANDBY it runs on the real state, and what
-    it sees, answers and would command is recorded. Nothing of it reaches a motor, and no other policy runs; --contract,
-    --motion and --command are its."""
+    shadow: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None
+    """ONNX checkpoint or shipped policy that only looks on: while the robot is in DAMPING or STANDBY it runs on the
+    real state, and what it sees, answers and would command is recorded. Nothing of it reaches a motor, and no other
+    policy runs; --contract, --motion and --command are its."""
     robot: str = DEFAULT_ROBOT
     """A shipped robot ({robots}), robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
     of a robot's YAML file or of an MJCF."""

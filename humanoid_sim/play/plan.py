@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from humanoid_sim.assets import sample_policy, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.controllers.rl_policy import RLPolicyController, ticks_per_step
@@ -26,7 +27,7 @@ from humanoid_sim.play.conflicts import (
 from humanoid_sim.play.front_ends import has_keys, operated_by, require_gamepad, wanted_front_ends, with_keyboard
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
-from humanoid_sim.play.policies import PolicyChoice, choose_policy, parse_branch
+from humanoid_sim.play.policies import PolicyChoice, checkpoint_path, choose_policy, parse_branch
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.complete import UnnamedJointsError
@@ -195,8 +196,9 @@ def _policy_on_robot(
             the first explanation.
     """
     is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
-    hint = f"--robot: the default, '{DEFAULT_ROBOT}', is used, and this policy is for another robot: name its MJCF or "
-    hint += "YAML file; "
+    hint = f"--robot: the default, '{DEFAULT_ROBOT}', is used, and this policy is for another robot: "
+    own = [name for name in shipped("robots") if sample_policy(name) == checkpoint_path(config)]
+    hint += f"add --robot {own[0]}; " if own else "name its MJCF or YAML file; "
     try:
         policy = choose_policy(config, description, injector.policy)
     except InputError as error:
@@ -220,7 +222,7 @@ def _policy_on_robot(
 def _goes_by_places(config: PlayConfig) -> bool:
     """Whether the policy gives its joints by their places on its robot: then another robot cannot but refuse it."""
     try:
-        read_contract(Path(str(config.checkpoint)), None if config.contract is None else Path(config.contract))
+        read_contract(checkpoint_path(config) or Path(), None if config.contract is None else Path(config.contract))
     except UnnamedJointsError:
         return True
     except InputError:

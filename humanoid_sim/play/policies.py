@@ -8,7 +8,15 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, SAMPLE_SONG, motion_path, sample_policy, song_path
+from humanoid_sim.assets import (
+    SAMPLE_MOTION,
+    SAMPLE_POLICY,
+    SAMPLE_SONG,
+    motion_path,
+    policy_path,
+    sample_policy,
+    song_path,
+)
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
@@ -32,6 +40,7 @@ from humanoid_sim.simulation.push import parse_pushes
 
 __all__ = [
     "PolicyChoice",
+    "checkpoint_path",
     "choose_policy",
     "parse_branch",
     "with_recorded_options",
@@ -76,7 +85,7 @@ def choose_policy(
     """
     # The one for the legs is a simulated robot's: on hardware nobody gets it without naming it.
     sample = SAMPLE_POLICY if config.hardware is not None else sample_policy(description.name)
-    path = sample if config.checkpoint is None else Path(config.checkpoint)
+    path = checkpoint_path(config) or sample
     contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
     if config.checkpoint == PLACEHOLDER:
@@ -103,6 +112,24 @@ def choose_policy(
         motion_source=str(file),
     )
     return PolicyChoice(loaded, checkpoint, motion, file, warning, notices)
+
+
+def checkpoint_path(config: PlayConfig) -> Path | None:
+    """The file of the checkpoint that the options name; None for the sample policy and for the placeholder.
+
+    Raises:
+        InputError: it is neither a shipped policy nor a file's name.
+    """
+    if config.checkpoint in (None, PLACEHOLDER):
+        return None
+    option = "--policy" if config.shadow is None else "--shadow"
+    return policy_path(config.checkpoint or "", option, also=(PLACEHOLDER,))
+
+
+def _is_sample(config: PlayConfig) -> bool:
+    """Whether the policy is one that ships: taken by default, or given by its name."""
+    path = checkpoint_path(config)
+    return config.checkpoint is None or (path is not None and str(path) != config.checkpoint)
 
 
 def _chosen_motion(
@@ -137,7 +164,7 @@ def _plays_song(config: PlayConfig, checkpoint: Checkpoint) -> bool:
         if config.song is not None:
             raise InputError(f"--song: is '{config.song}', but {checkpoint.source} is a {task} policy")
         return False
-    if config.song is None and config.motion is None and config.checkpoint is not None:
+    if config.song is None and config.motion is None and not _is_sample(config):
         raise InputError(f"--song: is missing; {checkpoint.source} is a piano policy")
     return config.motion is None
 
@@ -152,7 +179,7 @@ def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
         return motion_path(config.motion)
     if checkpoint.motion is not None:
         return None
-    if config.checkpoint is None:
+    if _is_sample(config):
         return motion_path(SAMPLE_MOTION)
     dataset = checkpoint.contract.dataset_repo_id
     hint = f"; its default is the dataset '{dataset}', to be converted to an .mcap motion first" if dataset else ""

@@ -6,12 +6,13 @@ Nothing heavy is imported here: `--help` must be quick.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, assert_never
 
 import tyro
 
+from humanoid_sim.assets import policy_path
 from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.errors import InputError
@@ -24,7 +25,7 @@ class Show:
     """Show the contract of a checkpoint: joints, observation, action, and where each field came from."""
 
     checkpoint: tyro.conf.Positional[Path]
-    """ONNX file."""
+    """ONNX file, or a shipped policy ({policies})."""
     contract: Path | None = None
     """A contract.yaml with what the checkpoint does not say. Default: the one beside it."""
     robot: str | None = None
@@ -41,7 +42,7 @@ class Check:
     """Check a checkpoint against a robot without running it there. Exit status 1 if anything is an error."""
 
     checkpoint: tyro.conf.Positional[Path]
-    """ONNX file."""
+    """ONNX file, or a shipped policy ({policies})."""
     robot: str
     """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
     imu_site: str | None = None
@@ -63,7 +64,7 @@ class Stamp:
     """Write a copy of a checkpoint that holds its contract, its external tensors and golden vectors itself."""
 
     checkpoint: tyro.conf.Positional[Path]
-    """ONNX file."""
+    """ONNX file, or a shipped policy ({policies})."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write."""
     contract: Path | None = None
@@ -93,6 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "policy",
         arguments,
     )
+    command = replace(command, checkpoint=policy_path(command.checkpoint, "CHECKPOINT"))
     from humanoid_sim.policy.onnx_policy import has_onnxruntime  # noqa: PLC0415
 
     if not has_onnxruntime():

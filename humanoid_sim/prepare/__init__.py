@@ -22,7 +22,8 @@ class PrepareOptions:
     """
 
     policy: Annotated[str | None, tyro.conf.arg(aliases=["--checkpoint-file"])] = None
-    """ONNX checkpoint; it determines the order of the motion's joints and bodies, and its frame rate."""
+    """ONNX checkpoint, or a shipped policy ({policies}); it determines the order of the motion's joints and
+    bodies, and its frame rate."""
     contract: str | None = None
     """contract.yaml with what the checkpoint does not say."""
     wandb_run_path: str | None = None

@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 
+from humanoid_sim.assets import policy_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import motion_bytes
@@ -125,7 +126,7 @@ def _refuse_conflicts(options: PrepareOptions) -> None:
 def _checkpoint_path(options: PrepareOptions, console: Console) -> Path:
     if options.wandb_run_path is None:
         assert options.policy is not None  # one of the two is given
-        return Path(options.policy)
+        return policy_path(options.policy)
     from humanoid_sim.prepare.wandb_run import fetch_checkpoint  # noqa: PLC0415 - only for this option
 
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn())

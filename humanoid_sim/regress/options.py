@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import tyro
 
+from humanoid_sim.assets import policy_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 
-__all__ = ["RegressConfig", "check_outputs"]
+__all__ = ["RegressConfig", "check_outputs", "with_files"]
 
 
 @dataclass(frozen=True)
@@ -25,11 +26,12 @@ class RegressConfig:
     """
 
     policies: tuple[str, ...]
-    """ONNX checkpoints under test."""
+    """ONNX checkpoints under test, or shipped policies ({policies})."""
     suite: str = "lite_tracking"
     """A shipped suite ({suites}), or the path of a suite's YAML file."""
     baseline: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
-    """What to compare with: an ONNX checkpoint, which is run too, or a file of --write-baseline. Default: nothing."""
+    """What to compare with: an ONNX checkpoint or a shipped policy, which is run too, or a file of --write-baseline.
+    Default: nothing."""
     robot: str | None = None
     """Instead of the suite's: a shipped robot ({robots}), robot_descriptions:NAME, or the path of a robot's
     YAML file or of an MJCF."""
@@ -89,6 +91,17 @@ class RegressConfig:
         ("x.onnx --write-baseline released.json", "keep figures to compare with"),
         ("x.onnx --baseline released.json --junit ci.xml", "... and compare with them, in CI"),
     )
+
+
+def with_files(config: RegressConfig) -> RegressConfig:
+    """The options with the files of policies that are given by their names.
+
+    Raises:
+        InputError: there is no such policy.
+    """
+    policies = tuple(str(policy_path(policy, "POLICIES")) for policy in config.policies)
+    baseline = config.baseline and str(policy_path(config.baseline, "--baseline"))
+    return replace(config, policies=policies, baseline=baseline)
 
 
 _OUTPUTS = ("write_baseline", "json", "junit", "report")

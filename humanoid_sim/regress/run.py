@@ -27,7 +27,7 @@ from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, judge
 from humanoid_sim.regress.executors import LOCAL, Executor, LocalExecutor, RayExecutor
 from humanoid_sim.regress.files import json_of, junit_xml, matching_baseline, read_baseline
 from humanoid_sim.regress.margins import measure_margins, planned_levels
-from humanoid_sim.regress.options import RegressConfig, check_outputs
+from humanoid_sim.regress.options import RegressConfig, check_outputs, with_files
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.report import report_page, require_report
@@ -50,6 +50,7 @@ def regress(config: RegressConfig) -> int:
     Raises:
         InputError: if what was given cannot be used.
     """
+    config = with_files(config)
     check_outputs(config)
     if config.report is not None:
         require_report()

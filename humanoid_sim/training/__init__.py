@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from humanoid_sim.assets import PIANO_POLICY, SAMPLE_POLICY, WALKING_POLICY
+from humanoid_sim.assets import PIANO_POLICY, SAMPLE_POLICY, WALKING_POLICY, policy_path
 from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.training.ppo.options import CurvesConfig, TrainConfig
 
@@ -73,7 +73,7 @@ class EvaluateConfig:
     """Measure a tracking policy in closed loop, beside inverse kinematics through the same gains."""
 
     policy: str | None = None
-    """ONNX checkpoint. Default: the sample policy."""
+    """ONNX checkpoint, or a shipped policy ({policies}). Default: the sample policy."""
     motion: tuple[str, ...] = ()
     """Motion files (.mcap). Default: the sample motions."""
     random: int = 0
@@ -157,7 +157,7 @@ class EvaluateWalkingConfig:
     """Measure a walking policy: commands held, pushes, friction and mass."""
 
     policy: str | None = None
-    """ONNX checkpoint. Default: the sample policy."""
+    """ONNX checkpoint, or a shipped policy ({policies}). Default: the sample policy."""
     seeds: int = 20
     """Robots of each case."""
     only: str | None = None
@@ -256,10 +256,10 @@ def _trace(config: TraceConfig | TracePianoConfig) -> int:
     if isinstance(config, TracePianoConfig):
         from humanoid_sim.training.piano.trace import write_piano_trace  # noqa: PLC0415
 
-        return write_piano_trace(PIANO_POLICY if config.policy is None else Path(config.policy), Path(config.output))
+        return write_piano_trace(policy_path(config.policy or PIANO_POLICY), Path(config.output))
     from humanoid_sim.training.trace import write_trace  # noqa: PLC0415
 
-    return write_trace(SAMPLE_POLICY if config.policy is None else Path(config.policy), Path(config.output))
+    return write_trace(policy_path(config.policy or SAMPLE_POLICY), Path(config.output))
 
 
 def _any_task(config: TrainConfig | CurvesConfig) -> int:
@@ -285,11 +285,11 @@ def _walking(config: TrainWalkingConfig | TraceWalkingConfig | EvaluateWalkingCo
         case TraceWalkingConfig():
             from humanoid_sim.training.walking.trace import write_walking_trace  # noqa: PLC0415
 
-            path = WALKING_POLICY if config.policy is None else Path(config.policy)
+            path = policy_path(config.policy or WALKING_POLICY)
             return write_walking_trace(path, Path(config.output))
         case EvaluateWalkingConfig():
             from humanoid_sim.training.walking.evaluate import evaluate_walking  # noqa: PLC0415
 
-            path = WALKING_POLICY if config.policy is None else Path(config.policy)
+            path = policy_path(config.policy or WALKING_POLICY)
             output = None if config.json is None else Path(config.json)
             return evaluate_walking(path, config.seeds, config.only, output, config.actuation)

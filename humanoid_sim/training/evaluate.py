@@ -18,7 +18,7 @@ import numpy.typing as npt
 from rich.console import Console
 from rich.table import Table
 
-from humanoid_sim.assets import asset_path
+from humanoid_sim.assets import SAMPLE_POLICY, asset_path, policy_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import Policy
@@ -58,7 +58,7 @@ def evaluate(config: EvaluateConfig) -> int:
         InputError: if a file cannot be read or written, or does not fit the policy.
     """
     description = load_robot("lite")
-    checkpoint = load_checkpoint(Path(config.policy) if config.policy else asset_path("policies", "lite_tracking.onnx"))
+    checkpoint = load_checkpoint(policy_path(config.policy or SAMPLE_POLICY))
     if checkpoint.contract.task_type != "tracking":
         raise InputError(f"{checkpoint.source}: task_type is {checkpoint.contract.task_type}, expected tracking")
     if config.random < 0 or config.seed < 0:

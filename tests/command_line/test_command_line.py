@@ -46,13 +46,56 @@ HELP = "--help' says what is accepted"
         (("play", "--yaw", "x"), f"--yaw: is 'x', expected a number; 'python -m humanoid_sim.play {HELP}"),
         (("play", "--duration", "x"), "--duration: is 'x', expected a number; "),
         (("play", "--host-id", "3.5"), "--host-id: is '3.5', expected a whole number; "),
+        (
+            ("play", "--robot", "lite", "--yaw", "-1", "--robot=lite_biped"),
+            "--robot: is given twice, as 'lite' and 'lite_biped', expected once\n",
+        ),
+        (
+            ("play", "--policy_seconds", "1", "--policy-seconds", "2"),
+            "--policy-seconds: is given twice, as '1' and '2'",
+        ),
+        (
+            ("play", "--push", "1:2:3", "--push", "4:5:6"),
+            "--push: is given twice, as '1:2:3' and '4:5:6', expected once, followed by all its values\n",
+        ),
+        (
+            ("policy", "stamp", "x.onnx", "-o", "a.onnx", "--output", "b.onnx"),
+            "--output: is given twice, as 'a.onnx' and 'b.onnx', expected once\n",
+        ),
+        (
+            ("prepare", "--policy", "a", "--checkpoint-file", "b"),
+            "--policy: is given twice, as 'a' and 'b', expected once\n",
+        ),
+        (
+            ("play", "--policy", "lite_pino"),
+            "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); known: lite_biped_velocity, "
+            "lite_piano, lite_tracking, placeholder; or a file that exists (.onnx)\n",
+        ),
+        (("play", "--shadow", "lite_pino"), "--shadow: unknown policy 'lite_pino' (did you mean 'lite_piano'?); "),
+        (("plants", "--policy", "lite_pino"), "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); "),
+        (
+            ("prepare", "--policy", "lite_pino", "--motion", "x.npz"),
+            "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); ",
+        ),
+        (("piano", "table", "--policy", "lite_pino"), "--policy: unknown policy 'lite_pino' (did you mean "),
+        (("policy", "show", "lite_pino"), "CHECKPOINT: unknown policy 'lite_pino' (did you mean 'lite_piano'?); "),
+        (("policy", "doctor", "lite_pino", "--robot", "lite"), "CHECKPOINT: unknown policy 'lite_pino' (did you "),
+        (("regress", "lite_traking"), "POLICIES: unknown policy 'lite_traking' (did you mean 'lite_tracking'?); "),
+        (
+            ("regress", "lite_tracking", "--baseline", "lite_traking"),
+            "--baseline: unknown policy 'lite_traking' (did you mean 'lite_tracking'?); ",
+        ),
+        (
+            ("play", "--policy", "lite_biped_velocity"),
+            "--robot: the default, 'lite', is used, and this policy is for another robot: add --robot lite_biped; ",
+        ),
         (("play", "--script"), "--script: its value is missing; "),
         (("play", "x.onnx"), f"unexpected: x.onnx; 'python -m humanoid_sim.play {HELP}"),
         (("play", "--robot", "lite_bipd"), "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, "),
         (("play", "--motion", "wve"), "--motion: unknown motion 'wve' (did you mean 'wave'?); known: circle, "),
         (("play", "--policy", "placeholder", "--script", "dmap"), "--script: "),
         (
-            ("regress", "x", "--suite", "velocty"),
+            ("regress", "x.onnx", "--suite", "velocty"),
             "--suite: unknown suite 'velocty' (did you mean 'velocity'?); known: ",
         ),
         (("policy", "check", "x.onnx"), f"missing: --robot ROBOT; 'python -m humanoid_sim.policy check {HELP}"),

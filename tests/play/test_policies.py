@@ -40,6 +40,28 @@ def test_by_default_the_sample_policy_follows_the_sample_motion() -> None:
     assert choice.loaded.layout.width == choice.checkpoint.observation_width
 
 
+@pytest.mark.parametrize(
+    ("policy", "robot", "followed"),
+    [
+        ("lite_tracking", "lite", "wave"),
+        ("lite_piano", "lite_piano", "ode_to_joy"),
+        ("lite_biped_velocity", "lite_biped", None),
+    ],
+)
+def test_a_policy_that_ships_goes_by_its_name_and_follows_what_is_its_default(
+    policy: str, robot: str, followed: str | None
+) -> None:
+    for config in (PlayConfig(policy=policy), PlayConfig(shadow=policy)):
+        choice = choose_policy(config, load_robot(robot))
+        assert Path(choice.checkpoint.source).name == f"{policy}.onnx"
+        assert (choice.motion_file and choice.motion_file.stem) == followed
+
+
+def test_a_policys_path_does_not_make_it_the_sample() -> None:
+    with pytest.raises(InputError, match=r"^--motion: is missing; "):
+        choose_policy(PlayConfig(policy=str(SAMPLE_POLICY)), LITE)
+
+
 @pytest.mark.parametrize("motion", ["circle", "reach"])
 def test_a_sample_motion_goes_by_its_name(motion: str) -> None:
     choice = choose_policy(PlayConfig(motion=motion), LITE)

@@ -44,6 +44,12 @@ def test_tables(cli, stamped: Path) -> None:
     assert "vx -1 to 1, vy -0.5 to 0.5" in out
 
 
+def test_a_policy_that_ships_goes_by_its_name(cli) -> None:
+    status, out, error = cli("show", "lite_biped_velocity")
+    assert (status, error) == (0, "")
+    assert "lite_biped_velocity.onnx" in out
+
+
 def test_json_is_complete(cli, stamped: Path) -> None:
     status, out, _ = cli("show", stamped, "--json")
     assert status == 0
