@@ -25,6 +25,7 @@ import re
 import socket
 import stat
 import struct
+import sys
 import tempfile
 import threading
 import time
@@ -59,6 +60,8 @@ SUFFIX = ".session"
 """Of the file that a running session holds locked; its name is the process id."""
 REPLY_SUFFIX = ".reply"
 """Of the socket that a client gets its answers by; its name begins with the process id."""
+_LONGEST_FOLDER = (107 if sys.platform == "linux" else 103) - len(f"/4194304-9999{REPLY_SUFFIX}")
+"""Bytes; the paths of AF_UNIX sockets are that short (unix(7)), and the longest here is that of a client's answers."""
 FEED_MAGIC = b"hsfeed01"
 FEED_HEAD = struct.Struct("<8sQQI4xQ")
 """The feed's first bytes: magic; offset, length and CRC-32 of its description; 1 once the session has ended."""
@@ -135,12 +138,17 @@ def session_folder() -> Path:
     """The folder of this user's sessions, which may not exist.
 
     Raises:
-        SessionError: it is not the user's alone.
+        SessionError: it is not the user's alone, or its path leaves no room for a socket's name.
     """
     base = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
     if not base.is_absolute() or not base.is_dir():  # left over from another user, as `su` does
         base = Path(tempfile.gettempdir())
     folder = base / f"humanoid_sim-{os.getuid()}"
+    if (length := len(os.fsencode(folder))) > _LONGEST_FOLDER:  # a session that nobody can damp must not start
+        raise SessionError(
+            f"{folder}: {length} bytes are too long for a session's sockets, at most {_LONGEST_FOLDER}; "
+            "set XDG_RUNTIME_DIR to a shorter folder"
+        )
     try:
         status = folder.lstat()
     except FileNotFoundError:

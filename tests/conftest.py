@@ -6,6 +6,7 @@ import gc
 import os
 import shutil
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -127,11 +128,18 @@ def no_leaks() -> Iterator[None]:
 
 
 @pytest.fixture
-def local(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The folder that sessions and their clients meet in: empty, and short, as paths of sockets have to be."""
+    with tempfile.TemporaryDirectory(prefix="hs-", ignore_cleanup_errors=True) as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        yield Path(folder)
+
+
+@pytest.fixture
+def local(runtime: Path) -> Iterator[Any]:
     """A `LocalSession`: feed and intake of this process, driven tick by tick."""
     from local_session import LocalSession  # noqa: PLC0415 - most tests need none of what it imports
 
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     session = LocalSession()
     with session.stack:
         yield session

@@ -140,10 +140,7 @@ def test_a_stale_session_never_blocks_it(local: LocalSession, capsys: pytest.Cap
     assert status == [0]
 
 
-def test_it_needs_a_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_it_needs_a_session(capsys: pytest.CaptureFixture[str], runtime: Path) -> None:
     assert run("damp") == 2
     assert capsys.readouterr().err == "error: no session is running; start one with play\n"
     assert run("damp", "--session", "1") == 2

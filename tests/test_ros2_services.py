@@ -82,8 +82,7 @@ def test_the_answer_is_that_of_the_fsm(local: LocalSession) -> None:
     assert told(local, "damp", client.find_session().process)[0]
 
 
-def test_without_a_session_every_service_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_without_a_session_every_service_says_so(runtime: Path) -> None:
     for word in SERVICES.values():
         assert answer(word, None) == (False, "no session is running; start one with play")
     assert ros2_services.main(["--session", "1"]) == 2

@@ -78,10 +78,9 @@ POINTS = ("base_linear_velocity", "base_linear_velocity_at_imu", "base_linear_ve
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runtime: Path) -> Path:
     """The working folder, with the stool; the sockets of `play` go there too."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     (tmp_path / "stool.xml").write_text(STOOL, encoding="utf-8")
     return tmp_path
 

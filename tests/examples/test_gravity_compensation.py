@@ -72,10 +72,9 @@ def line_with(process: subprocess.Popen[str], text: str) -> str:
 
 @pytest.mark.slow
 def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, domain: int, request: pytest.FixtureRequest
+    tmp_path: Path, domain: int, request: pytest.FixtureRequest, runtime: Path
 ) -> None:
     held = 20.0 if request.config.getoption("--complete") else 8.0
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     record = tmp_path / "run.mcap"
     script = "damp; load_b; wait; start_remote; hold 600"
     options = ("--dds", "--pace", "realtime", "--viewer", "none", "--video", "none", "--record", str(record))

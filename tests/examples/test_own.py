@@ -47,18 +47,17 @@ def test_the_controller_stands_what_the_fuzzer_does_to_it() -> None:
     fuzz_controller(load("own_controller").Sway(("shoulder", "elbow"), ("elbow",)), few, healthy_ticks=200)
 
 
-def test_a_front_end_of_ones_own_watches_a_session(tmp_path: Path) -> None:
-    environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)}
+def test_a_front_end_of_ones_own_watches_a_session(tmp_path: Path, runtime: Path) -> None:
     words = ["--pace", "realtime", "--script", "hold 60", "--viewer", "none", "--record", "none"]
     session = subprocess.Popen(
-        [sys.executable, "-m", "humanoid_sim.play", *words], stdout=subprocess.DEVNULL, cwd=tmp_path, env=environment
+        [sys.executable, "-m", "humanoid_sim.play", *words], stdout=subprocess.DEVNULL, cwd=tmp_path
     )
     try:
         deadline = time.monotonic() + 60.0
-        while not list(tmp_path.rglob("*.session")) and time.monotonic() < deadline:
+        while not list(runtime.rglob("*.session")) and time.monotonic() < deadline:
             time.sleep(0.1)
         watcher = subprocess.Popen(
-            [sys.executable, str(EXAMPLES / "own_front_end.py")], stdout=subprocess.PIPE, text=True, env=environment
+            [sys.executable, str(EXAMPLES / "own_front_end.py")], stdout=subprocess.PIPE, text=True
         )
         assert watcher.stdout is not None
         lines = [watcher.stdout.readline() for _ in range(2)]

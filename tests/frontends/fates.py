@@ -101,8 +101,7 @@ def rows(table_of: Callable[[str, tuple[str, ...]], list[tuple[str, ...]]]) -> l
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def folder(tmp_path: Path, runtime: Path) -> Path:
     return tmp_path
 
 

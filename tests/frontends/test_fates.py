@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from contextlib import nullcontext
 from functools import cache
@@ -41,8 +42,8 @@ def unwatched(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Mode], list
     @cache
     def run(mode: Mode) -> list[tuple[object, ...]]:
         folder = tmp_path_factory.mktemp("unwatched")
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="hs-") as runtime:
+            patch.setenv("XDG_RUNTIME_DIR", runtime)
             with playing(folder, *simulated(folder, mode)) as play:
                 log = play.finish()
         assert log.status == 0, play.said

@@ -55,10 +55,7 @@ def test_a_session_without_a_body_is_refused(local: LocalSession) -> None:
 
 @needs_rerun
 @pytest.mark.slow
-def test_its_page_is_served_on_this_machine_alone_and_gone_with_the_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_its_page_is_served_on_this_machine_alone_and_gone_with_the_session(tmp_path: Path, runtime: Path) -> None:
     options = ("--robot", quick_robot(tmp_path), "--policy", "placeholder", "--script", "damp; hold 4; damp")
     with playing(tmp_path, *options, "--viewer", "rerun") as play:
         until(lambda: "rerun's page: http://127.0.0.1:" in play.said)

@@ -87,11 +87,11 @@ def test_the_window_is_a_process_of_its_own(
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed (xvfb)")
-def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_display(tmp_path: Path) -> None:
+def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_display(runtime: Path) -> None:
     """In a process of its own: a window leaves GLFW, and its display, behind."""
     with display() as (server, screen):
         command = [sys.executable, "-m", "humanoid_sim.viewer", "--robot", "lite"]
-        environment = {**os.environ, "DISPLAY": screen, "XDG_RUNTIME_DIR": str(tmp_path)}
+        environment = {**os.environ, "DISPLAY": screen}
         with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as viewer:
             try:
                 assert viewer.stdout is not None

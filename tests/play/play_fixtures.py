@@ -20,13 +20,11 @@ from humanoid_sim.recording.reader import open_recording
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty working folder, without a display; sockets go beside it."""
-    work, runtime = tmp_path / "work", tmp_path / "run"
+def folder(tmp_path: Path, runtime: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder, without a display."""
+    work = tmp_path / "work"
     work.mkdir()
-    runtime.mkdir()
     monkeypatch.chdir(work)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
         monkeypatch.delenv(name, raising=False)
     return work

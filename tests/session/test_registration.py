@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from local_session import LocalSession
 
-from humanoid_sim.client import SessionError, find_session, running_sessions
+from humanoid_sim.client import Intake, SessionError, find_session, running_sessions
 from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
 from humanoid_sim.session.registration import Registration
 
 KILLED = """
@@ -32,16 +33,14 @@ feed.close()
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    return tmp_path / f"humanoid_sim-{os.getuid()}"
+def folder(runtime: Path) -> Path:
+    return runtime / f"humanoid_sim-{os.getuid()}"
 
 
-def test_a_session_says_what_it_is_while_it_runs(local: LocalSession, tmp_path: Path) -> None:
+def test_a_session_says_what_it_is_while_it_runs(local: LocalSession, folder: Path) -> None:
     (info,) = running_sessions()
     assert (info.process, info.robot, info.policy, info.folder) == (os.getpid(), "three", "p.onnx", os.getcwd())
     assert str(info) == f"session {os.getpid()} (three, policy p.onnx, started in {os.getcwd()})"
-    folder = tmp_path / f"humanoid_sim-{os.getuid()}"
     assert folder.stat().st_mode & 0o777 == 0o700
     assert Path(info.feed).stat().st_mode & 0o777 == 0o600
     assert info.is_running()
@@ -105,16 +104,33 @@ def test_a_folder_that_others_may_enter_is_refused(folder: Path) -> None:
         running_sessions()
 
 
-def test_a_runtime_folder_that_is_not_there_is_no_obstacle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    for value in (str(tmp_path / "gone"), "relative", ""):
+def test_a_runtime_folder_that_is_not_there_is_no_obstacle(monkeypatch: pytest.MonkeyPatch, runtime: Path) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(runtime))
+    for value in (str(runtime / "gone"), "relative", ""):
         monkeypatch.setenv("XDG_RUNTIME_DIR", value)
         Registration()
-    assert (tmp_path / f"humanoid_sim-{os.getuid()}").is_dir()
+    assert (runtime / f"humanoid_sim-{os.getuid()}").is_dir()
 
 
-def test_a_folder_that_cannot_be_made_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / f"humanoid_sim-{os.getuid()}").touch()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_no_session_starts_whose_folder_leaves_no_room_for_a_clients_socket(
+    monkeypatch: pytest.MonkeyPatch, runtime: Path
+) -> None:
+    name = f"humanoid_sim-{os.getuid()}"
+    fits = runtime / ("x" * (88 - len(f"{runtime}//{name}")))
+    longer = fits.with_name(f"{fits.name}x")
+    fits.mkdir()
+    longer.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(longer))
+    with pytest.raises(InputError, match=f"{longer}/{name}: 89 bytes are too long for a session's sockets, at most 88"):
+        Registration()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(fits))
+    local = LocalSession()
+    with local.stack, Intake(find_session(), "somebody") as intake:
+        intake.post("damp")
+        assert local.tick().output.control_mode.mode is Mode.DAMPING
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(runtime: Path) -> None:
+    (runtime / f"humanoid_sim-{os.getuid()}").touch()
     with pytest.raises(InputError, match="is not a folder that only its user can enter"):
         Registration()

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ class Played:
     """Address."""
     read_only: str
     folder: Path
+    runtime: Path
+    """XDG_RUNTIME_DIR."""
 
     @property
     def authority(self) -> str:
@@ -72,16 +75,20 @@ def browser(start_browser: Callable[[], Any]) -> Iterator[Any]:
 def _playing(folder: Path, options: Sequence[str]) -> Iterator[Played]:
     command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime", *options]
     nothing = ["--viewer", "none", "--video", "none", "--record", "run.mcap"]
-    environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "NO_COLOR": "1"}
-    with subprocess.Popen(
-        [*command, *nothing],
-        stdin=subprocess.DEVNULL,  # no terminal: the operator is at the page
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        cwd=folder,
-        env=environment,
-    ) as process:
+    runtime = tempfile.TemporaryDirectory(prefix="hs-")
+    environment = {**os.environ, "XDG_RUNTIME_DIR": runtime.name, "NO_COLOR": "1"}
+    with (
+        runtime,
+        subprocess.Popen(
+            [*command, *nothing],
+            stdin=subprocess.DEVNULL,  # no terminal: the operator is at the page
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            cwd=folder,
+            env=environment,
+        ) as process,
+    ):
         try:
             assert process.stdout is not None
             addresses = []
@@ -90,7 +97,7 @@ def _playing(folder: Path, options: Sequence[str]) -> Iterator[Played]:
                 if len(addresses) == 2:
                     break
             assert len(addresses) == 2
-            yield Played(process, addresses[0], addresses[1], folder)
+            yield Played(process, addresses[0], addresses[1], folder, Path(runtime.name))
         finally:
             process.terminate()
             process.communicate(timeout=20.0)

@@ -59,7 +59,7 @@ class Session:
 
 @contextmanager
 def session_of(played: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(played.folder))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(played.runtime))
     with Feed(find_session(played.process.pid)) as feed:
         yield Session(feed)
 

@@ -94,7 +94,7 @@ def test_viser_is_not_reachable_beside_it(played: Any) -> None:
     ports = [listening[inode] for process in processes for inode in sockets(process) if inode in listening]
     assert len(processes) == 2
     assert ports == [int(played.authority.rpartition(":")[2])]
-    (viser,) = Path(played.folder).rglob("*.viser")
+    (viser,) = played.runtime.rglob("*.viser")
     assert viser.stat().st_mode & 0o077 == 0
     assert viser.parent.stat().st_mode & 0o077 == 0
 

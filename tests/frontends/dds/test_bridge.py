@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -59,9 +60,9 @@ class Robot:
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("session")))
+def robot() -> Iterator[Robot]:
+    with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="hs-") as runtime:
+        patch.setenv("XDG_RUNTIME_DIR", runtime)
         patch.setenv("ROS_DOMAIN_ID", str(free_domain()))
         local = LocalSession()
         with local.stack, client(int(os.environ["ROS_DOMAIN_ID"])) as joined, bridge() as process:

@@ -24,8 +24,7 @@ _COMMANDS = 1000
 
 
 @pytest.mark.slow
-def test_from_a_clients_write_to_the_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, domain: int) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_from_a_clients_write_to_the_motors(domain: int, runtime: Path) -> None:
     script = "damp; load_b; wait; start_remote; hold 600"
     options = ("--dds", "--pace", "realtime", "--viewer", "none", "--video", "none", "--record", "none")
     play = subprocess.Popen([sys.executable, "-m", "humanoid_sim.play", *options, "--script", script])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -114,9 +115,8 @@ def test_ticks_are_what_the_topics_say(participant: Participant) -> None:
 
 
 def test_its_model_stands_where_the_robot_s_does_and_is_no_session_to_others(
-    participant: Participant, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+    participant: Participant, monkeypatch: pytest.MonkeyPatch, runtime: Path
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     description = load_robot("lite")
     robot = Robot(participant, description)
     robot.describe()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -74,10 +75,7 @@ def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local: LocalSessi
         assert clock.get_matched_publications() == [], "the clock of a real robot is the world's"
 
 
-def test_keys_from_outside_reach_the_session_where_it_takes_them(
-    tmp_path: object, monkeypatch: pytest.MonkeyPatch, domain: int
-) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_keys_from_outside_reach_the_session_where_it_takes_them(domain: int, runtime: Path) -> None:
     local = LocalSession(takes={"key_pressed": 3})
     with local.stack, client(domain) as cyclone, bridge(), ticking(local, rig.PERIOD) as records:
         reader = cyclone.reader("rt/piano/key_state")

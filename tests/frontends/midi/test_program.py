@@ -26,9 +26,8 @@ PATIENCE = 60.0
 
 
 @pytest.fixture
-def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalSession]:
+def session(runtime: Path) -> Iterator[LocalSession]:
     """That takes a piano's keys."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     local = LocalSession(takes={"key_pressed": 88})
     with local.stack:
         yield local
@@ -174,12 +173,11 @@ def test_a_keyboard_that_nobody_plays_on_is_one_line(tmp_path: Path, capsys: pyt
 def test_a_session_without_such_keys_is_refused(
     takes: dict[str, int],
     problem: str,
-    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     keyboard: EmulatedKeyboard,
     capsys: pytest.CaptureFixture[str],
+    runtime: Path,
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     local = LocalSession(takes=takes)
     with local.stack:
         monkeypatch.setattr("humanoid_sim.frontends.attach.os.nice", lambda _: 0)
