@@ -129,8 +129,8 @@ class PlayConfig:
     inject: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FAULT@SECONDS")] = ()
     """Faults to inject, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
     push: Annotated[tuple[str, ...], tyro.conf.arg(metavar="VX,VY@SECONDS")] = ()
-    """Pushes of a free-standing robot's base, in simulation, each as VX,VY@SECONDS: within 0.1 s it is given this
-    velocity in m/s, in the world's axes."""
+    """Pushes of a free-standing robot's base, in simulation, each as VX,VY@SECONDS: a force for 0.1 s with
+    the momentum that the whole robot has at this velocity, m/s, in the world's axes."""
     pace: Literal["auto", "realtime", "fast"] = "auto"
     """Keep real time, or run as fast as possible; auto is fast when nobody watches or drives."""
     video: Annotated[str, tyro.conf.arg(metavar="FILE.mp4")] = "auto"

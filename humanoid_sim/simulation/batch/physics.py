@@ -173,6 +173,10 @@ class BatchPhysics:
         self.acceleration[indices] = 0.0
         self._line[:, indices] = self._state[indices, None]
 
+    def speed_up(self, where: slice, velocity: FloatArray) -> None:
+        """Add to some generalised velocities, shape (N, k), of the present."""
+        self.qvel[:, where] += velocity
+
     def advance(self, control: FloatArray, wrench: FloatArray | None, chosen: IndexArray | None) -> BoolArray:
         """Take `steps` physics steps.
 

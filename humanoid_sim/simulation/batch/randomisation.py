@@ -82,7 +82,8 @@ class Randomisation:
     """m/s², standard deviation."""
     push: Range = _NONE
     """m/s by which a push would speed the whole robot up: a force of 0.1 s on a floating base, in any horizontal
-    direction, as `play --push` applies it."""
+    direction, as `play --push` applies it. legged_gym and Isaac Lab change the velocity of the whole robot instead,
+    which is easier to withstand."""
     push_interval: float = 5.0
     """s: there is one push in each such stretch of time, at a moment that is drawn."""
 

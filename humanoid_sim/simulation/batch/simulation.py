@@ -23,7 +23,7 @@ from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.batch.touches import BatchTouches
 from humanoid_sim.simulation.batch.variation import vary_models
 from humanoid_sim.simulation.delay import delay_steps
-from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation, timestep_of
 from humanoid_sim.simulation.stability import DampingStability
@@ -353,6 +353,22 @@ class BatchSimulation:
         )
         self._effort = np.where(moved[:, None], torque, self._effort)
         self._step = self._step + moved
+        self._truth = self._report = self._measured = None
+
+    def speed_up(self, velocity: FloatArray) -> None:
+        """Change the velocity of whole robots at once, without a force: a push as legged_gym and Isaac Lab mean it.
+
+        Args:
+            velocity: shape (N, 3), m/s, world frame, by which all bodies of each robot move faster.
+
+        Raises:
+            RobotError: the base is fixed, or the simulation is closed.
+        """
+        self._check_open()
+        if not self.description.is_floating:
+            raise RobotError(f"{self.description.name}: has a fixed base, whose velocity does not change")
+        _, _, linear, _ = base_addresses(self._pool.nominal, self.description)
+        self._physics.speed_up(linear, velocity)
         self._truth = self._report = self._measured = None
 
     def snapshot(self) -> dict[str, Any]:

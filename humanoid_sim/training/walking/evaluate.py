@@ -42,7 +42,9 @@ _MIDDLE = 0.6
 _SOLE_FRICTION = 0.6
 """Coefficient of the robot's own soles."""
 _PUSH_AT = 5.0
-"""s"""
+"""s, of the first robot."""
+_PUSHES_APART = 5
+"""Policy steps from one robot's push to the next one's, within a gait cycle: feet are elsewhere in each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +55,12 @@ class WalkingCase:
     command: tuple[float, float, float]
     """vx, vy in m/s and yaw rate in rad/s."""
     seconds: float = 20.0
-    push: float = 0.0
-    """m/s by which the whole robot is sped up within 0.1 s, each seed's in another direction, evenly all around."""
+    velocity_push: float = 0.0
+    """m/s by which all bodies of the robot are faster at once, as training elsewhere pushes; each seed's in another
+    direction, evenly all around."""
+    force_push: float = 0.0
+    """m/s, likewise: a force on the base for 0.1 s with the momentum that the whole robot would have then, which `play
+    --push` applies. The base is faster than that afterwards, and turns."""
     friction: float | None = None
     """Coefficient of the soles on the floor; None: the robot's own."""
     mass: float = 1.0
@@ -70,8 +76,12 @@ CASES = (
     WalkingCase("right 0.2", (0.0, -0.2, 0.0)),
     WalkingCase("turn left 0.5", (0.0, 0.0, 0.5)),
     WalkingCase("turn right 0.5", (0.0, 0.0, -0.5)),
-    WalkingCase("pushed 0.4, standing", (0.0, 0.0, 0.0), 10.0, push=0.4),
-    WalkingCase("pushed 0.4, forward 0.3", (0.3, 0.0, 0.0), 10.0, push=0.4),
+    WalkingCase("velocity push 0.4, standing", (0.0, 0.0, 0.0), 10.0, velocity_push=0.4),
+    WalkingCase("velocity push 0.4, forward 0.3", (0.3, 0.0, 0.0), 10.0, velocity_push=0.4),
+    WalkingCase("force push 0.2, standing", (0.0, 0.0, 0.0), 10.0, force_push=0.2),
+    WalkingCase("force push 0.2, forward 0.3", (0.3, 0.0, 0.0), 10.0, force_push=0.2),
+    WalkingCase("force push 0.4, standing", (0.0, 0.0, 0.0), 10.0, force_push=0.4),
+    WalkingCase("force push 0.4, forward 0.3", (0.3, 0.0, 0.0), 10.0, force_push=0.4),
     WalkingCase("friction 0.3, forward 0.4", (0.4, 0.0, 0.0), friction=0.3),
     WalkingCase("friction 0.5, forward 0.4", (0.4, 0.0, 0.0), friction=0.5),
     WalkingCase("friction 1.2, forward 0.4", (0.4, 0.0, 0.0), friction=1.2),
@@ -133,13 +143,13 @@ def evaluate_walking(
         output_file(output, "--json", ".json")
     scenario = make_scenario(policy, "lite_biped", task="velocity", actuation=actuation)
     measures = f"{'at limit':>10}{'scuffed':>9}{'touch, m/s':>12}"
-    print(f"{'case':<27}{'stayed up':>10}{'speed, m/s':>12}{'yaw, rad/s':>12}{measures}")
+    print(f"{'case':<32}{'stayed up':>10}{'speed, m/s':>12}{'yaw, rad/s':>12}{measures}")
     results = []
     for case in cases:
         result = run_case(scenario, policy, case, range(seeds))
         results.append(result)
         print(
-            f"{result.name:<27}{result.survived:>7}/{result.seeds:<2}{result.speed_error:>12.3f}"
+            f"{result.name:<32}{result.survived:>7}/{result.seeds:<2}{result.speed_error:>12.3f}"
             f"{result.yaw_error:>12.3f}{100 * result.at_limit:>8.2f} %{100 * result.scuffed:>7.1f} %"
             f"{result.touchdown:>12.2f}",
             flush=True,
@@ -157,7 +167,7 @@ def run_case(scenario: Scenario, policy: Path, case: WalkingCase, seeds: Sequenc
         scenario: of the policy on its robot.
         policy: its file.
         case: what they do.
-        seeds: of starts; the i-th of n robots is pushed in the direction 2π i / n.
+        seeds: of starts; the i-th of n robots is pushed in the direction 2π i / n, each with its feet elsewhere.
     """
     session = onnx_runtime().InferenceSession(str(policy), providers=["CPUExecutionProvider"])
     source = session.get_inputs()[0].name
@@ -186,11 +196,10 @@ def run_case(scenario: Scenario, policy: Path, case: WalkingCase, seeds: Sequenc
         model = build_model(description, scene="floor")
         standing = StartPose(model, description, joint_addresses(model, description.joint_names)).standing_height
         begin = simulation.qpos[:, :2].copy()
-        push = _push(case, simulation, model.body_subtreemass[model.body(description.base.body).id])
+        pushes = _Pushes(case, scenario, simulation, model.body_subtreemass[model.body(description.base.body).id])
         for step in range(round(case.seconds / contract.policy_dt)):
             (action,) = session.run(None, {source: loop.observation})
-            pushed = _PUSH_AT - 1e-9 <= step * contract.policy_dt < _PUSH_AT + PUSH_DURATION - 1e-9
-            loop.act(np.asarray(action), wrench=push if pushed else None, where=alive)
+            loop.act(np.asarray(action), wrench=pushes.begin(step), where=alive)
             base = simulation.base
             assert base is not None
             alive = alive & ~has_fallen(base, standing) & ~simulation.fault & ~np.asarray(loop.tripped)
@@ -201,12 +210,31 @@ def run_case(scenario: Scenario, policy: Path, case: WalkingCase, seeds: Sequenc
     return _result(case, scenario, record, alive, drift)
 
 
-def _push(case: WalkingCase, simulation: BatchSimulation, mass: float) -> FloatArray | None:
-    """Shape (N, 6), N and N·m."""
-    if not case.push:
-        return None
-    angle = 2.0 * np.pi * np.arange(simulation.count) / simulation.count
-    return push_wrench(case.push * np.stack([np.cos(angle), np.sin(angle)], axis=-1), case.mass * mass)
+class _Pushes:
+    """Pushes each robot of a case once."""
+
+    def __init__(self, case: WalkingCase, scenario: Scenario, simulation: BatchSimulation, mass: float) -> None:
+        self._case, self._simulation = case, simulation
+        policy_dt, robots = scenario.contract.policy_dt, np.arange(simulation.count)
+        self._first = round(_PUSH_AT / policy_dt) + _PUSHES_APART * robots % _gait_cycle(scenario)
+        self._duration = round(PUSH_DURATION / policy_dt)
+        angle = 2.0 * np.pi * robots / simulation.count
+        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        self._change = case.velocity_push * np.pad(direction, ((0, 0), (0, 1)))
+        self._wrench = push_wrench(case.force_push * direction, case.mass * mass)
+
+    def begin(self, step: int) -> FloatArray | None:
+        """Change velocities where a policy step begins with that; the wrenches in it, shape (N, 6), N and N·m."""
+        since = (step - self._first)[:, None]
+        if self._case.velocity_push and (since == 0).any():
+            self._simulation.speed_up(np.where(since == 0, self._change, 0.0))
+        return np.where((since >= 0) & (since < self._duration), self._wrench, 0.0) if self._case.force_push else None
+
+
+def _gait_cycle(scenario: Scenario) -> int:
+    """Policy steps."""
+    phase = scenario.contract.phase
+    return round((phase.period if phase and phase.period else 0.5) / scenario.contract.policy_dt)
 
 
 def _take(record: _Record, scenario: Scenario, loop: ClosedLoop, simulation: BatchSimulation, feet: Feet) -> None:
@@ -218,7 +246,7 @@ def _take(record: _Record, scenario: Scenario, loop: ClosedLoop, simulation: Bat
     owner = np.array(feet.foot)
     record.height.append(np.stack([points[:, owner == i].min(axis=1) for i in range(len(feet.bodies))], axis=1))
     phase = np.full((simulation.count, 1), np.nan)
-    if contract.phase is not None:
+    if contract.phase is not None and loop.velocity.any():  # nothing has to swing where all are to stand
         phase = shown_phase(contract.phase, loop.memory.walked, loop.velocity, contract.policy_dt)[:, :1]
     record.swing.append(np.sin(phase) * np.array([1.0, -1.0]))
 
@@ -226,22 +254,21 @@ def _take(record: _Record, scenario: Scenario, loop: ClosedLoop, simulation: Bat
 def _result(
     case: WalkingCase, scenario: Scenario, record: _Record, alive: npt.NDArray[np.bool_], drift: FloatArray
 ) -> CaseResult:
-    contract = scenario.contract
-    settled = round(_SETTLE / contract.policy_dt)
+    policy_dt = scenario.contract.policy_dt
+    settled = round(_SETTLE / policy_dt)
     velocity, torque, height, swing = (
         np.array(each)[settled:] for each in (record.velocity, record.torque, record.height, record.swing)
     )
     if not alive.any() or not len(velocity):
         nan = float("nan")
         return CaseResult(case.name, len(alive), int(alive.sum()), nan, nan, nan, nan, nan, "", nan, nan, nan)
-    cycle = round((contract.phase.period if contract.phase and contract.phase.period else 0.5) / contract.policy_dt)
-    error = np.abs(_averaged(velocity[:, alive], cycle) - case.command)
+    error = np.abs(_averaged(velocity[:, alive], _gait_cycle(scenario)) - case.command)
     speed, yaw = np.sqrt((error[..., :2] ** 2).sum(axis=-1)).mean(axis=0), error[..., 2].mean(axis=0)
     at_limit = (torque[:, alive] > _AT_LIMIT).mean(axis=(0, 1))
     worst = int(np.argmax(at_limit))
     height, middle = height[:, alive], swing[:, alive] > _MIDDLE
     landing = (height[:-1] > _CLEARANCE) & (height[1:] <= _CLEARANCE)
-    fall = (height[:-1] - height[1:]) / contract.policy_dt
+    fall = (height[:-1] - height[1:]) / policy_dt
     return CaseResult(
         name=case.name,
         seeds=len(alive),

@@ -319,6 +319,28 @@ def test_a_push_moves_what_it_pushes() -> None:
     foot.close()
 
 
+def test_a_change_of_velocity_moves_the_whole_robot_at_once() -> None:
+    robot = load_robot("lite_biped")
+    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    batch.reset()
+    qvel = batch.qvel.copy()
+    batch.speed_up(np.array([[0.0, 0.0, 0.0], [0.4, -0.1, 0.0]]))
+    np.testing.assert_array_equal(batch.qvel[0], qvel[0])
+    np.testing.assert_allclose(batch.qvel[1, :3] - qvel[1, :3], [0.4, -0.1, 0.0], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(batch.qvel[1, 3:], qvel[1, 3:])
+    assert batch.base is not None
+    np.testing.assert_allclose(
+        batch.base.linear_velocity[1] - batch.base.linear_velocity[0], [0.4, -0.1, 0.0], atol=1e-15
+    )
+    batch.step(commands(robot, 2, 0.0))
+    assert batch.qpos[1, 0] - batch.qpos[0, 0] > 0.005
+    batch.close()
+    fixed = BatchSimulation(load_robot("lite"), 1, control_period=PERIOD, threads=1)
+    with pytest.raises(RobotError, match="has a fixed base, whose velocity does not change"):
+        fixed.speed_up(np.zeros((1, 3)))
+    fixed.close()
+
+
 @pytest.mark.parametrize("actuation", ["affine", "implicit"])
 def test_a_push_on_the_base_does_what_it_does_in_play(actuation: BatchActuation) -> None:
     robot = load_robot("lite_biped")

@@ -23,7 +23,8 @@ def test_the_cases_are_those_that_the_policy_is_judged_by() -> None:
     ]
     assert CASES[0].seconds == 60.0
     assert {case.seconds for case in CASES[1:8]} == {20.0}
-    assert [case.push for case in CASES if case.push] == [0.4, 0.4]
+    assert [case.velocity_push for case in CASES if case.velocity_push] == [0.4, 0.4]
+    assert [case.force_push for case in CASES if case.force_push] == [0.2, 0.2, 0.4, 0.4]
 
 
 def test_the_shipped_policy_stands_and_walks() -> None:
@@ -43,8 +44,15 @@ def test_the_shipped_policy_stands_and_walks() -> None:
 
 def test_a_robot_that_is_pushed_over_has_not_survived() -> None:
     scenario = make_scenario(WALKING_POLICY, "lite_biped", task="velocity", actuation="implicit")
-    case = WalkingCase("pushed", (0.0, 0.0, 0.0), 6.5, push=3.0)
-    assert run_case(scenario, WALKING_POLICY, case, range(2)).survived == 0
+    for push in ({"velocity_push": 2.0}, {"force_push": 3.0}):
+        case = WalkingCase("pushed", (0.0, 0.0, 0.0), 6.5, **push)
+        assert run_case(scenario, WALKING_POLICY, case, range(2)).survived == 0
+
+
+def test_a_robot_that_walks_survives_what_others_call_a_push_of_half_a_metre_a_second() -> None:
+    scenario = make_scenario(WALKING_POLICY, "lite_biped", task="velocity", actuation="implicit")
+    case = WalkingCase("pushed", (0.3, 0.0, 0.0), 8.0, velocity_push=0.5)
+    assert run_case(scenario, WALKING_POLICY, case, range(8)).survived >= 7
 
 
 def test_the_command_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
