@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.simulation.batch.draws import FULL, SCALED
 
-__all__ = ["Amounts", "Curriculum", "amounts_at", "checked_progress"]
+__all__ = ["Amounts", "Curriculum", "amounts_at", "checked_progress", "scheduled"]
 
 Curriculum = Callable[[float], Mapping[str, float]]
 """Of the progress in [0, 1]: amounts in [0, 1] by name. Names are `commands`, `terrain`, `randomisation`, and any of
@@ -48,6 +52,45 @@ def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
             )
     fields = {name: said.get(name, said.get(_RANDOMISATION, 1.0)) for name in SCALED}
     return Amounts(float(said.get(_COMMANDS, 1.0)), float(said.get(_TERRAIN, 1.0)), fields)
+
+
+def scheduled(points: Mapping[str, Any]) -> Curriculum:
+    """A curriculum of points: amounts that change evenly from one progress to the next, and hold before and after.
+
+    Args:
+        points: for each name one amount, or pairs of a progress and an amount, such as `[[0.5, 0.0], [1.0, 1.0]]`.
+
+    Raises:
+        InputError: a name is unknown, or a value is no amount and no such list.
+    """
+    lines = {name: _line(name, value) for name, value in points.items()}
+
+    def curriculum(progress: float) -> dict[str, float]:
+        return {name: float(np.interp(progress, at, amounts)) for name, (at, amounts) in lines.items()}
+
+    amounts_at(curriculum, 0.0)  # which knows the names
+    return curriculum
+
+
+def _line(name: str, value: Any) -> tuple[list[float], list[float]]:
+    """The progress of each point, ascending, and its amount."""
+    pairs = [[0.0, value]] if _is_share(value) else value
+    if not (
+        isinstance(pairs, list)
+        and pairs
+        and all(isinstance(pair, list) and len(pair) == 2 and all(map(_is_share, pair)) for pair in pairs)
+    ):
+        raise InputError(
+            f"curriculum: {name} is {value!r}, expected a number from 0 to 1, or pairs [progress, amount] of such"
+        )
+    at = [float(progress) for progress, _ in pairs]
+    if any(after <= before for before, after in pairwise(at)):
+        raise InputError(f"curriculum: {name} is {value!r}, expected each progress to be greater than the one before")
+    return at, [float(amount) for _, amount in pairs]
+
+
+def _is_share(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= 1.0
 
 
 def checked_progress(progress: float) -> float:

@@ -48,9 +48,7 @@ def make_pictures(
     for name, pixels in (("width", width), ("height", height)):
         if not isinstance(pixels, int | np.integer) or pixels < 1:
             raise InputError(f"{name}: is {pixels!r}, expected a whole number of pixels >= 1")
-    # The software painter, which is faster in some places, draws no height fields.
-    is_level = terrain is None
-    return PoseRenderer(lambda: build_model(description, terrain=terrain), width, height, camera, fastest=is_level)
+    return PoseRenderer(lambda: build_model(description, terrain=terrain), width, height, camera, fastest=True)
 
 
 class Window:

@@ -34,7 +34,7 @@ from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.plant import Actuation, check_actuation, timestep_of
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["Motions", "Named", "Scenario", "make_scenario", "read_policy"]
+__all__ = ["Motions", "Named", "Scenario", "checkpoint_of", "make_scenario", "read_policy", "with_songs"]
 
 Named = str | Path
 """The name of a file that ships with the package, or a path."""
@@ -137,8 +137,8 @@ def make_scenario(
         if name not in TASK_OPTIONS:
             raise InputError(known_names("task option", name, TASK_OPTIONS))
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
-    checkpoint = contract if isinstance(contract, Checkpoint) else _checkpoint(contract, described.joint_names)
-    followed = _with_songs(motion, checkpoint.contract, described)
+    checkpoint = contract if isinstance(contract, Checkpoint) else checkpoint_of(contract, described.joint_names)
+    followed = with_songs(motion, checkpoint.contract, described)
     loaded = _read_policy(checkpoint, followed, described.joint_names, motion_source)
     read = with_joint_limits(loaded.contract, described)
     description = with_contract(described, read)
@@ -195,7 +195,7 @@ def _states(
     return states
 
 
-def _with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDescription) -> Motions | None:
+def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDescription) -> Motions | None:
     """The motions with goals in the place of songs: samples by name, and MIDI files, as far as the robot plays them."""
     if contract.task_type != "piano" or motion is None or isinstance(motion, Motion):
         return motion
@@ -212,7 +212,7 @@ def _with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDe
         return song_motion(song, contract.policy_dt, robot)
     several: list[Named | Motion] = []
     for one in motion:
-        made = _with_songs(one, contract, robot)
+        made = with_songs(one, contract, robot)
         assert isinstance(made, str | Path | Motion)
         several.append(made)
     return several
@@ -224,7 +224,7 @@ def _read_policy(
     """As `read_policy`, with one motion or several."""
     if motion is None or isinstance(motion, str | Path | Motion):
         return read_policy(source, motion, joints, motion_source)
-    checkpoint = source if isinstance(source, Checkpoint) else _checkpoint(source, joints)
+    checkpoint = source if isinstance(source, Checkpoint) else checkpoint_of(source, joints)
     if not motion:
         raise InputError("motion: is an empty list, expected a motion or several")
     if checkpoint.motion is not None:
@@ -255,7 +255,7 @@ def read_policy(
     Raises:
         InputError: one line that says what cannot be read, or what does not fit.
     """
-    checkpoint = source if isinstance(source, Checkpoint) else _checkpoint(source, joints)
+    checkpoint = source if isinstance(source, Checkpoint) else checkpoint_of(source, joints)
     contract, followed = checkpoint.contract, checkpoint.motion
     what = motion_source if isinstance(motion, Motion | None) else str(motion)
     if motion is not None:
@@ -268,7 +268,8 @@ def read_policy(
     return checkpoint.following(followed, what)
 
 
-def _checkpoint(source: Named | PolicyContract, joints: tuple[str, ...]) -> Checkpoint:
+def checkpoint_of(source: Named | PolicyContract, joints: tuple[str, ...]) -> Checkpoint:
+    """A checkpoint, or a contract with a policy that answers zeros; arguments and errors as of `read_policy`."""
     if isinstance(source, PolicyContract):
         return Checkpoint(source, zero_policy(source.action_count), "contract")
     path = _policy_file(source)

@@ -114,7 +114,8 @@ class PoseRenderer:
             self._data = mujoco.MjData(self._model)
             update_pose(self._model, self._data, self._data.qpos.copy())
             self._renderer = make_renderer(self._model, *self._view, choice=choose_backend())
-            if self._fastest and not isinstance(self._renderer, Painter):
+            is_level = self._model.nhfield == 0  # the painter draws no height fields
+            if self._fastest and is_level and not isinstance(self._renderer, Painter):
                 self._renderer = self._faster(self._renderer)
             self.backend = self._renderer.backend
         update_pose(self._model, self._data, qpos)

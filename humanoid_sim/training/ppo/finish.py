@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from humanoid_sim.assets import motion_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy_tools.stamp import stamp
@@ -22,7 +21,7 @@ from humanoid_sim.training.ppo.trace import training_run
 
 __all__ = ["SUITES", "export", "measure"]
 
-SUITES = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "velocity"}
+SUITES = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "velocity", "piano": "lite_piano"}
 """The shipped suite of `regress` for a task."""
 _PROBES = 64
 
@@ -44,7 +43,7 @@ def export(subject: Subject, learner: Learner, output: Path) -> None:
             stamp(plain, output, overwrite=True)
             return
         np.savez_compressed(trace, **training_run(subject, learner, seed=0))  # type: ignore[arg-type]
-        motion = None if subject.motion is None else motion_path(subject.motion)
+        motion = subject.motion_file(Path(folder))
         stamp(plain, output, description=subject.scenario.description, trace=trace, motion=motion, overwrite=True)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,23 +19,27 @@ __all__ = ["RunFolder", "replace_file"]
 
 _MAY_DIFFER = (
     *("steps", "minutes", "folder", "output", "resume", "checkpoint_seconds", "video_minutes", "tensorboard"),
-    *("regress", "threads", "task", "contract", "motion"),  # the last three are told by what they came to
+    *("regress", "threads"),
 )
+_KEPT = ("curriculum_steps",)
+"""Options that a run goes on with as they were, unless others are given, which are refused."""
 _PPO = "ppo"
+_USUAL = {**asdict(TrainConfig()), "terrain": None}
+"""What an option came to that a folder does not know yet: terrain is told by its figures."""
 
 
 class RunFolder:
     """Made if it is missing; refused where another run is."""
 
     def __init__(
-        self, path: Path, config: TrainConfig, subject: dict[str, str | None], settings: PPOSettings, suffix: str
+        self, path: Path, config: TrainConfig, subject: Mapping[str, Any], settings: PPOSettings, suffix: str
     ) -> None:
         """Begin a run, or find the checkpoint of the one to resume.
 
         Args:
             path: of the folder.
             config: the options.
-            subject: what `task`, `contract` and `motion` came to.
+            subject: what options came to that name a file, a class or a default, by option, as plain values.
             settings: of PPO.
             suffix: of the library's checkpoints.
 
@@ -68,6 +72,12 @@ class RunFolder:
         """The checkpoint to go on from; None at the beginning, also of a run that ended before its first."""
         return self.checkpoint if self.is_resumed and is_file(self.checkpoint) else None
 
+    @property
+    def curriculum_steps(self) -> int | None:
+        """Policy steps after which the curriculum's progress is 1; None: there is no curriculum."""
+        steps: int | None = self._run["curriculum_steps"]
+        return steps
+
     def save(self, write: Callable[[Path], None]) -> None:
         """Replace the checkpoint by what `write` writes to a path.
 
@@ -84,8 +94,10 @@ class RunFolder:
         except (OSError, ValueError) as error:
             raise InputError(f"{self._place}: cannot be read: {error}") from None
         for name, value in self._run.items():
-            before = known.get(name) if isinstance(known, dict) else None
-            if before != value:
+            before = known.get(name, _USUAL.get(name)) if isinstance(known, dict) else None
+            if name in _KEPT and value is None:
+                self._run[name] = before
+            elif before != value:
                 option = "PPO's settings" if name == _PPO else f"--{name.replace('_', '-')}"
                 raise InputError(
                     f"{option}: is {value!r}, but the run in '{self.path}' has {before!r}; --resume keeps it"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
+
+import tyro
 
 __all__ = ["CurvesConfig", "TrainConfig"]
 
@@ -19,16 +21,19 @@ class TrainConfig:
 
     task: str = "auto"
     """tracking (arms follow the bodies of a motion), motion (a whole body follows a motion), velocity, walking
-    (velocity, with a gait on the contract's clock), balance, or auto: the one that the contract was made for. Not by
-    this command: piano."""
+    (velocity, with a gait on the contract's clock), piano (a song is played), balance, or auto: the one that the
+    contract was made for. Or a class of your own: FILE.py:CLASS or MODULE:CLASS, as examples/own_task.py:HoldTask."""
     robot: str = "lite"
     """A shipped robot ({robots}), the path of a robot's YAML file or of an MJCF."""
     contract: str | None = None
     """What the policy observes and commands: a contract.yaml, a checkpoint (.onnx) whose contract is taken, or a
-    shipped name. Default: that of the policy that ships for the robot."""
-    motion: str | None = None
-    """What a policy that follows a motion follows: a sample motion, or a file (.mcap). Default, of the shipped arms'
-    contract: wave."""
+    shipped name. Default: that of the environment for the robot, LiteTracking-v0, BipedVelocity-v0 or LitePiano-v0."""
+    motion: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """What a policy that follows a motion follows: a sample motion ({motions}), or a file (.mcap); for the
+    piano a sample song or a MIDI file. Given several times, each episode has one of them. Default: that of the
+    environment for the contract, wave or ode_to_joy."""
+    reference_start: float = 0.0
+    """Share of the episodes, 0 to 1, that begin at a random frame of the motion, in the motion's own state."""
     algorithm: str = "ppo-sb3"
     """ppo-sb3: PPO of stable-baselines3; ppo-rsl_rl: that of rsl_rl."""
     steps: int = 2_000_000
@@ -39,6 +44,15 @@ class TrainConfig:
     """Simulated at once."""
     randomisation: str | None = None
     """A YAML file of fields of the environments' randomisation, such as `mass: [0.9, 1.1]`. Default: none."""
+    terrain: str = "flat"
+    """What a floating base walks on: flat, rough, slopes, steps, mixed, or a YAML file of a terrain's fields, such as
+    `kind: steps`."""
+    curriculum: str | None = None
+    """How much of the commands, the terrain and the randomisation counts as the training goes on: a YAML file such as
+    `push: [[0.5, 0], [1, 1]]` (nothing until half of it is done, then more and more), or a function of the progress,
+    FILE.py:FUNCTION or MODULE:FUNCTION, as examples/growing_harder.py:harder. Default: all from the beginning."""
+    curriculum_steps: int | None = None
+    """Policy steps after which the curriculum's progress is 1. Default: --steps of the run's beginning."""
     privileged: tuple[str, ...] = ()
     """What the critic sees beside the observation, such as base_linear_velocity; with ppo-rsl_rl."""
     actuation: Literal["implicit", "affine"] = "implicit"
@@ -50,7 +64,8 @@ class TrainConfig:
     output: str | None = None
     """The policy (.onnx). Default: policy.onnx in the folder."""
     resume: bool = False
-    """Go on from the folder's checkpoint. --steps, --minutes, --output and what is shown meanwhile may differ."""
+    """Go on from the folder's checkpoint, after Ctrl-C too, with the same options as before. --steps, --minutes,
+    --output and what is shown meanwhile may differ."""
     checkpoint_seconds: float = 60.0
     """s of wall time between two checkpoints."""
     video_minutes: float | None = None
@@ -66,12 +81,18 @@ class TrainConfig:
 
     GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "most used": ("task", "robot", "contract", "motion", "steps", "minutes", "folder", "output", "resume"),
-        "training": ("algorithm", "robots", "randomisation", "privileged", "seed", "threads"),
+        "episodes": ("reference_start", "terrain", "randomisation", "curriculum", "curriculum_steps"),
+        "training": ("algorithm", "robots", "privileged", "seed", "threads"),
         "simulation": ("actuation", "physics_timestep"),
         "what is kept and measured": ("checkpoint_seconds", "video_minutes", "tensorboard", "regress"),
     }
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
         ("--robot lite_biped --minutes 30", "a policy that walks"),
+        (
+            "--robot lite_biped --terrain mixed --curriculum examples/growing_harder.py:harder",
+            "ground that grows harder",
+        ),
+        ("--motion wave --motion circle --reference-start 0.8", "two motions, from anywhere in them"),
         ("--motion circle --resume", "go on where it was left"),
     )
 

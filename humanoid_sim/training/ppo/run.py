@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from humanoid_sim.cli import ExitStatus
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 from humanoid_sim.training.ppo.finish import export, measure
 from humanoid_sim.training.ppo.folder import RunFolder
+from humanoid_sim.training.ppo.interruption import Interruption
 from humanoid_sim.training.ppo.journal import PROGRESS, Journal, Update, read_progress
 from humanoid_sim.training.ppo.learner import Learner, learner_class
 from humanoid_sim.training.ppo.meter import EpisodeMeter
@@ -34,12 +37,14 @@ def train(config: TrainConfig) -> int:
     kind = learner_class(config.algorithm)
     name = f"{subject.scenario.description.name}-{subject.task}-{config.algorithm}"
     path = Path(config.folder or f"runs/train/{name}")
-    told = {"task": subject.task, "contract": subject.source, "motion": subject.motion}
-    folder = RunFolder(path, config, told, SETTINGS, kind.SUFFIX)
+    folder = RunFolder(path, config, {**subject.told, "curriculum_steps": _horizon(config)}, SETTINGS, kind.SUFFIX)
     output = output_file(Path(config.output) if config.output else path / "policy.onnx", "--output", ".onnx")
     _use_threads(config.threads)
-    learner = _learn(config, subject, folder, kind)
+    learner, is_interrupted = _learn(config, subject, folder, kind)
     try:
+        if is_interrupted:
+            _show(f"interrupted after {learner.steps} steps, saved in {path}; the same command with --resume goes on")
+            return ExitStatus.INTERRUPTED
         export(subject, learner, output)
         print(f"{output}: {output.stat().st_size / 1e6:.2f} MB, contract and golden vectors inside")
     finally:
@@ -50,9 +55,12 @@ def train(config: TrainConfig) -> int:
 
 
 def _check(config: TrainConfig) -> None:
-    for name in ("steps", "robots", "threads"):
-        if getattr(config, name) < 1:
-            raise InputError(f"--{name}: is {getattr(config, name)}, expected at least 1")
+    for name in ("steps", "robots", "threads", "curriculum_steps"):
+        count = getattr(config, name)
+        if count is not None and count < 1:
+            raise InputError(f"--{name.replace('_', '-')}: is {count}, expected at least 1")
+    if config.curriculum_steps is not None and config.curriculum is None:
+        raise InputError(f"--curriculum-steps: is {config.curriculum_steps} without --curriculum, expected both")
     if config.seed < 0:
         raise InputError(f"--seed: is {config.seed}, expected at least 0")
     for name in ("minutes", "checkpoint_seconds", "video_minutes"):
@@ -61,6 +69,12 @@ def _check(config: TrainConfig) -> None:
             raise InputError(f"--{name.replace('_', '-')}: is {value:g}, expected a number > 0")
     if config.output is not None:
         output_file(Path(config.output), "--output", ".onnx")
+
+
+def _horizon(config: TrainConfig) -> int | None:
+    """Policy steps at which a new run's curriculum has come to its end; None: what the run has that is resumed."""
+    usual = None if config.resume or config.curriculum is None else config.steps
+    return config.curriculum_steps or usual
 
 
 def _use_threads(count: int) -> None:
@@ -78,9 +92,10 @@ def _show(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[Learner]) -> Learner:
-    """Train to the end, or until the time is up."""
-    meter = EpisodeMeter(subject.environments(config.robots))
+def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[Learner]) -> tuple[Learner, bool]:
+    """Train to the end, until the time is up, or until Ctrl-C, which is told."""
+    envs = subject.environments(config.robots)
+    meter = EpisodeMeter(envs)
     start = folder.start
     spread = first_spread(subject.contract, is_floating=subject.scenario.description.is_floating)
     updates = len(read_progress(folder.path / PROGRESS)) if start is not None else 0
@@ -90,36 +105,56 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
         _show(f"goes on after {done} steps")
     journal = Journal(folder.path, config.steps, meter, _show, done=done, tensorboard=config.tensorboard)
     videos = Videos(subject, folder.path, config.video_minutes)
-    after_update = _AfterUpdate(config, folder, learner, journal, videos)
+    interruption = Interruption()
+    after_update = _AfterUpdate(config, folder, learner, envs, journal, videos, interruption)
     try:
         if done < config.steps:
-            learner.learn(config.steps, after_update)
-            folder.save(learner.save)
+            after_update.set_progress(done)
+            with interruption:
+                learner.learn(config.steps, after_update)
+                folder.save(learner.save)
     except BaseException:
+        videos.abandon()
         learner.close()
         raise
     finally:
         journal.close()
         videos.close()
-    return learner
+    return learner, interruption.is_asked_for
 
 
 class _AfterUpdate:
     """Writes down, saves and shows, and says whether to go on."""
 
     def __init__(
-        self, config: TrainConfig, folder: RunFolder, learner: Learner, journal: Journal, videos: Videos
+        self,
+        config: TrainConfig,
+        folder: RunFolder,
+        learner: Learner,
+        envs: PolicyVectorEnv,
+        journal: Journal,
+        videos: Videos,
+        interruption: Interruption,
     ) -> None:
-        self._config, self._folder, self._learner = config, folder, learner
-        self._journal, self._videos = journal, videos
+        self._config, self._folder, self._learner, self._envs = config, folder, learner, envs
+        self._journal, self._videos, self._interruption = journal, videos, interruption
         self._saved = time.monotonic()
+
+    def set_progress(self, steps: int) -> None:
+        """Tell the environments how far the curriculum has come, for the episodes that begin from then on."""
+        horizon = self._folder.curriculum_steps
+        if horizon is not None:
+            self._envs.progress = min(steps / horizon, 1.0)
 
     def __call__(self, update: Update) -> bool:
         self._journal.record(update)
+        self.set_progress(update.steps)
         if not np.isfinite(update.spread):
             raise InputError(
                 f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
             )
+        if self._interruption.is_asked_for:
+            return False
         if time.monotonic() - self._saved >= self._config.checkpoint_seconds:
             self._folder.save(self._learner.save)
             self._saved = time.monotonic()

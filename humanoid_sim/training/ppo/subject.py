@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import PIANO_POLICY, SAMPLE_MOTION, SAMPLE_POLICY, sample_policy
+from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.envs.scenario import Scenario, make_scenario, read_policy
+from humanoid_sim.envs.privileged import Privileged
+from humanoid_sim.envs.scenario import Scenario, checkpoint_of, make_scenario, with_songs
 from humanoid_sim.envs.tasks import TASKS
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.batch import Randomisation
-from humanoid_sim.strict_yaml import read_yaml
+from humanoid_sim.training.ppo.environment import ONLY_TRAINED, arguments_of, as_options
 from humanoid_sim.training.ppo.learner import ALGORITHMS
 from humanoid_sim.training.ppo.options import TrainConfig
 
@@ -31,41 +32,43 @@ class Subject:
     contract: PolicyContract
     """As it was read, before the robot's own limits went into it."""
     task: str
-    """Of `TASKS`."""
-    source: str
-    """Name or path of the contract."""
-    motion: str | None
-    """Name or path."""
-    robot: str
-    randomisation: Randomisation
-    privileged: tuple[str, ...]
-    actuation: Any
-    physics_timestep: float | None
+    """Of `TASKS`, or the name of a class of the user's own."""
+    arguments: Mapping[str, Any]
+    """Of the environments, by keyword."""
+    told: Mapping[str, Any]
+    """What the arguments came to, as plain values, which a run that is resumed must have again."""
+
+    @property
+    def robot(self) -> str:
+        """Name or path."""
+        return str(self.arguments["robot"])
 
     def environments(self, robots: int) -> PolicyVectorEnv:
         """So many robots, for either library."""
-        return PolicyVectorEnv(
-            robots,
-            **self._options,
-            randomisation=self.randomisation,
-            privileged=self.privileged,
-            autoreset_mode="SameStep",
-        )
+        return PolicyVectorEnv(robots, **self.arguments, autoreset_mode="SameStep")
 
     def environment(self) -> PolicyEnv:
-        """One robot that is as its model says, to be looked at."""
-        return PolicyEnv(**self._options)
+        """One robot that is as its model says, to be looked at from an episode's beginning."""
+        return PolicyEnv(**_without(self.arguments, *ONLY_TRAINED, "reference_start"))
 
-    @property
-    def _options(self) -> dict[str, Any]:
-        return {
-            "contract": self.source,
-            "robot": self.robot,
-            "motion": self.motion,
-            "task": self.task,
-            "actuation": self.actuation,
-            "physics_timestep": self.physics_timestep,
-        }
+    def motion_file(self, folder: Path) -> Path | None:
+        """The file of the motion, of several the first; that of a song is written into `folder`. None: there is none.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        motion = self.arguments["motion"]
+        first = motion[0] if isinstance(motion, list) else motion
+        followed = with_songs(first, self.contract, self.scenario.description)
+        if not isinstance(followed, Motion):
+            return None if first is None else motion_path(first)
+        path = folder / "song.mcap"
+        write_motion(path, followed)
+        return path
+
+
+def _without(arguments: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {name: value for name, value in arguments.items() if name not in names}
 
 
 def subject_of(config: TrainConfig) -> Subject:
@@ -75,46 +78,24 @@ def subject_of(config: TrainConfig) -> Subject:
         InputError: one line with the option, its value and what is accepted.
     """
     _known("--algorithm", "algorithm", config.algorithm, ALGORITHMS)
-    _known("--task", "task", config.task, ("auto", *TASKS))
-    if config.task == "piano" or (config.contract is None and sample_policy(config.robot) == PIANO_POLICY):
-        raise InputError(
-            "--task: is piano, whose songs this command does not read; LitePiano-v0 trains with a library of your own"
-        )
     if config.privileged and config.algorithm == "ppo-sb3":
         raise InputError("--privileged: stable-baselines3's critic sees what the policy sees; give ppo-rsl_rl")
+    read = arguments_of(config)
+    arguments = {name: argument.value for name, argument in read.items()}
     description = load_robot(config.robot)
-    source, motion = config.contract or sample_policy(config.robot).stem, config.motion
-    if motion is None and source == SAMPLE_POLICY.stem:
-        motion = SAMPLE_MOTION
-    loaded = read_policy(source, motion, description.joint_names)
-    if motion is None and loaded.contract.task_type != "locomotion":
+    source = arguments["contract"]
+    checkpoint = checkpoint_of(source, description.joint_names)
+    if arguments["motion"] is None and checkpoint.contract.task_type != "locomotion":
         raise InputError(f"--motion: is missing; {source} carries its motion itself, which a new policy will not")
-    values = None if config.randomisation is None else read_yaml(Path(config.randomisation))
     try:
-        randomisation = Randomisation.of(values)
+        scenario = make_scenario(**_without(arguments, *ONLY_TRAINED) | {"contract": checkpoint, "robot": description})
+        if config.privileged:
+            Privileged(config.privileged, is_floating=description.is_floating)
     except InputError as error:
-        raise InputError(f"{config.randomisation}: {error}") from None
-    scenario = make_scenario(
-        source,
-        description,
-        motion,
-        task=config.task,
-        actuation=config.actuation,
-        physics_timestep=config.physics_timestep,
-    )
-    task = next(name for name, kind in TASKS.items() if type(scenario.task) is kind)
-    return Subject(
-        scenario=scenario,
-        contract=loaded.contract,
-        task=task,
-        source=source,
-        motion=motion,
-        robot=config.robot,
-        randomisation=randomisation,
-        privileged=config.privileged,
-        actuation=config.actuation,
-        physics_timestep=config.physics_timestep,
-    )
+        raise as_options(error) from None
+    task = next((name for name, kind in TASKS.items() if type(scenario.task) is kind), type(scenario.task).__name__)
+    told = {name: argument.told for name, argument in read.items()}
+    return Subject(scenario, checkpoint.contract, task, arguments, told | {"task": told["task"] or task})
 
 
 def _known(option: str, what: str, name: str, known: Iterable[str]) -> None:

@@ -34,7 +34,7 @@ def training_run(subject: Subject, learner: Learner, seed: int) -> dict[str, npt
         1,
         control_period=scenario.contract.policy_dt,
         physics_timestep=scenario.physics_timestep,
-        actuation=subject.actuation,
+        actuation=subject.arguments["actuation"],
         threads=1,
         anchor_body=scenario.contract.anchor_body,
         velocity_at=scenario.velocity_points,

@@ -72,8 +72,14 @@ class Videos:
         if latest is not None:
             latest.finish()
 
+    def abandon(self) -> None:
+        """Give up the one that is being drawn: nobody waits for it."""
+        latest, self._latest = self._latest, None
+        if latest is not None:
+            latest.abandon()
+
     def _model(self) -> mujoco.MjModel:
-        return build_model(self._subject.scenario.description)
+        return build_model(self._subject.scenario.description, terrain=self._subject.scenario.terrain)
 
     def _run(self, learner: Learner, sink: VideoSink, caption: str) -> None:
         contract = self._subject.contract
