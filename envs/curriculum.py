@@ -63,12 +63,12 @@ def scheduled(points: Mapping[str, Any]) -> Curriculum:
     Raises:
         InputError: a name is unknown, or a value is no amount and no such list.
     """
+    amounts_at(lambda _: dict.fromkeys(points, 0.0), 0.0)  # which knows the names
     lines = {name: _line(name, value) for name, value in points.items()}
 
     def curriculum(progress: float) -> dict[str, float]:
         return {name: float(np.interp(progress, at, amounts)) for name, (at, amounts) in lines.items()}
 
-    amounts_at(curriculum, 0.0)  # which knows the names
     return curriculum
 
 

@@ -3,8 +3,11 @@
     python examples/own_task.py
 
 A task says what a policy step is worth and when an episode has failed. One class serves Gymnasium's environments, the
-vector environment and training, because everything takes arrays `(..., n)`. To give it a name, add it to `TASKS` in
-`envs/tasks/__init__.py`.
+vector environment and training, because everything takes arrays `(..., n)`. To train a policy for it:
+
+    python -m humanoid_sim.training train --task examples/own_task.py:HoldTask
+
+To give it a name, add it to `TASKS` in `envs/tasks/__init__.py`.
 """
 
 from __future__ import annotations

@@ -170,5 +170,5 @@ ARGUMENTS: Mapping[str, Callable[[TrainConfig], Argument]] = MappingProxyType(
     }
 )
 """By the environments' keyword, what reads it from the options."""
-ONLY_TRAINED = ("randomisation", "curriculum", "privileged", "reference_start")
-"""Arguments that a robot does not get that is only looked at."""
+ONLY_TRAINED = ("randomisation", "curriculum", "privileged")
+"""Arguments that a robot does not get that is only looked at, nor a scenario."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.play import main as play
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.training import main
@@ -109,3 +111,121 @@ def test_a_finished_run_is_only_exported_again_and_measured(tmp_path: Path, capf
     assert "lite_tracking" in json.dumps(known["suite"])
     assert not (folder / "tensorboard").exists()
     assert "wave" in capfd.readouterr().out
+
+
+HOLD = f"{Path(__file__).parents[3] / 'examples' / 'own_task.py'}:HoldTask"
+TWO_MOTIONS = ["--motion", "wave", "--motion", "circle", "--reference-start", "0.5"]
+
+
+@pytest.mark.parametrize("algorithm", ["ppo-sb3", "ppo-rsl_rl"])
+def test_ground_that_grows_harder(
+    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    told: list[float] = []
+    known = PolicyVectorEnv.progress
+    assert known.fset is not None
+
+    def tell(envs: PolicyVectorEnv, progress: float) -> None:
+        told.append(progress)
+        known.fset(envs, progress)  # type: ignore[misc]
+
+    monkeypatch.setattr(PolicyVectorEnv, "progress", property(known.fget, tell))
+    folder, harder = tmp_path / "run", tmp_path / "harder.yaml"
+    harder.write_text("{terrain: [[0, 0], [1, 1]], randomisation: [[0.5, 0], [1, 1]]}")
+    spread = tmp_path / "spread.yaml"
+    spread.write_text("friction: [0.6, 1.2]")
+    options = ["--robot", "lite_biped", "--terrain", "mixed", "--randomisation", str(spread), "--no-regress"]
+    options += ["--curriculum", str(harder), "--algorithm", algorithm, "--robots", "8", "--no-tensorboard"]
+    options += ["--physics-timestep", "0.005", "--folder", str(folder)]
+    assert main(["train", *options, "--steps", "512", "--curriculum-steps", "1024"]) == 0
+    assert told == [0.0, 0.25, 0.5]
+    assert "trainer" in load_checkpoint(folder / "policy.onnx").golden
+    told.clear()
+    assert main(["train", *options, "--steps", "768", "--resume"]) == 0
+    assert told == [0.5, 0.75]
+    capfd.readouterr()
+    harder.write_text("{terrain: 1.0}")
+    assert run_program(main, ["train", *options, "--steps", "1024", "--resume"]) == 2
+    assert "error: --curriculum: is {'terrain': 1.0}, but the run in" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "task"),
+    [
+        ([*TWO_MOTIONS, "--task", HOLD, "--algorithm", "ppo-rsl_rl"], HOLD),
+        (["--robot", "lite_piano", "--motion", "twinkle", "--motion", "ode_to_joy"], "piano"),
+    ],
+    ids=["own task", "piano"],
+)
+def test_tasks_and_motions(options: list[str], task: str, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    quick = ["--robots", "4", "--steps", "256", "--no-tensorboard", "--no-regress", "--folder", str(folder)]
+    assert main(["train", *options, *quick]) == 0
+    assert json.loads((folder / "run.json").read_text())["task"] == task
+    assert "trainer" in load_checkpoint(folder / "policy.onnx").golden
+
+
+def usual_signals() -> None:
+    """Undo what the test runner may have inherited: a job in the background ignores SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def interrupted(options: list[str], folder: Path, *, twice: bool) -> tuple[int, str]:
+    """Start a training that would never end, and interrupt it after an update; exit status and standard error."""
+    command = [sys.executable, "-m", "humanoid_sim.training", "train", *options, "--steps", "100000000"]
+    command += ["--checkpoint-seconds", "100000", "--no-tensorboard", "--folder", str(folder)]
+    process = subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=usual_signals,  # noqa: PLW1509 - no thread of the tests runs here
+    )
+    assert process.stderr is not None
+    try:
+        deadline, progress = time.monotonic() + _PATIENCE, folder / "progress.csv"
+        while not (progress.exists() and progress.read_text().count("\n") >= 2):
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        seen = ""
+        if twice:
+            while "once more ends at once" not in seen:
+                line = process.stderr.readline()
+                assert line, seen
+                seen += line
+            process.send_signal(signal.SIGINT)
+        _, rest = process.communicate(timeout=_PATIENCE)
+        return process.returncode, seen + rest
+    finally:
+        process.kill()
+        process.wait()
+        process.stderr.close()
+
+
+@pytest.mark.parametrize(("algorithm", "checkpoint"), [("ppo-sb3", "checkpoint.zip"), ("ppo-rsl_rl", "checkpoint.pt")])
+def test_ctrl_c_loses_nothing(
+    algorithm: str, checkpoint: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder, options = tmp_path / "run", ["--motion", "wave", "--robots", "16", "--algorithm", algorithm]
+    status, told = interrupted(options, folder, twice=False)
+    assert status == 130
+    assert "Ctrl-C: ends after this update, with a checkpoint; once more ends at once\n" in told
+    assert f"saved in {folder}; the same command with --resume goes on\n" in told
+    assert (folder / checkpoint).exists()
+    assert not (folder / "policy.onnx").exists()
+    last = int(read_progress(folder / "progress.csv")[-1]["steps"])
+    assert f"interrupted after {last} steps" in told
+    resumed = ["--steps", str(last + 1), "--no-tensorboard", "--no-regress", "--folder", str(folder), "--resume"]
+    assert main(["train", *options, *resumed]) == 0
+    assert f"goes on after {last} steps\n" in capfd.readouterr().err
+    assert (folder / "policy.onnx").exists()
+
+
+def test_a_second_ctrl_c_ends_at_once(tmp_path: Path) -> None:
+    # An update of so many robots takes seconds, and the second signal comes in the middle of it.
+    status, told = interrupted(["--motion", "wave", "--robots", "256"], tmp_path / "run", twice=True)
+    assert status == 130
+    assert told.endswith("interrupted\n")
+    assert "--resume" not in told
+    assert not (tmp_path / "run" / "checkpoint.zip").exists()

@@ -1,8 +1,12 @@
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
 
+from humanoid_sim.assets import motion_path
 from humanoid_sim.errors import InputError
+from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.settings import first_spread
 from humanoid_sim.training.ppo.subject import subject_of
@@ -10,9 +14,9 @@ from humanoid_sim.training.ppo.subject import subject_of
 
 def test_a_robot_alone_is_trained_for_what_its_policy_does() -> None:
     arms = subject_of(TrainConfig())
-    assert (arms.task, arms.source, arms.motion) == ("tracking", "lite_tracking", "wave")
+    assert (arms.task, arms.told["contract"], arms.told["motion"]) == ("tracking", "lite_tracking", "wave")
     legs = subject_of(TrainConfig(robot="lite_biped"))
-    assert (legs.task, legs.source, legs.motion) == ("velocity", "lite_biped_velocity", None)
+    assert (legs.task, legs.told["contract"], legs.told["motion"]) == ("velocity", "lite_biped_velocity", None)
     assert legs.contract.phase is not None
     assert subject_of(TrainConfig(robot="lite_biped", task="walking")).task == "walking"
     # 0.2 rad of 0.5 rad per unit of action, and 0.1 rad of 0.25
@@ -43,5 +47,30 @@ def test_what_the_critic_sees_is_rsl_rls_affair() -> None:
     envs = subject.environments(1)
     assert envs.reset(seed=0)[1]["privileged"].shape == (1, 14)
     envs.close()
-    with pytest.raises(InputError, match="privileged: base_height is of a floating base"):
-        subject_of(TrainConfig(algorithm="ppo-rsl_rl", privileged=("base_height",))).environments(1)
+    with pytest.raises(InputError, match=r"^--privileged: base_height is of a floating base"):
+        subject_of(TrainConfig(algorithm="ppo-rsl_rl", privileged=("base_height",)))
+
+
+def test_ground_motions_and_starts_reach_the_environments() -> None:
+    walking = subject_of(TrainConfig(robot="lite_biped", terrain="steps"))
+    assert walking.scenario.terrain is not None
+    assert walking.told["terrain"]["kind"] == "steps"
+    several = subject_of(TrainConfig(motion=("wave", "circle"), reference_start=0.8))
+    starts = several.scenario.starts
+    assert (len(starts.reference.lengths), starts.reference_start) == (2, 0.8)
+    alone = several.environment()  # to be looked at: from the beginning
+    assert alone.scenario.starts.reference_start == 0.0
+    alone.close()
+
+
+def test_a_song_is_the_motion_of_the_piano(tmp_path: Path) -> None:
+    subject = subject_of(TrainConfig(robot="lite_piano", motion=("twinkle",)))
+    assert (subject.task, subject.told["motion"]) == ("piano", "twinkle")
+    file = subject.motion_file(tmp_path)
+    assert file == tmp_path / "song.mcap"
+    song = read_motion(file)
+    assert (song.task_type, song.frames.shape[1]) == ("piano", 88)
+    assert len(song.frames) == subject.scenario.wiring.reference.frame_count
+    arms = subject_of(TrainConfig(motion=("circle", "wave")))
+    assert arms.motion_file(tmp_path) == motion_path("circle")
+    assert subject_of(TrainConfig(robot="lite_biped")).motion_file(tmp_path) is None
