@@ -18,6 +18,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, recorded_start
+from humanoid_sim.envs.options import check_options
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.randomised_robot import RandomisedRobot
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
@@ -25,6 +26,7 @@ from humanoid_sim.envs.resets import velocity_option
 from humanoid_sim.envs.scenario import Motions, Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.tasks import Task
+from humanoid_sim.envs.tasks.reward_terms import require_finite
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
@@ -127,6 +129,8 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             InputError: one line that says what cannot be read, or what does not fit.
         """
         check_render_mode(render_mode)
+        if task_options:
+            check_options(task_options, PolicyEnv, make_scenario)
         self.scenario = scenario = make_scenario(
             contract,
             robot,
@@ -253,7 +257,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         """One policy step.
 
         Raises:
-            InputError: the action has another shape than the space's.
+            InputError: the action has another shape than the space's, or a reward is not finite.
             gymnasium.error.ResetNeeded: there was no reset yet.
         """
         loop, task = self._loop, self.scenario.task
@@ -280,6 +284,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
 
         sample = sample_step(loop, self.robot, self._steps)
         judgement = task.judge(sample)
+        require_finite(judgement.reward, judgement.terms)
         self._observation = observation.copy()
         self._show(loop.state, command)
         info = {"frame": frame, "terms": judgement.terms, **self._true(loop, sample)}

@@ -15,10 +15,11 @@ from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.envs.options import check_options
 from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
 from humanoid_sim.envs.starts import EpisodeStarts
-from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.envs.tasks import Task, make_task
+from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import ANCHOR_POSE, BASE, KEY_PRESSED, VELOCITY_COMMAND, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -133,9 +134,8 @@ def make_scenario(
     if action_limit is not None and not 0.0 < action_limit <= _MOST:
         raise InputError(f"action_limit: is {action_limit}, expected a number > 0 and at most {_MOST:g}")
     check_actuation(actuation)
-    for name in task_options:
-        if name not in TASK_OPTIONS:
-            raise InputError(known_names("task option", name, TASK_OPTIONS))
+    if task_options:
+        check_options(task_options, make_scenario)
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
     checkpoint = contract if isinstance(contract, Checkpoint) else checkpoint_of(contract, described.joint_names)
     followed = with_songs(motion, checkpoint.contract, described)

@@ -15,12 +15,14 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.live_inputs import LiveInput
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
+from humanoid_sim.envs.options import check_options
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
 from humanoid_sim.envs.scenario import Motions, Named, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.tasks import Task
+from humanoid_sim.envs.tasks.reward_terms import require_finite
 from humanoid_sim.envs.vector_info import VectorInfo
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
@@ -115,6 +117,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         """
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
+        if task_options:
+            check_options(task_options, PolicyVectorEnv, make_scenario)
         num_envs = count_option("num_envs", num_envs)
         check_actuation(actuation, get_args(BatchActuation))
         self.scenario = scenario = make_scenario(
@@ -272,7 +276,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         In the mode `NEXT_STEP` an environment whose episode has ended ignores its action and starts the next one.
 
         Raises:
-            InputError: the actions have another shape than the space's.
+            InputError: the actions have another shape than the space's, or a reward is not finite.
             gymnasium.error.ResetNeeded: there was no reset yet, or, without autoreset, none since an episode's end.
         """
         loop = self._loop
@@ -293,6 +297,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         self.fault_count += len(faults)
 
         reward = np.where(sound, judgement.reward, 0.0)
+        require_finite(reward, judgement.terms)
         terminated = np.where(sound, judgement.terminated, ~starting)
         truncated = (sound & judgement.truncated) | (~starting & (self._steps + refused >= self._longest))
         info = VectorInfo(self.num_envs)

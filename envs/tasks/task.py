@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +14,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
+from humanoid_sim.envs.tasks.reward_terms import RewardTerm, checked_terms, finite, term_value
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
@@ -25,9 +25,6 @@ from humanoid_sim.robots.schema import RobotDescription
 __all__ = ["BalanceTask", "BoolArray", "Judgement", "RewardTerm", "Start", "Task"]
 
 BoolArray = npt.NDArray[np.bool_]
-RewardTerm = tuple[float, Callable[[StepSample], FloatArray]]
-"""A weight, 1/s per unit of the term, and the term's value, shape (...), of a policy step."""
-
 _STOP_MARGIN = 0.05
 """rad from a joint's limit within which it counts as at its stop."""
 
@@ -126,13 +123,15 @@ class Task(ABC):
                 one robot and a batch.
 
         Raises:
-            InputError: a number is not finite, or a weight is for a term that the task does not have.
+            InputError: a number is not finite, a weight is for a term that the task does not have, or a further term
+                is no weight with a function.
         """
         numbers = {"episode_seconds": episode_seconds, "joint_noise": joint_noise, "velocity_noise": velocity_noise}
         for name, value in numbers.items():
-            if not (math.isfinite(value) and value >= 0.0):
+            if not (finite(value) and value >= 0.0):
                 raise InputError(f"{name}: is {value}, expected a finite number >= 0")
-        own = {name: weight for name, (weight, _) in (rewards or {}).items()}
+        self._rewards = checked_terms(rewards)
+        own = {name: weight for name, (weight, _) in self._rewards.items()}
         known = {**self.WEIGHTS, **own}
         for name in weights or {}:
             if name not in known:
@@ -140,9 +139,8 @@ class Task(ABC):
         self.weights: Mapping[str, float] = MappingProxyType({**known, **(weights or {})})
         """1/s per unit of each term."""
         for name, value in self.weights.items():
-            if not math.isfinite(value):
+            if not finite(value):
                 raise InputError(f"weights: {name} is {value}, expected a finite number")
-        self._rewards = {name: function for name, (_, function) in (rewards or {}).items()}
         self._rate = {name: weight * contract.policy_dt for name, weight in self.weights.items()}
         self.contract = contract
         self.reference = reference
@@ -205,7 +203,7 @@ class Task(ABC):
             "effort": total(share * share),
             "joint_stops": total(beyond),
         }
-        values |= {name: _term(name, function, sample, share.shape[:-1]) for name, function in self._rewards.items()}
+        values |= {name: term_value(name, term, sample, share.shape[:-1]) for name, term in self._rewards.items()}
         if self._is_floating:
             assert sample.base is not None
             terminated = terminated | has_fallen(sample.base, self._standing_height)
@@ -229,13 +227,6 @@ class Task(ABC):
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.step) >= self.episode_steps
-
-
-def _term(name: str, function: Callable[[StepSample], FloatArray], sample: StepSample, shape: tuple[int, ...]) -> Any:
-    value = np.asarray(function(sample), dtype=np.float64)
-    if value.shape != shape:
-        raise InputError(f"rewards: {name} has shape {value.shape}, expected {shape}: one value for each robot")
-    return value
 
 
 class BalanceTask(Task):

@@ -1,0 +1,115 @@
+"""A user's own reward terms: refused when they are made where that can be, else in the step that shows it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from humanoid_sim.envs.tasks.reward_terms import checked_terms, require_finite
+from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.rollout import StepSample
+from humanoid_sim.mit import FloatArray
+
+ID = "humanoid_sim/LiteTracking-v0"
+REST = np.zeros((3, 14), dtype=np.float32)
+
+
+def elbow(sample: StepSample) -> FloatArray:
+    return sample.state.joint_position[..., 3]
+
+
+def stepped(number: int | None, term: Any, steps: int = 1) -> dict[str, Any]:
+    """The terms of the last step of one environment, None, or of a batch."""
+    env: Any = (
+        gymnasium.make(ID, rewards={"own": (2.0, term)})
+        if number is None
+        else gymnasium.make_vec(ID, num_envs=number, threads=1, rewards={"own": (2.0, term)})
+    )
+    try:
+        env.reset(seed=0)
+        for _ in range(steps):
+            *_, info = env.step(REST[0] if number is None else REST[:number])
+    finally:
+        env.close()
+    terms: dict[str, Any] = info["terms"]
+    return terms
+
+
+@pytest.mark.parametrize(
+    ("rewards", "message"),
+    [
+        ({"knees": elbow}, r"^rewards: knees is a function, expected \(weight, function\)$"),
+        ({"knees": 0.5}, r"^rewards: knees is 0\.5, expected \(weight, function\)$"),
+        ({"knees": (elbow, -0.01)}, r"^rewards: knees is \(a function, -0\.01\), expected \(weight, function\)$"),
+        ({"knees": ("much", elbow)}, r"^rewards: knees is \(a str, a function\), expected \(weight, function\)$"),
+        ({"knees": (1.0, elbow, 2.0)}, r"^rewards: knees is a tuple, expected \(weight, function\)$"),
+        ([("knees", elbow)], r"^rewards: is a list, expected a \(weight, function\) by the name of each term$"),
+    ],
+)
+def test_terms_that_are_none_are_refused_at_once(rewards: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        gymnasium.make(ID, rewards=rewards)
+
+
+def test_terms_are_kept_as_they_are() -> None:
+    assert checked_terms(None) == {}
+    assert checked_terms({"knees": (np.float32(0.5), elbow)}) == {"knees": (0.5, elbow)}
+
+
+@pytest.mark.parametrize("number", [None, 3])
+def test_a_number_is_that_of_every_robot_alone_and_in_a_batch(number: int | None) -> None:
+    np.testing.assert_allclose(stepped(number, lambda _: 1.0)["own"], np.full(() if number is None else 3, 2.0 * 0.02))
+    np.testing.assert_allclose(stepped(number, lambda _: 3)["own"], np.full(() if number is None else 3, 6.0 * 0.02))
+
+
+def test_a_sum_over_all_robots_is_no_number_for_each() -> None:
+    with pytest.raises(InputError, match=r"rewards: own has shape \(\), expected \(3,\): one value for each robot"):
+        stepped(3, lambda sample: sample.state.joint_position.sum())
+
+
+@pytest.mark.parametrize("number", [None, 3])
+def test_what_is_no_number_is_refused_alone_and_in_a_batch(number: int | None) -> None:
+    with pytest.raises(InputError, match=r"^rewards: own gives a str, expected numbers$"):
+        stepped(number, lambda _: "good")
+
+
+def spoilt(value: float, i: int) -> Any:
+    """A term that is `value` for one robot of a batch, from its third step on."""
+
+    def term(sample: StepSample) -> FloatArray:
+        late = np.asarray(sample.step) >= 3
+        return np.where(late & (np.arange(late.size).reshape(late.shape) == i), value, 1.0)
+
+    return term
+
+
+@pytest.mark.parametrize(("value", "what"), [(np.nan, "nan"), (np.inf, "infinite"), (-np.inf, "infinite")])
+def test_a_reward_that_is_not_finite_names_term_and_environment(value: float, what: str) -> None:
+    assert stepped(None, spoilt(value, 0), steps=2)["own"] == pytest.approx(0.04)
+    with pytest.raises(InputError, match=f"^rewards: own is {what} in environment 0$"):
+        stepped(None, spoilt(value, 0), steps=3)
+    assert stepped(3, spoilt(value, 1), steps=2)["own"] == pytest.approx([0.04] * 3)
+    with pytest.raises(InputError, match=f"^rewards: own is {what} in environment 1$"):
+        stepped(3, spoilt(value, 1), steps=3)
+
+
+def test_robots_that_do_not_count_may_have_any_terms() -> None:
+    require_finite(np.array([1.0, 0.0]), {"own": np.array([1.0, np.nan])})
+    with pytest.raises(InputError, match=r"^rewards: their sum is infinite in environment 1$"):
+        require_finite(np.array([1.0, np.inf]), {"own": np.array([1.0, 1e308]), "other": np.array([0.0, 1.7e308])})
+
+
+def test_a_fault_is_no_error_whatever_the_terms_are_then() -> None:
+    env: Any = gymnasium.make_vec(
+        ID, num_envs=2, threads=1, rewards={"own": (1.0, lambda s: np.where(np.abs(s.action[..., 0]) > 0, 1.0, np.nan))}
+    )
+    env.reset(seed=0)
+    action = np.full((2, 14), 0.1, dtype=np.float32)
+    action[1] = np.nan  # refused, and replaced by zeros
+    _, reward, terminated, _, info = env.step(action)
+    assert (terminated.tolist(), reward[1]) == ([False, True], 0.0)
+    assert info["fault"][1]
+    env.close()
