@@ -76,10 +76,10 @@ def require_finite(reward: FloatArray, terms: Mapping[str, FloatArray]) -> None:
     Raises:
         InputError: one is not; it names the term and the first robot.
     """
-    is_finite = np.isfinite(reward)
-    if is_finite.all():
+    # of one robot by `math`: NumPy takes 20 times as long for a single number
+    if math.isfinite(reward) if reward.ndim == 0 else np.isfinite(reward).all():
         return
-    i = int(np.flatnonzero(~is_finite)[0])
+    i = int(np.flatnonzero(~np.isfinite(np.ravel(reward)))[0])
     values = {name: float(np.ravel(term)[i]) for name, term in terms.items()}
     name, value = next(((n, v) for n, v in values.items() if not math.isfinite(v)), ("their sum", math.inf))
     raise InputError(f"rewards: {name} is {'nan' if math.isnan(value) else 'infinite'} in environment {i}")
