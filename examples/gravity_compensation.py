@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import tyro
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.command_line import parse
 from humanoid_sim.dds_client import RobotClient
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
@@ -33,7 +33,7 @@ class Options:
     """effort: gravity's torque itself, no stiffness, a little damping; pd: a position offset that makes the spring of
     the robot's own gains carry the weight."""
     robot: str = "lite"
-    """Whose model this program uses: a shipped robot, the path of a robot's YAML file, or of an MJCF."""
+    """Whose model this program uses: a shipped robot ({robots}), the path of a robot's YAML file, or of an MJCF."""
     damping: float = 1.0
     """N·m·s/rad, of the effort form."""
 
@@ -48,7 +48,7 @@ def command(robot: RobotDescription, position: FloatArray, torque: FloatArray, f
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until it is interrupted, or the robot falls silent."""
-    options = tyro.cli(Options, prog="gravity_compensation", args=arguments)
+    options = parse(Options, "examples/gravity_compensation.py", arguments)
     robot = load_robot(options.robot)
     gravity = GravityTorque(robot)  # a model of our own; its torque is within the motors' limits
     stopped: list[int] = []

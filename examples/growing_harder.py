@@ -10,7 +10,9 @@ humanoid_sim.training train-walking` makes the policy that does.
 
 from __future__ import annotations
 
-import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -18,6 +20,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.cli import run_program
+from humanoid_sim.command_line import parse
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 
 RANDOMISATION = {
@@ -67,20 +71,30 @@ def make_envs(count: int, terrain: str) -> Any:
     )
 
 
-def main() -> None:
+@dataclass(frozen=True)
+class Options:
+    """Train legs on robots and ground that grow harder."""
+
+    steps: int = 5_000_000
+    """Environment steps."""
+    envs: int = 128
+    """Environments at a time."""
+    terrain: str = "mixed"
+    """flat, rough, slopes, steps or mixed."""
+    output: str = "growing_harder.zip"
+    """The trained network."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
     """Train, and save the network."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=5_000_000, help="environment steps")
-    parser.add_argument("--envs", type=int, default=128, help="environments")
-    parser.add_argument("--terrain", default="mixed", help="flat, rough, slopes, steps or mixed")
-    parser.add_argument("--output", default="growing_harder.zip", help="the trained network")
-    given = parser.parse_args()
-    envs = make_envs(given.envs, given.terrain)
-    model = PPO("MlpPolicy", StableBaselinesVecEnv(envs), n_steps=24, batch_size=24 * given.envs // 4, verbose=1)
-    model.learn(given.steps, callback=Progress())
-    model.save(given.output)
+    options = parse(Options, "examples/growing_harder.py", arguments)
+    envs = make_envs(options.envs, options.terrain)
+    model = PPO("MlpPolicy", StableBaselinesVecEnv(envs), n_steps=24, batch_size=24 * options.envs // 4, verbose=1)
+    model.learn(options.steps, callback=Progress())
+    model.save(options.output)
     envs.close()
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_program(main))

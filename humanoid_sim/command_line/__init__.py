@@ -65,7 +65,7 @@ def parse(
 
     Args:
         specification: a frozen dataclass, or subcommands.
-        program: the verb.
+        program: the verb; of a script, its path.
         arguments: words; None for those that Python was started with.
         positional: required options are given by their place, not by name.
 

@@ -98,8 +98,11 @@ class Command:
 
     @property
     def invocation(self) -> str:
-        """As one types it."""
-        return " ".join(["python -m humanoid_sim." + self.words[0], *self.words[1:]])
+        """As one types it: `python -m humanoid_sim.play`, or for a script of one's own `python examples/mine.py`."""
+        first = self.words[0]
+        return " ".join(
+            ["python", *([first] if first.endswith(".py") else ["-m", f"humanoid_sim.{first}"]), *self.words[1:]]
+        )
 
 
 def describe(specification: Specification, words: tuple[str, ...], *, positional: bool = False) -> Command:

@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with attached(config.session, "foxglove") as attachment:
         server = _Server(attachment, config)
         try:
-            ready(f"Foxglove: open a connection to ws://{_HOST}:{server.port}, for {attachment.session}")
+            ready(f"open a connection to ws://{_HOST}:{server.port}, for {attachment.session}")
             if config.control:
                 ready("WARNING: every page open in a browser on this machine can move the robot (control is on)")
             server.run()

@@ -108,7 +108,7 @@ class IntentSocket(IntentSource, Sink):
             intent = self._understood(word, who, token, sender if isinstance(sender, str) else "")
             if intent is not None:
                 intents.append(intent)
-                asking[f"{intent.name} asked for by {who[:80] or 'somebody'}"] = None
+                asking[f"{intent.name} requested by {who[:80] or 'somebody'}"] = None
         for text in list(asking)[:4]:
             self._tell(text)
         return intents

@@ -112,7 +112,7 @@ class SafetyProperties:
         require(not unsafe or name in SAFE, "{} is in control although safety reports {}", name, unsafe)
         if Intent.DAMP in given.intents:
             failed = name == ZERO and any(fault.controller == DAMPING for fault in output.faults)
-            require(name == DAMPING or failed, "DAMP was asked for, and {} is in control", name)
+            require(name == DAMPING or failed, "DAMP was requested, and {} is in control", name)
 
     def _check_change(self, name: str, given: TickInput, output: TickOutput) -> None:
         before, wanted = self._name, given.intents

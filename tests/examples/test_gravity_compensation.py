@@ -79,7 +79,7 @@ def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(
     script = "damp; load_b; wait; start_remote; hold 600"
     options = ("--dds", "--pace", "realtime", "--viewer", "none", "--video", "none", "--record", str(record))
     with running("-m", "humanoid_sim.play", *options, "--script", script) as play:
-        line_with(play, "DDS: domain ")
+        line_with(play, "dds: domain ")
         for form, end in (("effort", signal.SIGKILL), ("pd", signal.SIGTERM)):
             with running(str(EXAMPLE), "--form", form) as client:
                 line_with(client, "REMOTE: holding")

@@ -13,12 +13,13 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "growing_harder.py"
 
 
 @pytest.fixture
-def example() -> ModuleType:
+def example(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (rl)")
     spec = importlib.util.spec_from_file_location("growing_harder", EXAMPLE)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, module)  # where its options' types and texts are looked up
     spec.loader.exec_module(module)
     return module
 
@@ -38,8 +39,7 @@ def test_it_learns_on_robots_and_ground_that_grow_harder(
 
     output = tmp_path / "network.zip"
     monkeypatch.setattr(example, "Progress", Watch)
-    monkeypatch.setattr(sys, "argv", ["growing_harder", "--steps", "384", "--envs", "8", "--output", str(output)])
-    example.main()
+    assert example.main(["--steps", "384", "--envs", "8", "--output", str(output)]) == 0
     assert seen == [0.0, 0.5]
     assert "384" in capsys.readouterr().out
     assert output.stat().st_size > 10_000

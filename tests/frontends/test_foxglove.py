@@ -40,7 +40,7 @@ def served(*options: str) -> Iterator[tuple[int, subprocess.Popen[str]]]:
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
-            assert line.startswith("Foxglove: open a connection to ws://127.0.0.1:"), line
+            assert line.startswith("open a connection to ws://127.0.0.1:"), line
             yield int(line.partition("127.0.0.1:")[2].partition(",")[0]), process
         finally:
             process.kill()

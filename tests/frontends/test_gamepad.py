@@ -67,7 +67,7 @@ class Desk:
 
 def test_buttons_walk_through_the_modes(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
     desk = Desk(local, pads)
-    assert desk.look() == ["gamepad: Test Pad (8 buttons, known layout) drives"]
+    assert desk.look() == ["Test Pad (8 buttons, known layout) drives"]
     assert desk.press(pad, "X") is Mode.DAMPING
     assert desk.press(pad, "L1", "A") is Mode.STANDBY
     desk.look(10)
@@ -150,7 +150,7 @@ def test_only_the_chosen_pad_drives_and_every_pad_damps(local: LocalSession, pad
     second = VirtualPad("Second Pad")
     try:
         desk = Desk(local, pads, GamepadConfig(device="second"))
-        assert desk.look() == ["gamepad: Second Pad (8 buttons, known layout) drives"]
+        assert desk.look() == ["Second Pad (8 buttons, known layout) drives"]
         assert desk.press(second, "X") is Mode.DAMPING
         assert desk.press(pad, "L1", "A") is Mode.DAMPING
         assert desk.press(second, "L1", "A") is Mode.STANDBY
@@ -164,9 +164,7 @@ def test_a_foreign_layout_is_bound_by_its_own_numbers_or_not_used(local: LocalSe
     try:
         refused = Desk(local, pads)
         (line,) = refused.look()
-        assert line.startswith(
-            "gamepad: Odd Pad (4 buttons, unknown layout) is not used: JoyBindings.quit_button: is (6,)"
-        )
+        assert line.startswith("Odd Pad (4 buttons, unknown layout) is not used: JoyBindings.quit_button: is (6,)")
         assert refused.look() == [], "told once"
     finally:
         odd.unplug()
@@ -178,8 +176,8 @@ def test_buttons_can_be_bound_anew(local: LocalSession, pads: Pads) -> None:
     try:
         desk = Desk(local, pads, GamepadConfig(joy=joy))
         assert desk.look() == [
-            "gamepad: Odd Pad (8 buttons, unknown layout) drives",
-            "gamepad: its buttons have their driver's numbers; see --list, and --joy.* to bind them",
+            "Odd Pad (8 buttons, unknown layout) drives",
+            "its buttons have their driver's numbers; see --list, and --joy.* to bind them",
         ]
         for button, mode in ((7, Mode.DAMPING), (0, Mode.DAMPING), (1, Mode.STANDBY)):
             odd.press(button)
@@ -218,7 +216,7 @@ def test_a_velocity_ends_with_the_gamepad(local: LocalSession, pads: Pads, pad: 
     assert local.velocity.command[0] == pytest.approx(0.8)
     pad.unplug()
     local.time += 0.25
-    assert desk.look(1) == ["gamepad: Test Pad is gone"]
+    assert desk.look(1) == ["Test Pad is gone"]
     np.testing.assert_allclose(local.velocity.command, 0.0)
 
 
@@ -228,7 +226,7 @@ def test_on_hardware_a_gamepad_that_is_unplugged_damps(local: LocalSession, pads
     local.enter_remote()
     pad.unplug()
     lines = desk.look()
-    assert lines[0] == "gamepad: Test Pad is gone"
+    assert lines[0] == "Test Pad is gone"
     assert desk.mode is Mode.DAMPING
 
 

@@ -42,7 +42,7 @@ def test_a_session_begins_again_and_its_recording_replays(run: Callable[..., Res
         "STANDBY",
         "DAMPING",
     ]
-    events = [event.text for event in result.events if "asked for by mode" not in event.text]
+    events = [event.text for event in result.events if "requested by mode" not in event.text]
     assert events == [
         "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY",
         DONE,

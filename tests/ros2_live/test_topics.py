@@ -129,7 +129,7 @@ def test_a_bridge_is_in_the_domain_that_it_was_told(
     domain = {"ROS_DOMAIN_ID": "77"}
     assert sum(heard(listen(robot, messages, 2.0, **domain))["counts"].values()) == 0
     bridge = robot.python("-m", "humanoid_sim.dds", environment=domain, cwd=ROOT)
-    read_until(bridge, "DDS: domain 77 on lo")
+    read_until(bridge, "domain 77 on lo")
     assert (
         heard(listen(robot, messages, 1.0, until=["/lite/joint_states"], **domain))["counts"]["/lite/joint_states"] > 0
     )

@@ -26,7 +26,7 @@ def asked(local: LocalSession, *words: str, more: tuple[Intent, ...] = ()) -> li
 
 def test_an_intent_acts_in_the_next_tick_which_answers(local: LocalSession) -> None:
     assert asked(local, "damp") == [Answer(True, "DAMPING (damping_controller): DAMP requested")]
-    assert local.told == [f"DAMP asked for by asker 0 ({os.getpid()})"]
+    assert local.told == [f"DAMP requested by asker 0 ({os.getpid()})"]
 
 
 def test_damp_is_granted_whatever_else_is_refused_in_its_tick(local: LocalSession) -> None:

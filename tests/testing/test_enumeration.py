@@ -33,7 +33,7 @@ def test_a_sound_stack_passes_and_is_asked_in_every_mode() -> None:
     ("defect", "message"),
     [
         ("the second safety source is ignored", "although safety reports"),
-        ("DAMP together with QUIT is ignored", "DAMP was asked for"),
+        ("DAMP together with QUIT is ignored", "DAMP was requested"),
     ],
 )
 def test_what_is_one_tick_away_is_found_without_a_search(defect: str, message: str) -> None:
@@ -47,7 +47,7 @@ def test_a_third_intent_that_hides_damp_is_found() -> None:
         def before(self, memory, given):
             return replace(given, intents=given.intents[:2]) if given.intents[2:] == (Intent.DAMP,) else given
 
-    with pytest.raises(SafetyViolationError, match="DAMP was asked for") as caught:
+    with pytest.raises(SafetyViolationError, match="DAMP was requested") as caught:
         every_report_and_intent(machine(DropsDampAtTheEnd))
     assert "'DAMP']" in str(caught.value)
 

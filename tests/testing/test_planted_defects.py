@@ -36,7 +36,7 @@ MESSAGES = dict(
             "of its targets like the other gains (tick ",
             "expected the newest command",
             "although safety reports",
-            "DAMP was asked for",
+            "DAMP was requested",
             "expected no negative gain",
             "DAMPING's position",
             "index 14 is out of bounds",

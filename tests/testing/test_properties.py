@@ -98,7 +98,7 @@ BROKEN = {
         (Intent.DAMP,),
         {},
         lambda o: with_mode(o, Mode.LOCOMOTION, RL),
-        "DAMP was asked for, and rl_policy_controller is in control",
+        "DAMP was requested, and rl_policy_controller is in control",
     ),
     "wakes by itself": (ZERO, (), {}, lambda o: with_mode(o, Mode.DAMPING, DAMPING), "to damping_controller by itself"),
     "no such edge": (

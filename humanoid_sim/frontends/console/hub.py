@@ -214,7 +214,7 @@ class Hub:
                     self._damping.post(word)
             except SessionError as error:
                 return _answer(False, str(error))
-            return _answer(True, "DAMP asked for")
+            return _answer(True, "DAMP requested")
         if word not in _WORDS:
             return _answer(False, f"not understood, expected one of {', '.join(sorted(_WORDS))}")
         if not limit.admits(time.monotonic()):
@@ -238,7 +238,7 @@ class Hub:
         intake = self._attachment.intake
         with self._posting:
             if self._damps != damps:
-                return Answer(False, f"{word} left out: DAMP was asked for after it")
+                return Answer(False, f"{word} left out: DAMP was requested after it")
             token = intake.post(word)
         return intake.answer(token, _PATIENCE)
 

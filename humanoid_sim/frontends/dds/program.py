@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         reader.start()
         newest = attachment.feed.latest()
         number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
-        ready(f"DDS: domain {participant.domain} on {participant.interface}, for {attachment.session}")
+        ready(f"domain {participant.domain} on {participant.interface}, for {attachment.session}")
         if not is_local:
             ready(f"warning: whoever is on the network at {config.interface} can command the robot in REMOTE")
         if is_wireless(config.interface):

@@ -108,7 +108,7 @@ class Driver:
             return []
         lines = []
         if before is not None:
-            lines.append(f"gamepad: {before.name} is gone")
+            lines.append(f"{before.name} is gone")
             self._velocity = np.zeros(3)
             if self._is_hardware:
                 lines.append(self._ask(Intent.DAMP))
@@ -116,21 +116,21 @@ class Driver:
             try:
                 self._config.joy.check(len(pad.buttons))
             except FieldError as error:
-                lines.append(f"gamepad: {pad} is not used: {error}" if pad.identity not in self._before else "")
+                lines.append(f"{pad} is not used: {error}" if pad.identity not in self._before else "")
                 continue
             self._pad = pad
-            lines.append(f"gamepad: {pad} drives")
+            lines.append(f"{pad} drives")
             if not pad.is_known:
-                lines.append("gamepad: its buttons have their driver's numbers; see --list, and --joy.* to bind them")
+                lines.append("its buttons have their driver's numbers; see --list, and --joy.* to bind them")
             break
         return [line for line in lines if line]
 
     def _ask(self, intent: Intent) -> str:
         token = self._intake.post(intent.name.lower())
         try:
-            return f"gamepad: {self._intake.answer(token, _ANSWER_WITHIN).text}"
+            return self._intake.answer(token, _ANSWER_WITHIN).text
         except SessionError:
-            return f"gamepad: {intent.name} asked for"
+            return f"{intent.name} requested"
 
     def _steer(self, pad: Pad) -> None:
         if self._speeds is None:
@@ -172,7 +172,7 @@ def _drive(pads: Pads, config: GamepadConfig) -> int:
         speeds = speed_range(contract.command_ranges) if walks and contract is not None else None
         driver = Driver(attachment.intake, config, speeds=speeds, is_hardware=is_hardware)
         found = pads.look()
-        ready(f"gamepad: {found[0] if found else 'waits for one to be plugged in'}")
+        ready(f"{found[0] if found else 'waits for a gamepad to be plugged in'}")
         # No other program may keep a DAMP waiting, or let the device look lost.
         with punctual_threads(behind=_BEHIND) if is_hardware else nullcontext():
             while attachment.feed.is_running():

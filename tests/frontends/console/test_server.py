@@ -131,7 +131,7 @@ def test_the_intents_of_a_page_are_granted_and_refused_by_the_session(played: An
         refused = ask(page, "start_remote")
         assert refused["granted"] is False
         assert "START_REMOTE refused: requires finished STANDBY" in refused["text"]
-        assert ask(page, "damp") == {"granted": True, "text": "DAMP asked for"}
+        assert ask(page, "damp") == {"granted": True, "text": "DAMP requested"}
         until(page, lambda told: told.get("mode") == "DAMPING")
         assert ask(page, "load_b")["granted"] is True
         told = until(other, lambda told: told.get("mode") == "STANDBY")

@@ -30,7 +30,7 @@ def bridge() -> Iterator[subprocess.Popen[str]]:
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
-            assert line.startswith("DDS: domain "), line
+            assert line.startswith("domain "), line
             yield process
         finally:
             process.kill()

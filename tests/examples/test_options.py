@@ -1,0 +1,30 @@
+"""The examples' options are read and explained as the programs' are."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "option"),
+    [("gravity_compensation", "humanoid_sim", "--form effort|pd"), ("growing_harder", "stable_baselines3", "--envs N")],
+)
+def test_help_and_a_mistyped_option(name: str, package: str, option: str) -> None:
+    pytest.importorskip(package)
+    typed = f"python examples/{name}.py"
+    described = subprocess.run(
+        [sys.executable, f"{EXAMPLES / name}.py", "--help"], capture_output=True, text=True, check=True
+    )
+    assert described.stdout.startswith(f"usage: {typed} [options]\n\n")
+    assert f"\n  {option}" in described.stdout
+    refused = subprocess.run(
+        [sys.executable, f"{EXAMPLES / name}.py", "--xyz"], capture_output=True, text=True, check=False
+    )
+    assert refused.returncode == 2
+    assert refused.stderr == f"error: unknown option '--xyz'; '{typed} --help' lists all\n"
