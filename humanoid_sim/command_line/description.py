@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from humanoid_sim.assets import shipped
 
-__all__ = ["ARGUMENTS", "Command", "Commands", "Option", "Specification", "describe", "filled"]
+__all__ = ["ARGUMENTS", "Command", "Commands", "Option", "Specification", "describe", "field_texts", "filled"]
 
 Specification: TypeAlias = "type[Any] | Commands"
 """A dataclass of options, or subcommands that have one each."""
@@ -136,7 +136,7 @@ def describe(specification: Specification, words: tuple[str, ...], *, positional
 
 
 def _options(owner: type[Any], positional: bool, prefix: str = "") -> Iterator[Option]:
-    hints, texts = typing.get_type_hints(owner, include_extras=True), _field_texts(owner)
+    hints, texts = typing.get_type_hints(owner, include_extras=True), field_texts(owner)
     for field in dataclasses.fields(owner):
         kind, *markers = (
             get_args(hints[field.name]) if get_origin(hints[field.name]) is Annotated else (hints[field.name],)
@@ -200,7 +200,7 @@ def filled(text: str) -> str:
     return text
 
 
-def _field_texts(owner: type[Any]) -> dict[str, str]:
+def field_texts(owner: type[Any]) -> dict[str, str]:
     """The string below each field of a dataclass, of those that it inherits too."""
     texts: dict[str, str] = {}
     for base in reversed(owner.__mro__):

@@ -31,10 +31,15 @@ class Show:
     robot: str | None = None
     """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF; only for contracts that
     name the joints by their places on the robot."""
+    skeleton: Path | None = None
+    """A contract.yaml to write, with a line to fill in for each field that no source gives."""
     json: bool = False
     """Print everything as JSON."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("x.onnx", "what it needs to run, and where that is from"),)
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("x.onnx", "what it needs to run, and where that is from"),
+        ("x.onnx --skeleton x.contract.yaml", "... and a file in which to write what is missing"),
+    )
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy.readers.partial import Given, is_assumed
 from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
+from humanoid_sim.policy_tools.skeleton import check_skeleton, write_skeleton
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 
@@ -59,12 +60,16 @@ def show(options: Show) -> int:
     Returns:
         1 if fields are missing, or if its golden vectors say that it is not wired as it was trained.
     """
+    if options.skeleton is not None:
+        check_skeleton(options.skeleton)
     description = None if options.robot is None else load_robot(options.robot)
     joints = None if description is None else description.joint_names
     try:
         checkpoint, note = _load(options, joints)
     except IncompleteContractError as error:
         return _show_incomplete(options, error)
+    if options.skeleton is not None:
+        raise InputError(f"--skeleton: nothing is missing from the contract of {options.checkpoint}")
     contract = checkpoint.contract
     try:
         layout = contract_layout(contract, checkpoint.observation_width)
@@ -110,6 +115,12 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
     """Print what is known of a contract that lacks fields, and which it lacks."""
     path, model = options.checkpoint, OnnxModel(options.checkpoint)
     file = find_contract(path) if options.contract is None else options.contract
+    if options.skeleton is not None:
+        if file is not None:
+            given = f"--skeleton: {path} has a contract file, {file}; add to it what is missing"
+            raise InputError(f"{given}: {', '.join(error.missing)}")
+        tensors = [f"{name}: {text}" for name, text in _model_rows(model).items()]
+        write_skeleton(options.skeleton, path, error.missing, tensors)
     if options.json:
         document = {
             **_source_document(str(path), file_digest(path), file),
@@ -126,7 +137,11 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
         console.print(_known_joints(error.known))
     if error.known or error.terms:
         console.print(_field_table("known so far, and where it came from", known_lines(error.known, error.terms)))
-    missing = f"missing: {', '.join(error.missing)}; give it in a contract.yaml"
+    if options.skeleton is None:
+        told = "give it in a contract.yaml, which --skeleton FILE begins"
+    else:
+        told = f"fill it in, in {options.skeleton}"
+    missing = f"missing: {', '.join(error.missing)}; {told}"
     console.print(f"[red]{escape(missing)}[/red]", soft_wrap=True)
     return ExitStatus.FAILED
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -210,6 +211,41 @@ def test_a_network_of_which_nothing_is_known_shows_its_tensors_and_what_is_missi
     assert "known so far" not in out
     status, out, _ = cli("show", bare, "--json")
     assert (status, json.loads(out)["known"]) == (1, {})
+
+
+def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path: Path, walker: Path) -> None:
+    bare, file = tmp_path / "bare.onnx", tmp_path / "bare.contract.yaml"
+    model = onnx.load(str(walker))
+    del model.metadata_props[:]
+    onnx.save(model, str(bare))
+    _, out, _ = cli("show", bare, "--json")
+    missing = json.loads(out)["missing"]
+    assert missing[:4] == ["joint_names", "joint_stiffness", "joint_damping", "default_joint_pos"]
+    status, out, error = cli("show", bare, "--skeleton", file)
+    assert (status, error) == (1, "")
+    assert f"missing: {', '.join(missing)}; fill it in, in {file}" in out
+    text = file.read_text()
+    assert "# inputs: obs [1, 32]\n" in text
+    assert "# Shape (n,), N·m/rad.\n#joint_stiffness: 0.0\n" in text
+    assert re.findall("^#([a-z_]+):", text, flags=re.M) == missing
+    assert json.loads(cli("show", bare, "--json")[1])["missing"] == missing
+    filled = re.sub("^#([a-z])", r"\1", text, flags=re.M).replace("[TERM, TERM]", "[joint_pos]")
+    file.write_text(filled.replace("[NAME, NAME]", "[a, b]").replace("policy_dt: 0.0", "policy_dt: 0.02"))
+    wide = "the model's output is 3 wide, expected 2, one for each of action_joint_names"  # nothing is missing
+    assert cli("show", bare) == (2, "", f"error: {bare}: {wide}\n")
+
+    refused = f"error: --skeleton: '{file}' exists; choose another name\n"
+    assert cli("show", bare, "--skeleton", file) == (2, "", refused)
+    (tmp_path / "contract.yaml").write_text(PARTLY)
+    file.unlink()
+    _, _, error = cli("show", bare, "--skeleton", file)
+    assert error == (
+        f"error: --skeleton: {bare} has a contract file, {tmp_path / 'contract.yaml'}; add to it what is missing: "
+        "default_joint_pos, action_scale, policy_dt\n"
+    )
+    assert not file.exists()
+    _, _, error = cli("show", walker, "--skeleton", file)
+    assert error == f"error: --skeleton: nothing is missing from the contract of {walker}\n"
 
 
 def test_keys_of_a_piano_policy_follow_from_the_models_input() -> None:
