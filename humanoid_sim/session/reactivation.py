@@ -10,7 +10,7 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
 
-__all__ = ["REACTIVABLE", "REACTIVATE", "Answer", "Reactivation", "flattened"]
+__all__ = ["REACTIVABLE", "REACTIVATE", "Answer", "Reactivation", "flattened", "reactivation_refusal"]
 
 REACTIVATE = "reactivate"
 """What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
@@ -61,10 +61,9 @@ class Reactivation:
         answer to that.
         """
         self._asked.clear()
-        if mode not in REACTIVABLE:
-            names = " or ".join(mode.name for mode in REACTIVABLE)
-            self.answer = Answer(False, f"REACTIVATE refused: requires {names}, mode is {mode.name}")
-            return self.answer.text, EventKind.NOTE
+        if refusal := reactivation_refusal(mode):
+            self.answer = Answer(False, refusal)
+            return refusal, EventKind.NOTE
         try:
             robot.activate()
         except RobotError as error:
@@ -73,6 +72,13 @@ class Reactivation:
             told = ("reactivated: the robot is verified and enabled afresh", *self._warnings())
             self.answer = Answer(True, "; warning: ".join(told))
         return self.answer.text, EventKind.FRESH_START
+
+
+def reactivation_refusal(mode: Mode) -> str:
+    """Why it is refused in a mode; empty where it is granted."""
+    if mode in REACTIVABLE:
+        return ""
+    return f"REACTIVATE refused: requires {' or '.join(mode.name for mode in REACTIVABLE)}, mode is {mode.name}"
 
 
 def flattened(text: str) -> str:

@@ -28,6 +28,7 @@ from humanoid_sim.frontends.console.wishes import Beat, LetGo, Snap, Take, parse
 from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.recording.shadow import decode_shadow_step
 from humanoid_sim.session.intent_socket import MARK
+from humanoid_sim.session.reactivation import REACTIVATE
 
 __all__ = ["Hub"]
 
@@ -39,6 +40,8 @@ _ASKS_PER_SECOND, _ASKS_AT_ONCE = 5.0, 10
 """Of one page, of everything but DAMP."""
 _PATIENCE = 2.0
 """s that an answer may take."""
+_REACTIVATING = 30.0
+"""s that it may take to reactivate: every motor of a bus is asked for its identity. DAMP does not wait behind it."""
 _STATUS_PERIOD = 0.25
 """s between two looks at the feed's status, which is told twice a second."""
 _CHOICES_PER_SECOND, _CHOICES_AT_ONCE = 5.0, 20
@@ -46,7 +49,7 @@ _CHOICES_PER_SECOND, _CHOICES_AT_ONCE = 5.0, 20
 _WISHES_PER_SECOND, _WISHES_AT_ONCE = 60.0, 60
 """Of one page, for its heartbeat, and what sliders and keys ask for; a joint to move is asked for as intents are."""
 _WATCHING = "this address is for watching only"
-_WORDS = frozenset({*(intent.value for intent in Intent), MARK})
+_WORDS = frozenset({*(intent.value for intent in Intent), MARK, REACTIVATE})
 
 
 class Hub:
@@ -240,7 +243,7 @@ class Hub:
             if self._damps != damps:
                 return Answer(False, f"{word} left out: DAMP was requested after it")
             token = intake.post(word)
-        return intake.answer(token, _PATIENCE)
+        return intake.answer(token, _REACTIVATING if word == REACTIVATE else _PATIENCE)
 
 
 def _answer(granted: bool, text: str) -> dict[str, Any]:

@@ -84,7 +84,7 @@ function showStandby(standby) {
 }
 
 function showIntents(intents) {
-  for (const [word, { name, refusal }] of Object.entries(intents)) {
+  for (const [word, { name, refusal, note }] of Object.entries(intents)) {
     if (word === "damp") continue; // it has its place, and is never dimmed
     let button = document.querySelector(`#intents [data-ask="${word}"]`);
     if (!button) {
@@ -93,7 +93,7 @@ function showIntents(intents) {
       button.append(name, document.createElement("small"));
       get("intents").append(button);
     }
-    const requirement = refusal.replace(`${name} refused: `, "");
+    const requirement = refusal.replace(`${name} refused: `, "") || note || "";
     button.classList.toggle("refused", refusal !== "");
     button.title = refusal;
     if (button.lastChild.textContent !== requirement) button.lastChild.textContent = requirement;

@@ -11,6 +11,7 @@ import msgspec
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
 from humanoid_sim.controllers.fsm import RULES, merge_safety, transition
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyStatus, SessionHeader, TickRecord
+from humanoid_sim.session.reactivation import REACTIVATE, reactivation_refusal
 
 __all__ = ["FLAG_MEANINGS", "available_controllers", "refusals", "state"]
 
@@ -25,6 +26,10 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
     }
 )
 """For operators."""
+
+
+_AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
+"""What the page's button says that is no intent's."""
 
 
 class _Controllers(msgspec.Struct):
@@ -77,7 +82,8 @@ def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
         "intents": {
             intent.value: {"name": intent.name, "refusal": refusal}
             for intent, refusal in refusals(record, available).items()
-        },
+        }
+        | {REACTIVATE: {"name": REACTIVATE.upper(), "refusal": reactivation_refusal(control.mode), "note": _AFRESH}},
     }
 
 

@@ -140,8 +140,24 @@ def test_the_intents_of_a_page_are_granted_and_refused_by_the_session(played: An
         assert ask(page, "mark") == {"granted": True, "text": "marked"}
         until(other, lambda told: any("moment 1" in event[2] for event in told.get("events", ())))
         assert until(other, lambda told: "mode" in told)["mode"] == "STANDBY"
+        assert ask(page, "reactivate") == {
+            "granted": False,
+            "text": "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY",
+        }
         ask(page, "damp")
         until(other, lambda told: told.get("mode") == "DAMPING")
+
+
+def test_a_page_has_the_robot_enabled_afresh(played: Any) -> None:
+    """As a relaunch would: the modes begin again at ZERO_TORQUE. A page for watching only cannot."""
+    with socket(played.control) as page, socket(played.read_only) as other:
+        ask(page, "damp")
+        until(page, lambda told: told.get("mode") == "DAMPING")
+        assert ask(other, "reactivate") == {"granted": False, "text": "this address is for watching only"}
+        assert until(other, lambda told: "mode" in told)["mode"] == "DAMPING"
+        answer = ask(page, "reactivate")
+        assert answer == {"granted": True, "text": "reactivated: the robot is verified and enabled afresh"}
+        until(other, lambda told: told.get("mode") == "ZERO_TORQUE")
 
 
 def test_a_page_that_floods_is_bounded_and_its_damp_is_not(played: Any) -> None:

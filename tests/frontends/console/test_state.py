@@ -9,13 +9,16 @@ from local_session import LocalSession
 
 from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.frontends.console.state import FLAG_MEANINGS, available_controllers, refusals, state
-from humanoid_sim.messages import Intent, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
+from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.robot import LoopbackRobot
 
 pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
 
 from humanoid_sim.frontends.console.server import encoded
 
 ALL = frozenset(MODES)
+LITE = load_robot("lite")
 
 
 def test_the_controllers_are_those_of_the_header() -> None:
@@ -36,6 +39,20 @@ def test_what_would_be_refused_says_what_it_requires(local: LocalSession) -> Non
     assert damping[Intent.START_REMOTE] == "START_REMOTE refused: requires finished STANDBY, mode is DAMPING"
     standby = refusals(local.tick(Intent.LOAD_A), ALL)
     assert "standby_controller_a has not finished" in standby[Intent.START_LOCOMOTION]
+
+
+def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local: LocalSession) -> None:
+    for intent, mode, refusal in (
+        (None, "ZERO_TORQUE", ""),
+        (Intent.DAMP, "DAMPING", ""),
+        (Intent.LOAD_A, "STANDBY", "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"),
+    ):
+        told = state(local.tick(*(() if intent is None else (intent,))), ALL)
+        offered = told["intents"]["reactivate"]
+        assert (told["mode"], offered["name"], offered["refusal"]) == (mode, "REACTIVATE", refusal)
+        assert offered["note"] == "checks and enables the motors afresh; starts at ZERO_TORQUE"
+        served, _ = local.reactivation.serve(LoopbackRobot(LITE), Mode[mode])
+        assert served.startswith("reactivated: ") if not refusal else served == refusal
 
 
 def test_it_foresees_what_the_session_then_decides(local: LocalSession) -> None:
