@@ -244,6 +244,7 @@ def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path: Path, wa
         "default_joint_pos, action_scale, policy_dt\n"
     )
     assert not file.exists()
+    (tmp_path / "contract.yaml").unlink()
     _, _, error = cli("show", walker, "--skeleton", file)
     assert error == f"error: --skeleton: nothing is missing from the contract of {walker}\n"
 
