@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,12 +22,15 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.reader import open_recording
 
+if TYPE_CHECKING:
+    from rich.table import Table
+
 __all__ = ["Distance", "PolicyRun", "compare_runs", "main", "read_policy_run"]
 
 
 @dataclass(frozen=True)
 class CompareConfig:
-    """Compare recordings of one policy with one motion, frame by frame: the others with the first.
+    """Compare recordings of one policy, or of two for the same robot, frame by frame: the others with the first.
 
     What a bus does to a policy: record it over the bus, in plain simulation, and in simulation with the bus's delays,
     and compare the last two with the first. The second line then says how much of the difference the delays explain.
@@ -37,10 +40,13 @@ class CompareConfig:
     """The recording (.mcap) that the others are compared with."""
     others: tuple[Path, ...]
     """One or more; from the second on, each is also compared with the first of them."""
+    joints: bool = False
+    """Also print how far apart each joint is, the farthest first."""
     json: bool = False
     """Print the result as JSON."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("last_week.mcap today.mcap --joints", "which joints move differently?"),
         ("simulated.mcap real.mcap", "how far is the robot from its simulation?"),
     )
 
@@ -82,6 +88,8 @@ class Distance:
     """rad/s"""
     action_rms: float
     """Raw."""
+    by_joint: Mapping[str, float]
+    """rad, root mean square of each joint's position."""
     explained: float | None = None
     """Part of the first run's `position_rms` that is gone in this one; none for the first."""
 
@@ -97,6 +105,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(json.dumps({"reference": reference.name, "others": [asdict(item) for item in distances]}, indent=1))
     else:
         _print(reference, distances)
+        if config.joints:
+            _print_joints(distances)
     return 0
 
 
@@ -149,6 +159,9 @@ def compare_runs(reference: PolicyRun, others: Sequence[PolicyRun]) -> list[Dist
                 worst_joint=reference.joint_names[int(position.max(axis=0).argmax())],
                 velocity_rms=_rms(other.joint_velocity[mine] - reference.joint_velocity[theirs]),
                 action_rms=_rms(other.action[mine] - reference.action[theirs]),
+                by_joint=dict(
+                    zip(reference.joint_names, np.sqrt(np.square(position).mean(axis=0)).tolist(), strict=True)
+                ),
                 explained=1.0 - rms / first if first else None,
             )
         )
@@ -160,8 +173,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def _print(reference: PolicyRun, distances: Sequence[Distance]) -> None:
-    from rich.console import Console  # noqa: PLC0415 - not needed for `--help`
-    from rich.table import Table  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415 - not needed for `--help`
 
     age = 1e3 * float(reference.joint_age.mean())
     title = f"Compared with {reference.name}, whose joints' state is {age:.1f} ms old on average"
@@ -180,6 +192,24 @@ def _print(reference: PolicyRun, distances: Sequence[Distance]) -> None:
             f"{item.action_rms:.4f}",
             "" if item.explained is None else f"{100.0 * item.explained:.0f} %",
         )
+    _show(table)
+
+
+def _print_joints(distances: Sequence[Distance]) -> None:
+    from rich.table import Table  # noqa: PLC0415 - not needed for `--help`
+
+    table = Table(title="Position RMS of each joint, mrad", title_justify="left", title_style="bold")
+    table.add_column("joint")
+    for item in distances:
+        table.add_column(item.name, justify="right", overflow="fold")
+    for joint in sorted(distances[0].by_joint, key=lambda joint: -max(item.by_joint[joint] for item in distances)):
+        table.add_row(joint, *(f"{1e3 * item.by_joint[joint]:.2f}" for item in distances))
+    _show(table)
+
+
+def _show(table: Table) -> None:
+    from rich.console import Console  # noqa: PLC0415 - not needed for `--help`
+
     Console(
         highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 200
     ).print(table)

@@ -23,7 +23,7 @@ def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
         known: those that exist.
         likeness: of the letters of the two, 0 to 1, from which one is taken for a slip of the other.
     """
-    plain = {_plain(other): other for other in islice(known, _MOST)}
+    plain = {_plain(other[:_LONGEST]): other for other in islice(known, _MOST)}
     wanted = _plain(name[:_LONGEST])
     if wanted in plain:
         return plain[wanted]

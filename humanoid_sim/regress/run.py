@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
@@ -31,7 +32,7 @@ from humanoid_sim.regress.options import RegressConfig, check_outputs, with_file
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.report import report_page, require_report
-from humanoid_sim.regress.results import PolicyRun, Results, SuiteInfo
+from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
 from humanoid_sim.regress.show import show_candidate, show_detectable, show_run, show_verdict
 from humanoid_sim.regress.suite_file import chosen_suite, load_suite
 
@@ -84,6 +85,10 @@ def regress(config: RegressConfig) -> int:
         plain = Console(emoji=False)
         for candidate in results.candidates:
             show_verdict(plain, results, candidate)
+            if results.baseline is not None and candidate.worse:
+                console.print(
+                    _which_joints(config, candidate, results.baseline), markup=False, highlight=False, soft_wrap=True
+                )
     pictures: list[list[Picture]] = []
     if config.report is not None:
         from humanoid_sim.regress.report.pictures import worst_pictures  # noqa: PLC0415 - only where there is a report
@@ -93,6 +98,16 @@ def regress(config: RegressConfig) -> int:
     if config.record_failures is not None or config.episode is not None:
         _record(config, prepared, policies, results)
     return ExitStatus.of(results.passed)
+
+
+def _which_joints(config: RegressConfig, candidate: Candidate, baseline: PolicyRun) -> str:
+    """How to see which joints move differently: figures are over all joints, recordings hold each."""
+    first = candidate.run.failures[0] if candidate.run.failures else candidate.run.episodes[0]
+    command = ["regress", candidate.run.source, baseline.source, "--suite", config.suite]
+    for name in ("robot", "contract"):
+        command += [f"--{name}", value] if (value := getattr(config, name)) is not None else []
+    command += ["--episode", f"{first.case}:{first.seed}"]
+    return f"joint by joint: {shlex.join(command)}; then compare --joints on the two recordings"
 
 
 def _for_baseline(prepared: PreparedSuite, config: RegressConfig, folder: Path) -> PreparedSuite:

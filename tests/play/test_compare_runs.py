@@ -39,6 +39,16 @@ def test_runs_are_compared_where_they_show_the_same_frames() -> None:
     assert second.explained == pytest.approx(0.75)
 
 
+def test_each_joints_distance_is_told_the_farthest_first(capsys: pytest.CaptureFixture[str]) -> None:
+    reference, other = policy_run("old", 0.0), policy_run("new", 0.0)
+    other.joint_position[:, 1] += [0.03, -0.03, 0.05, -0.05]
+    (distance,) = compare_runs(reference, [other])
+    assert distance.by_joint == pytest.approx({"a": 0.0, "b": 0.001 * 1700.0**0.5})
+    compare._print_joints([distance])
+    rows = [line.split("│")[1:-1] for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    assert [[cell.strip() for cell in row] for row in rows] == [["b", "41.23"], ["a", "0.00"]]
+
+
 def test_what_cannot_be_compared_is_refused() -> None:
     reference = policy_run("bus", 0.0)
     with pytest.raises(InputError, match="other: has other joints or actions than bus"):
