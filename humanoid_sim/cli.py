@@ -241,17 +241,18 @@ def _list_of_verbs() -> str:
     lines += [
         "",
         "'python -m humanoid_sim VERB --help' covers the rest.",
-        "--completion bash prints what makes the Tab key complete all this; --version.",
+        "--completion bash|zsh|fish prints what makes the Tab key complete all this; --version.",
     ]
     return "\n".join(lines)
 
 
 def _print_completion(arguments: Sequence[str] | None) -> int:
-    from humanoid_sim.command_line.completion import bash_completion  # noqa: PLC0415 - only for this option
+    from humanoid_sim.command_line.completion import SHELLS, completion  # noqa: PLC0415 - only for this option
 
-    if list(arguments or ()) != ["bash"]:
-        raise InputError(f"--completion: is '{' '.join(arguments or ())}', expected bash")
-    print(bash_completion({verb: load_program(verb) for verb in VERBS}))
+    shell = " ".join(arguments or ())
+    if shell not in SHELLS:
+        raise InputError(f"--completion: {known_names('shell', shell, SHELLS)}")
+    print(completion(shell, {verb: load_program(verb) for verb in VERBS}))
     return ExitStatus.OK
 
 
