@@ -15,6 +15,7 @@ __all__ = [
     "MissingPackageError",
     "RobotError",
     "known_names",
+    "meant",
     "missing_system",
     "one_line",
     "reason_of",
@@ -68,14 +69,17 @@ def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = Tr
         known: those that exist.
         listed: name them all; without, only one that is near.
     """
+    names = list(known)
+    unknown = f"unknown {what} '{name}'{meant(name, names)}"
+    return f"{unknown}; known: {', '.join(names) or 'none'}" if listed else unknown
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """` (did you mean 'elbow'?)`, of the known name that is near; empty if none is."""
     from humanoid_sim.names import near_miss  # noqa: PLC0415 - only where something is wrong
 
-    names = list(known)
-    near = near_miss(name, names)
-    meant = f" (did you mean '{near}'?)" if near else ""
-    if not listed:
-        return f"unknown {what} '{name}'{meant}"
-    return f"unknown {what} '{name}'{meant}; known: {', '.join(names) or 'none'}"
+    near = near_miss(name, known)
+    return f" (did you mean '{near}'?)" if near else ""
 
 
 def one_line(text: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
+from humanoid_sim.errors import known_names
 from humanoid_sim.mit import IMU
 from humanoid_sim.names import near_miss
 from humanoid_sim.policy.readers.partial import is_from_robot
@@ -245,7 +246,7 @@ def motor_findings(contract: PolicyContract, description: RobotDescription, *, h
             continue
         limits = MOTORS.get(motor.model)
         if limits is None:
-            message = f"motor model '{motor.model}' is not known; known: {', '.join(MOTORS)}"
+            message = known_names("motor model", motor.model, MOTORS)
             yield Finding("warning", "robot", message, joint=joint)
             continue
         yield from _joint_findings(joint, contract, i, motor, limits)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, meant
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
 
@@ -42,7 +42,10 @@ def parse_roles(options: Iterable[str]) -> dict[str, str]:
     for option in options:
         role, equals, feature = option.partition("=")
         if not equals or role not in ROLES or not feature:
-            raise InputError(f"--features: is '{option}', expected ROLE=FEATURE with a role of {', '.join(ROLES)}")
+            near = "" if role in ROLES else meant(role, ROLES)
+            raise InputError(
+                f"--features: is '{option}'{near}, expected ROLE=FEATURE with a role of {', '.join(ROLES)}"
+            )
         roles[role] = feature
     return roles
 
@@ -105,7 +108,8 @@ def _find(source: str, columns: Mapping[str, FloatArray], roles: Mapping[str, st
     found = {}
     for role, feature in roles.items():
         if feature not in columns:
-            raise InputError(f"--features: {source} has no feature '{feature}'; it has {', '.join(sorted(columns))}")
+            lacks = f"{source} has no feature '{feature}'{meant(feature, columns)}"
+            raise InputError(f"--features: {lacks}; it has {', '.join(sorted(columns))}")
         found[role] = feature
     # What `record_dataset --reference` adds: the motion itself, next to what the robot made of it.
     references = [key for key in columns if key.startswith("reference.")]

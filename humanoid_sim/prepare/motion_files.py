@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from humanoid_sim.bounds import CSV_BYTES
 from humanoid_sim.controllers.terms import QuaternionOrder
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.npz_file import read_arrays
@@ -30,7 +30,8 @@ _NPZ_KEYS = {
 
 _NPZ_LAST_AXIS = {"body_pos_w": 3, "body_quat_w": 4}
 
-_BASE = 7
+_BASE_NAMES = ("base_x", "base_y", "base_z", "base_qx", "base_qy", "base_qz", "base_qw")
+_BASE = len(_BASE_NAMES)
 """Columns of the base's pose: x y z and a quaternion."""
 
 _BASE_COLUMNS = {
@@ -156,17 +157,14 @@ def _named_columns(
         else:
             places[role] = i
     if unknown:
-        raise InputError(
-            f"{path}: unknown column '{unknown[0]}'; known: time, frame, base_x, base_y, base_z, base_qx, base_qy, "
-            f"base_qz, base_qw, {', '.join(joints)}"
-        )
+        raise InputError(f"{path}: {known_names('column', unknown[0], ('time', 'frame', *_BASE_NAMES, *joints))}")
     found = tuple(joint for joint in joints if joint in places)
     missing = [joint for joint in joints if joint not in places]
     base = [places.get(role) for role in ("x", "y", "z", "qw", "qx", "qy", "qz")]
     if missing:
         raise InputError(f"{path}: has no column for {', '.join(missing)}")
     if any(place is None for place in base) and (floating or any(place is not None for place in base)):
-        raise InputError(f"{path}: needs all of the columns base_x, base_y, base_z, base_qx, base_qy, base_qz, base_qw")
+        raise InputError(f"{path}: needs all of the columns {', '.join(_BASE_NAMES)}")
     pose = None if base[0] is None else table[:, [place for place in base if place is not None]]
     return SourceMotion(
         source=str(path),

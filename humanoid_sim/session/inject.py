@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, meant
 from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.sources import RemoteSource
 
@@ -57,8 +57,9 @@ def parse_injections(texts: Sequence[str]) -> tuple[Injection, ...]:
                 injections.append(Injection(known, time))
                 break
         else:
-            kinds = ", ".join(get_args(FaultKind))
-            raise InputError(f"--inject: is '{text}', expected FAULT@SECONDS with FAULT one of {kinds}")
+            kinds = get_args(FaultKind)
+            wrong = f"--inject: is '{text}'{'' if kind in kinds else meant(kind, kinds)}"
+            raise InputError(f"{wrong}, expected FAULT@SECONDS with FAULT one of {', '.join(kinds)}")
     return tuple(injections)
 
 

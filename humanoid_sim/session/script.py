@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, meant
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
@@ -47,7 +47,9 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
         elif word == "hold" and len(arguments) == 1:
             steps.append(ScriptStep("hold", seconds=_seconds(number, part, arguments[0])))
         else:
-            raise InputError(f"--script: step {number} is '{part}', expected one of {_GRAMMAR}")
+            words = (*_INTENTS, "wait", "motion", "hold")
+            near = "" if word in words else meant(word, words)
+            raise InputError(f"--script: step {number} is '{part}'{near}, expected one of {_GRAMMAR}")
     if not steps:
         raise InputError(f"--script: is empty, expected steps separated by ';', each one of {_GRAMMAR}")
     return tuple(steps)

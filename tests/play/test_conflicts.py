@@ -127,7 +127,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     ),
     (("--state-delay", "inf"), "--state-delay: is inf s, expected 0 to 10 s"),
     (("--record", ""), "--record: is empty, expected a file name"),
-    (("--policy", LONG), f"{LONG}: cannot be read: File name too long"),
+    (("--policy", LONG), f"--policy: unknown policy '{LONG}'; known: lite_biped_velocity, "),
     (("--policy", "pipe"), "pipe: is a pipe or a device, expected an ONNX file"),
     (("--contract", LONG), f"{LONG}: cannot be read: File name too long"),
     (("--contract", "pipe"), "pipe: is a pipe or a device, expected a YAML file"),

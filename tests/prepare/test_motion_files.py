@@ -56,6 +56,7 @@ def test_column_names_in_any_order(tmp_path: Path) -> None:
         (ROW.replace("0.3", "nan"), 30.0, "joint_position is nan at frame 0"),
         (ROW.replace(",1,", ",3,"), 30.0, "base_quaternion at frame 0 has norm 3"),
         ("hip,ankle\n1,2\n", 30.0, "unknown column 'ankle'"),
+        ("base_x,bas_y\n1,2\n", 30.0, "unknown column 'bas_y' (did you mean 'base_y'?); known: time, frame, base_x, "),
         ("hip,hip\n1,2\n", 30.0, "columns 'hip' and 'hip' mean the same"),
         ("hip\n1\n", 30.0, "has no column for knee"),
         ("hip,knee\n1,2\n", 30.0, "needs all of the columns base_x"),

@@ -22,7 +22,8 @@ from humanoid_sim.session.script import OverriddenScript, Script, ScriptStep, pa
 BAD_SCRIPTS = {
     "": "is empty",
     " ; ;": "is empty",
-    "dampen": "step 1 is 'dampen'",
+    "dampen": "step 1 is 'dampen' (did you mean 'damp'?), expected one of damp, load_a, ",
+    "damp; laod_a": "step 2 is 'laod_a' (did you mean 'load_a'?), expected one of damp, load_a, ",
     "damp; ; jump": "step 3 is 'jump'",
     "damp load_a": "step 1 is 'damp load_a'",
     "damp; wait 3": "step 2 is 'wait 3'",
