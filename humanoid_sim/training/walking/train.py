@@ -12,13 +12,14 @@ import torch
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs.scenario import make_scenario
-from humanoid_sim.errors import HumanoidSimError, InputError
+from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training import TrainWalkingConfig
+from humanoid_sim.training.export_check import require_same_answers
 from humanoid_sim.training.walking.aim import Aim, aim_from, measure_response
 from humanoid_sim.training.walking.export import export_walking
 from humanoid_sim.training.walking.gait import (
@@ -35,9 +36,6 @@ from humanoid_sim.training.walking.learning_env import PRIVILEGED
 from humanoid_sim.training.walking.stages import CONTRACT, QUICK, STAGES
 
 __all__ = ["export_aimed", "train_walking", "walking_contract"]
-
-_EXPORT_TOLERANCE = 1e-4
-"""action: ONNX Runtime adds up in another order than PyTorch."""
 
 
 def walking_contract() -> PolicyContract:
@@ -76,7 +74,6 @@ def train_walking(config: TrainWalkingConfig) -> int:
 
     model = learn(stages, folder, config.seed, show, resume=config.resume)
     aim = export_aimed(output, network_weights(model))
-    policy = load_checkpoint(output, CONTRACT).policy
     observations = np.random.default_rng(0).normal(size=(16, OBSERVATIONS)).astype(np.float32)
     told = observations.copy()
     told[:, COMMAND : COMMAND + 3] = aim.told(observations[:, COMMAND : COMMAND + 3].astype(np.float64))
@@ -84,9 +81,6 @@ def train_walking(config: TrainWalkingConfig) -> int:
     padded = np.concatenate([network_input(seen), np.zeros((len(seen), PRIVILEGED), dtype=np.float32)], axis=1)
     added, _ = model.predict(padded, deterministic=True)
     expected = from_canonical(gait(seen, np.clip(added, -MOST, MOST)), mirrored)
-    actual = np.array([policy(observation, 0) for observation in observations])
-    worst = float(np.abs(actual - expected).max())
-    if not worst <= _EXPORT_TOLERANCE:
-        raise HumanoidSimError(f"{output}: its actions differ from the network's by up to {worst:g}")
+    require_same_answers(load_checkpoint(output, CONTRACT), observations, expected)
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
     return 0
