@@ -43,7 +43,8 @@ def _nothing_wrong(ranking: Ranking, present: Verdict) -> str:
     up = [verdict for verdict in ranking.best() if verdict.stays_up and verdict.is_thorough]
     better = min(up, key=lambda verdict: verdict.cost, default=present)
     if ranking.is_slight(better):
-        return f"{nothing}the contract as it is does best."
+        is_best = ranking.best()[0] is present
+        return nothing + ("the contract as it is does best." if is_best else "no change does clearly better.")
     if not present.is_inconspicuous:
         return (
             f"Nothing is certain. '{better.hypothesis.name}' does {ranking.saved(better):.0%} better, but such a "

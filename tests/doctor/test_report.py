@@ -129,6 +129,10 @@ def test_a_healthy_policy_is_not_accused_and_what_else_runs_is_told() -> None:
     )
     assert "override:" not in printed(result)
     assert "Most likely" not in printed(result)
+    little = Ranking(is_complete=True)
+    for hypothesis, cost in ((present(CONTRACT), 0.195), (FOUND["action scale × 0.5"], 0.09)):
+        little.add(Verdict(hypothesis, (Outcome(4.0, 4.0, Quality({"torque": cost})),), True))
+    assert conclusion(little) == "Nothing wrong found in this space: no change does clearly better."
 
 
 def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better() -> None:
