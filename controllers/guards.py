@@ -83,6 +83,8 @@ class Guards:
     """Shape (n,), rad/s; infinity: not watched."""
     speed_time: float
     """s"""
+    speed_assumed: tuple[str, ...] = ()
+    """Joints whose speed limit nobody gave and no motor has: it follows from their range."""
     _middle: FloatArray = field(init=False, repr=False)
     _reach: FloatArray = field(init=False, repr=False)
     _times: FloatArray = field(init=False, repr=False)
@@ -215,8 +217,9 @@ class Guards:
         spring = float(command.stiffness[i][joint]) * (wanted - at)
         if guard == _SPEED:
             speed = float(state.joint_velocity[i][joint])
+            origin = " (default, not your motor's)" if name in self.speed_assumed else ""
             return (
-                f"speed guard: {name} turns at {speed:.1f} rad/s, its limit is {self.speed_limit[joint]:.1f}; "
+                f"speed guard: {name} turns at {speed:.1f} rad/s, its limit is {self.speed_limit[joint]:.1f}{origin}; "
                 "a command that jumps, gains that are not stable, or a load that came off?"
             )
         if guard == _LIMIT:

@@ -16,7 +16,9 @@ from rich.table import Table
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import Commands, parse
+from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.definitions import DEFINITIONS, differing
+from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
 from humanoid_sim.record_export import Export, export
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recover import default_output, recover
@@ -37,8 +39,13 @@ class Info:
     """Recording (.mcap)."""
     json: bool = False
     """Print everything as JSON."""
+    joints: bool = False
+    """Show only, joint by joint, the greatest speed, the greatest effort and its limit, and the share of the range."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("runs/run.mcap", "what happened in a run"),)
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("runs/run.mcap", "what happened in a run"),
+        ("runs/run.mcap --joints", "what it took of each joint"),
+    )
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,10 @@ def _info(command: Info) -> None:
     summary = summarize(open_recording(command.file))
     if command.json:
         print(json.dumps(summary.as_json(), indent=2))
+    elif command.joints:
+        if summary.joints is None:
+            raise InputError(f"{command.file}: --joints: its header does not describe the robot and its limits")
+        Console(highlight=False).print(_joints(summary.joints))
     else:
         _print_summary(Console(highlight=False), summary)
 
@@ -126,6 +137,7 @@ def _overview(summary: Summary) -> Table:
         "ticks": f"{summary.ticks} at {1.0 / header.control_period:g} Hz, {summary.overruns} overruns",
         "tick time": f"mean {1e3 * summary.mean_duration:.3f} ms, max {1e3 * summary.max_duration:.3f} ms",
         "policy steps": str(summary.policy_steps),
+        "largest joint effort": "-" if summary.joints is None else describe_effort(summary.joints.effort()),
         "size": f"{recording.size / 1e6:.2f} MB",
         "file": "complete" if recording.is_complete else f"not complete: {recording.damage}",
         "definitions": _definitions(header.documents),
@@ -164,6 +176,27 @@ def _timeline(summary: Summary) -> Table:
             span.mode.name,
             escape(span.controller),
             escape(span.reason),
+        )
+    return table
+
+
+def _joints(joints: JointUse) -> Table:
+    """From the joint that used most of its limit on; where no limit is known, in the robot's order."""
+    caption = describe_effort(joints.effort())
+    table = Table(title="joints", title_justify="left", caption=escape(caption), caption_justify="left")
+    table.add_column("joint", overflow="fold")
+    for heading in ("speed", "effort", "of its limit", "reached", "of its range"):
+        table.add_column(f"greatest {heading}" if heading in ("speed", "effort") else heading, justify="right")
+    rows = joints.rows()
+    for row in sorted(rows, key=lambda row: -(row["effort"] / row["effort_limit"] if row["effort_limit"] else 0.0)):
+        limit, share = row["effort_limit"], row["range_share"]
+        table.add_row(
+            escape(row["joint"]),
+            f"{row['speed']:.2f} rad/s",
+            f"{row['effort']:.1f} N·m",
+            "no limit known" if limit is None else f"{100.0 * row['effort'] / limit:.0f} % of {limit:g}",
+            "-" if row["lowest"] is None else f"{row['lowest']:.2f} to {row['highest']:.2f} rad",
+            "-" if share is None else f"{100.0 * share:.0f} %",
         )
     return table
 

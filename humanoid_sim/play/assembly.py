@@ -11,6 +11,7 @@ from rich.console import Console
 from humanoid_sim import __version__
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
 from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
@@ -100,7 +101,7 @@ def assemble(plan: Plan, console: Console) -> Run:
         goals = policy.motion.frames
     keys = None if goals is None else PlayedKeys(goals, policy.loaded.contract.policy_dt)
     monitor = RunMonitor(
-        description.effort_limit,
+        JointUse(description.joint_names, description.effort_limit, description.lower, description.upper),
         tracking,
         anchor=anchor,
         base=setup.base,

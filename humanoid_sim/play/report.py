@@ -17,6 +17,7 @@ from rich.table import Table
 
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.definitions import DEFINITIONS
+from humanoid_sim.evaluation.joint_use import describe_effort
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
 from humanoid_sim.files import whole_file
 from humanoid_sim.messages import Mode
@@ -67,7 +68,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "safety": [{"time": time, "message": message} for time, message in monitor.safety],
         "not_kept": monitor.dropped,
         "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
-        "effort": {"largest": monitor.largest_effort, "saturated_ticks": monitor.saturated},
+        "effort": monitor.joints.effort(),
         "tracking": None if run.tracking is None else _tracking_figures(run.tracking.summary()),
         "anchor": _figures(run.anchor),
         "base": _figures(run.monitor.base),
@@ -319,6 +320,8 @@ def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
     overruns = f"{loop['overruns']} missed deadlines, {loop['skipped_deadlines']} skipped"
     if not loop["realtime"]:
         overruns = f"none to miss; {loop['overruns']} ticks took longer than the control period"
+        if loop["overruns"]:
+            overruns += "\n(this machine was busy; simulated time lost nothing)"
     table.add_row("deadlines", overruns)
     physics = "" if loop["measures"] else ", physics aside"
     table.add_row(
@@ -331,9 +334,7 @@ def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
     if loop["measures"]:
         table.add_row("for punctuality", "\n".join(loop["measures"]))
     table.add_row("policy steps", str(loop["inferences"]))
-    table.add_row(
-        "largest joint effort", f"{effort['largest']:.2f} N·m, {effort['saturated_ticks']} ticks at an effort limit"
-    )
+    table.add_row("largest joint effort", escape(describe_effort(effort)))
     return table
 
 

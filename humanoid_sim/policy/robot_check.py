@@ -45,6 +45,8 @@ _TOLERANCE = 1e-3
 """rad. Exporters round poses to three decimals."""
 _STUCK = 0.02
 """rad. A joint that an action of one unit moves by less hardly moves."""
+_LISTED = 3
+"""Joints that a message names."""
 _ALIKE = 0.85
 """Likeness of two names from which they are taken for one: a wrong pair would be worse than none."""
 _COARSE = 0.02
@@ -127,8 +129,12 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
     trained = dict(zip(contract.joint_names, limits.tolist(), strict=True))
     free = [name for name in contract.joint_names if np.isinf(own.get(name, 0.0)) and np.isinf(trained[name])]
     if free:
-        who = "all joints" if len(free) == len(own) else ", ".join(free)
-        message = f"neither the contract nor '{description.name}' limits the torque of {who}; no motor is that strong"
+        more = ", …" if len(free) > _LISTED else ""
+        message = (
+            f"{len(free)} of {len(own)} joints have no torque limit, neither in the contract nor in "
+            f"'{description.name}' ({', '.join(free[:_LISTED])}{more}): the simulation will apply any torque, a real "
+            "motor will not. Give effort_limit in x.contract.yaml (docs/contract.md, Limits)"
+        )
         yield Finding("warning", "effort_limit", message)
     for name, limit in trained.items():
         if own.get(name, np.inf) < limit < np.inf:

@@ -7,8 +7,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
+from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
 from humanoid_sim.recording.reader import Recording, TopicCount
+from humanoid_sim.robots.description import RobotDescription
 
 __all__ = ["ModeSpan", "Remark", "Summary", "summarize"]
 
@@ -57,6 +60,8 @@ class Summary:
     timeline: list[ModeSpan] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
     topics: dict[str, TopicCount] = field(default_factory=dict)
+    joints: JointUse | None = None
+    """None where the recording does not say what robot it is of."""
 
     @property
     def duration(self) -> float:
@@ -101,6 +106,8 @@ class Summary:
                 for span in self.timeline
             ],
             "words": [{"time": _finite(said.time), "kind": said.kind, "text": said.text} for said in self.remarks],
+            "effort": None if self.joints is None else self.joints.effort(),
+            "joints": None if self.joints is None else self.joints.rows(),
             "topics": {name: {"type": topic.schema, "messages": topic.messages} for name, topic in self.topics.items()},
             "observation_terms": [list(term) for term in header.observation_terms],
             "documents": dict(header.documents),
@@ -114,7 +121,7 @@ def summarize(recording: Recording) -> Summary:
     Raises:
         InputError: if it cannot be read.
     """
-    summary = Summary(recording)
+    summary = Summary(recording, joints=_joints(recording))
     safety: dict[str, SafetyStatus] = {}
     for entry in recording.entries(past_damage=True):
         if isinstance(entry, Event):
@@ -128,6 +135,16 @@ def summarize(recording: Recording) -> Summary:
     return summary
 
 
+def _joints(recording: Recording) -> JointUse | None:
+    try:
+        robot = RobotDescription.from_json(recording.header.documents["robot"])
+    except (KeyError, InputError):
+        return None
+    if robot.joint_names != recording.header.joint_names:
+        return None
+    return JointUse(robot.joint_names, robot.effort_limit, robot.lower, robot.upper)
+
+
 def _add_tick(summary: Summary, record: TickRecord, safety: dict[str, SafetyStatus]) -> None:
     time, output = float(record.input.state.time), record.output
     if not summary.ticks:
@@ -136,6 +153,8 @@ def _add_tick(summary: Summary, record: TickRecord, safety: dict[str, SafetyStat
     summary.ticks += 1
     summary.last_time = time
     summary.overruns += record.overrun
+    if summary.joints is not None:
+        summary.joints.update(record.input.state)
     summary.policy_steps += output.policy_step is not None
     summary.mean_duration += record.duration
     summary.max_duration = max(summary.max_duration, record.duration)

@@ -13,6 +13,7 @@ of a kind that its case never had.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from statistics import NormalDist
@@ -40,6 +41,7 @@ __all__ = [
     "Interval",
     "compare_runs",
     "detectable_changes",
+    "fewest_seeds",
     "judge",
     "mean_interval",
     "mean_of_cases",
@@ -57,13 +59,27 @@ _ANGLES = np.linspace(0.0, 0.5 * np.pi, 20_001)
 
 
 def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun, *, strict: bool = False) -> Candidate:
-    """The verdicts on a run; `strict` fails what is unclear."""
+    """The verdicts on a run; what is unclear fails with `strict`, or with too few seeds to judge."""
     if baseline is None:
         return Candidate(run=run, passed=True)
     comparisons = compare_runs(suite, suite.metrics, baseline, run)
     margins = compare_margins(suite, baseline.margins, run.margins) if run.margins else ()
-    candidate = Candidate(run=run, passed=False, comparisons=comparisons, margins=margins)
-    return replace(candidate, passed=not candidate.worse and not (strict and candidate.unclear))
+    few = min(fewest_seeds(baseline), fewest_seeds(run))
+    candidate = Candidate(
+        run=run,
+        passed=False,
+        comparisons=comparisons,
+        margins=margins,
+        few_seeds=few if few < FEW_SEEDS else None,
+    )
+    return replace(
+        candidate, passed=not candidate.worse and not candidate.undecided and not (strict and candidate.unclear)
+    )
+
+
+def fewest_seeds(run: PolicyRun) -> int:
+    """Of the case that was run with the fewest; 0 without any episode."""
+    return min(Counter(episode.case for episode in run.episodes).values(), default=0)
 
 
 def compare_runs(

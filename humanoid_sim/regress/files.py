@@ -134,7 +134,8 @@ def _policy(results: Results, candidate: Candidate, seconds: float | None) -> El
         if verdict == "skipped":
             ElementTree.SubElement(case, "skipped", message=words)
             continue
-        if verdict in ("worse", "lost") or (results.strict and verdict == "unclear"):
+        must_be_clear = results.strict or candidate.undecided
+        if verdict in ("worse", "lost") or (must_be_clear and verdict == "unclear"):
             message = _clean(f"{title} is {verdict}: {words}")
             ElementTree.SubElement(case, "failure", message=message, type="regression")
         ElementTree.SubElement(case, "system-out").text = _clean(f"{verdict}: {words}")

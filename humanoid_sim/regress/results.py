@@ -13,6 +13,7 @@ from typing import Literal
 import msgspec
 
 __all__ = [
+    "TOO_FEW_SEEDS",
     "Candidate",
     "CaseComparison",
     "Comparison",
@@ -39,6 +40,8 @@ Verdict = Literal["worse", "worse, tolerated", "better", "same", "unclear", "unm
 it, the former with a worsening that is not chance; `unclear` is none of these (too few episodes), and `unmeasured` has
 no episodes that could be compared."""
 
+TOO_FEW_SEEDS = "too few seeds"
+"""In place of a share of more than 100 % of the baseline, which says nothing about a policy."""
 _LISTED = 3
 """Episodes that a sentence names."""
 
@@ -266,10 +269,18 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     run: PolicyRun
     passed: bool
-    """No metric and no margin is worse, and no metric is lost; with `--strict`, none is unclear either."""
+    """No metric and no margin is worse, and no metric is lost; with `--strict`, none is unclear either, nor with few
+    seeds: see `undecided`."""
     comparisons: tuple[Comparison, ...] = ()
     """Empty without a baseline."""
     margins: tuple[MarginComparison, ...] = ()
+    few_seeds: int | None = None
+    """Of each case, that the two were compared with, where that is fewer than a verdict takes."""
+
+    @property
+    def undecided(self) -> bool:
+        """Nothing is shown to be worse, but with so few seeds that some metrics could not be judged."""
+        return self.few_seeds is not None and not self.worse and bool(self.unclear)
 
     @property
     def worse(self) -> tuple[str, ...]:
@@ -308,6 +319,14 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     def passed(self) -> bool:
         """Whether every candidate passed."""
         return all(candidate.passed for candidate in self.candidates)
+
+    @property
+    def verdict(self) -> Literal["PASSED", "UNDECIDED", "FAILED"]:
+        """In a word; undecided where nothing else kept a candidate from passing."""
+        if self.passed:
+            return "PASSED"
+        undecided = all(candidate.passed or candidate.undecided for candidate in self.candidates)
+        return "UNDECIDED" if undecided and not self.strict else "FAILED"
 
     def metric(self, name: str) -> MetricInfo:
         """The metric of that name; KeyError if there is none."""
@@ -368,6 +387,8 @@ def describe_detectable(metric: MetricInfo, change: float | None, baseline: floa
         return "too few episodes"  # not even if all of them failed
     sign = 1.0 if metric.better == "lower" else -1.0
     relative = f" ({100.0 * change / abs(baseline):.1f} %)" if baseline else ""
+    if baseline and change > abs(baseline):
+        relative = f" ({TOO_FEW_SEEDS})"
     return f"{quantity(sign * change, metric.unit, signed=True)}{relative}"
 
 

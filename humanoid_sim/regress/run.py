@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -17,19 +15,19 @@ import mujoco
 import numpy as np
 from msgspec.structs import replace
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.files import whole_file
-from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, judge
+from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_seeds, judge
 from humanoid_sim.regress.executors import LOCAL, Executor, LocalExecutor, RayExecutor
 from humanoid_sim.regress.files import json_of, junit_xml, matching_baseline, read_baseline
 from humanoid_sim.regress.margins import measure_margins, planned_levels
 from humanoid_sim.regress.options import RegressConfig, check_outputs, with_files
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
+from humanoid_sim.regress.progress import EpisodeProgress
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.report import report_page, require_report
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
@@ -133,7 +131,7 @@ def _run(
     suite, cases = prepared.suite, policies[0].cases
     if isinstance(baseline, TestedPolicy):
         baseline = run_policy(prepared, baseline, executor, config.margins, "" if config.quiet else "baseline")
-    fewest = min([suite.seeds, *(Counter(episode.case for episode in baseline.episodes).values() if baseline else ())])
+    fewest = suite.seeds if baseline is None else min(suite.seeds, fewest_seeds(baseline))
     few = f"{fewest} seeds of each case are few, expected {FEW_SEEDS} or more: their intervals are wide and uncertain"
     options = {"--suite": config.suite, "--robot": config.robot, "--contract": config.contract}
     results = Results(
@@ -184,13 +182,11 @@ def run_policy(
         policy: the policy.
         executor: runs the episodes.
         margins: measure the robustness margins too.
-        label: of a bar on stderr, if a person is watching; empty for none.
+        label: of how far it is, on stderr; empty for silence.
     """
-    suite, stderr = prepared.suite, Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    suite = prepared.suite
     total = len(suite.cases) * suite.seeds + (planned_levels(suite) if margins else 0)
-    with Progress(*columns, console=stderr, transient=True, disable=not label or not stderr.is_terminal) as bar:
-        advance = partial(bar.advance, bar.add_task(label, total=total))
+    with EpisodeProgress(Console(stderr=True, emoji=False), label, total) as advance:
         episodes = executor.run(policy.cases, suite.seed_numbers, suite.disturbance, advance)
         found = measure_margins(policy.cases, executor, advance) if margins else ()
     return PolicyRun(

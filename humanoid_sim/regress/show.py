@@ -7,7 +7,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.regress.compare import FEW_SEEDS
 from humanoid_sim.regress.results import (
+    TOO_FEW_SEEDS,
     Candidate,
     Comparison,
     PolicyRun,
@@ -37,12 +39,15 @@ def show_detectable(console: Console, results: Results) -> None:
     if not results.detectable:
         return
     table = Table(
-        title=f"{escape(results.suite.name)}: detectable with at least {results.detectable[0].power:.0%} probability",
+        title=f"{escape(results.suite.name)}: smallest worsening this run would notice",
         title_justify="left",
-        caption="With the baseline's own seeds less is detectable: how much, each candidate's pairs tell.",
+        caption=(
+            f"Noticed with at least {results.detectable[0].power:.0%} probability in a candidate with other seeds. "
+            "With the baseline's own seeds\nless is enough: how much, the last column of each candidate says."
+        ),
         caption_justify="left",
     )
-    for heading in ("metric", "baseline", "tolerated", "detectable, other seeds"):
+    for heading in ("metric", "baseline", "tolerated", "noticed from"):
         table.add_column(heading, justify="left" if heading == "metric" else "right")
     for row in results.detectable:
         metric = results.metric(row.metric)
@@ -80,7 +85,7 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
     )
     table.add_column("metric", no_wrap=True)
     table.add_column("verdict")
-    for heading in ("baseline", "candidate", "change", "pairs\ndetect" if paired else "seeds\ndetect"):
+    for heading in ("baseline", "candidate", "change", "noticed\nfrom"):
         table.add_column(heading, justify="right")
     for comparison in candidate.comparisons:
         unit = results.metric(comparison.metric).unit
@@ -112,8 +117,13 @@ def _change(comparison: Comparison, unit: str) -> tuple[str, str]:
         return "-", "-"
     reach, base = max(high - change, change - low), abs(comparison.baseline or 0.0)
     factor, shown = (100.0 / base, "%") if base and unit != "share" else displayed_unit(unit)
-    digits = ".1f" if base and unit != "share" else ".3g"
+    is_relative = bool(base) and unit != "share"
+    digits = ".1f" if is_relative else ".3g"
     detectable = "-" if comparison.detectable is None else f"{factor * comparison.detectable:{digits}} {shown}"
+    if is_relative and (comparison.detectable or 0.0) > base:
+        detectable = TOO_FEW_SEEDS
+    if is_relative and reach > base:
+        return TOO_FEW_SEEDS, detectable
     return f"{factor * change:+{digits}} ± {factor * reach:{digits}} {shown}", detectable
 
 
@@ -148,7 +158,7 @@ def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candi
 
 
 def show_verdict(console: Console, results: Results, candidate: Candidate) -> None:
-    """One line: pass or fail, naming the metrics."""
+    """One line: pass, fail or undecided, naming the metrics."""
     name = candidate.run.name
     unclear = ", ".join(candidate.unclear)
     if results.baseline is None:
@@ -159,6 +169,11 @@ def show_verdict(console: Console, results: Results, candidate: Candidate) -> No
         line = f"PASS {name}"
         line += f"; worse, tolerated: {', '.join(tolerated)}" if tolerated else ""
         line += f"; unclear, more seeds would tell: {unclear}" if unclear else ""
+    elif candidate.undecided:
+        line = (
+            f"UNDECIDED {name}: not shown to be worse, but {unclear} could not be judged with {candidate.few_seeds} "
+            f"seeds ({FEW_SEEDS} or more)"
+        )
     else:
         reasons = {comparison.metric: comparison.reasons for comparison in candidate.comparisons}
         worse = [f"{metric} ({text})" if (text := reasons.get(metric)) else metric for metric in candidate.worse]

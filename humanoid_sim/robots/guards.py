@@ -30,6 +30,8 @@ class _Limit(msgspec.Struct, frozen=True):
 class _Speed(msgspec.Struct, frozen=True):
     limit: Bounds
     time: float
+    assumed: tuple[str, ...] = ()
+    """Older recordings do not say, and neither do their messages."""
 
 
 class GuardRecord(msgspec.Struct, frozen=True):
@@ -48,7 +50,7 @@ class GuardRecord(msgspec.Struct, frozen=True):
         return cls(
             _Following(_bounds(guards.following_effort), guards.following_time, guards.following_progress),
             _Limit(_bounds(guards.limit_margin), guards.limit_time),
-            _Speed(_bounds(guards.speed_limit), guards.speed_time),
+            _Speed(_bounds(guards.speed_limit), guards.speed_time, guards.speed_assumed),
         )
 
     def on(self, robot: RobotDescription) -> Guards:
@@ -65,6 +67,7 @@ class GuardRecord(msgspec.Struct, frozen=True):
             limit_time=self.limit.time,
             speed_limit=_numbers(self.speed.limit),
             speed_time=self.speed.time,
+            speed_assumed=self.speed.assumed,
         )
 
 
@@ -114,6 +117,7 @@ def guards_of(robot: RobotDescription) -> Guards | None:
         limit_time=margin.time,
         speed_limit=off if speed is None else speed_limit(robot),
         speed_time=fast.time,
+        speed_assumed=() if speed is None else _assumed_speed(robot),
     )
 
 
@@ -126,11 +130,24 @@ def speed_limit(robot: RobotDescription) -> FloatArray:
 
 def _derived_limit(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: the whole range in the crossing time, but no more than the motor turns without load."""
-    kind = robot.base.type
-    crossing = np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])
     fastest = np.array([np.inf if model is None else model.no_load_velocity for model in _models(robot)])
-    limit: FloatArray = np.minimum(crossing, fastest)
+    limit: FloatArray = np.minimum(_crossing_speed(robot), fastest)
     return limit
+
+
+def _crossing_speed(robot: RobotDescription) -> FloatArray:
+    """Shape (n,), rad/s, with which a joint crosses its whole range in the crossing time."""
+    kind = robot.base.type
+    return np.maximum((robot.upper - robot.lower) / _CROSSING_TIME[kind], _SLOWEST_LIMIT[kind])
+
+
+def _assumed_speed(robot: RobotDescription) -> tuple[str, ...]:
+    """The joints whose speed limit is neither the description's nor their motor's."""
+    if robot.guards.speed is not None and robot.guards.speed.limit:
+        return ()
+    crossing = _crossing_speed(robot)
+    chosen = speed_limit(robot) >= crossing
+    return tuple(name for name, is_assumed in zip(robot.joint_names, chosen, strict=True) if is_assumed)
 
 
 def _readable(robot: RobotDescription) -> FloatArray:

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
 
-import numpy as np
-
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.controllers.rotation import rotate, rotate_inverse
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import has_run_away
+from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
@@ -39,7 +38,7 @@ class RunMonitor(WorkerSink):
 
     def __init__(
         self,
-        effort_limit: FloatArray,
+        joints: JointUse,
         tracker: Tracker | None = None,
         *,
         anchor: AnchorErrors | None = None,
@@ -50,7 +49,7 @@ class RunMonitor(WorkerSink):
         """Start empty.
 
         Args:
-            effort_limit: shape (n,), N·m, of the joints.
+            joints: gets the state of every tick.
             tracker: gets the joint positions of every policy step.
             anchor: gets the states of every policy step.
             base: sees the floating base of a simulated robot, which is free in LOCOMOTION and REMOTE; None for none.
@@ -58,7 +57,7 @@ class RunMonitor(WorkerSink):
             tell: is told of a fall when it happens, on this sink's thread.
         """
         super().__init__("monitor")
-        self._effort_limit = effort_limit
+        self.joints = joints
         self._tracker = tracker
         self._anchor = anchor
         self.base = None if base is None else BaseMotion()
@@ -75,10 +74,6 @@ class RunMonitor(WorkerSink):
         self.ticks = 0
         self.overruns = 0
         self.inferences = 0
-        self.saturated = 0
-        """Ticks in which a joint was at its effort limit."""
-        self.largest_effort = 0.0
-        """N·m"""
         self.tick_time = DurationHistogram()
         self._span: ModeSpan | None = None
         self._safety = ""
@@ -93,9 +88,7 @@ class RunMonitor(WorkerSink):
         self.ticks += 1
         self.overruns += record.overrun
         self.tick_time.add(record.duration)
-        effort = np.abs(state.joint_effort)
-        self.largest_effort = max(self.largest_effort, float(np.nanmax(effort, initial=0.0)))
-        self.saturated += bool((effort >= self._effort_limit * (1.0 - 1e-9)).any())
+        self.joints.update(state)
         control = output.control_mode
         if self._span is None or self._span.controller != control.controller_name:
             self._span = ModeSpan(control.mode, control.controller_name, control.status_message, time, time)

@@ -140,6 +140,9 @@ def test_a_joint_that_races_trips_the_speed_guard() -> None:
     after, text = trip_time(guards(), [(state(t, 0.0, -6.0), command()) for t in times()])
     assert after == pytest.approx(0.02)
     assert text.startswith("speed guard: elbow turns at -6.0 rad/s, its limit is 5.0; ")
+    assumed = replace(guards(), speed_assumed=("elbow",))
+    _, text = trip_time(assumed, [(state(t, 0.0, -6.0), command()) for t in times()])
+    assert "its limit is 5.0 (default, not your motor's); a command that jumps" in text
     once = [(state(t, 0.0, 6.0 if i % 2 else 4.0), command()) for i, t in enumerate(times())]
     assert trip_time(guards(), once) == (INF, "")
 

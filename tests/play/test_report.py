@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.play.report import loop_figures, loop_table, write_summary
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
@@ -29,13 +30,17 @@ def result(late: tuple[float, ...] = (), measures: tuple[str, ...] = ()) -> Sess
     )
 
 
+def joint_use() -> JointUse:
+    return JointUse(("hip", "knee", "foot"), np.full(3, np.inf), np.full(3, -1.0), np.ones(3))
+
+
 def shown(loop: dict[str, object], capsys: pytest.CaptureFixture[str]) -> str:
-    Console(width=100).print(loop_table(loop, {"largest": 1.5, "saturated_ticks": 3}))
+    Console(width=100).print(loop_table(loop, joint_use().effort()))
     return capsys.readouterr().out
 
 
 def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys: pytest.CaptureFixture[str]) -> None:
-    monitor = RunMonitor(np.ones(3))
+    monitor = RunMonitor(joint_use())
     for _ in range(100):
         monitor.tick_time.add(0.004)
     late = (*[1.5e-5] * 60, *[1.5e-4] * 3, 0.03)
@@ -54,17 +59,20 @@ def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys: pytest.Capture
     assert "0.01 ms" not in out
     assert "memory locked" in out
     assert "physics aside" not in out
+    assert "0.0 N·m at hip; NO EFFORT LIMIT KNOWN (give effort_limit in the contract)" in out
+    assert "busy" not in out, "a missed deadline on a robot has no excuse"
 
 
 def test_a_simulation_has_neither_deadlines_nor_jitter(capsys: pytest.CaptureFixture[str]) -> None:
-    loop = loop_figures(result(), RunMonitor(np.ones(3)), 0.005, realtime=False)
+    loop = loop_figures(result(), RunMonitor(joint_use()), 0.005, realtime=False)
     assert loop["jitter"] is None
     assert loop["measures"] == []
     out = shown(loop, capsys)
     assert "2.0 times real time" in out
     assert "none to miss; 1 ticks took longer than the control period" in out
+    assert "(this machine was busy; simulated time lost nothing)" in out
     assert "tick time, physics aside" in out
-    assert "late" not in out
+    assert "began late" not in out
 
 
 def test_a_summary_is_json_as_the_standard_has_it(tmp_path: Path) -> None:

@@ -139,11 +139,16 @@ def test_poses_and_actions_beyond_the_joints(robot: RobotDescription) -> None:
 def test_joints_whose_torque_nothing_limits_are_named(robot: RobotDescription) -> None:
     (free,) = effort_findings(contract(), robot)
     assert str(free) == (
-        "effort_limit: neither the contract nor 'walker' limits the torque of all joints; no motor is that strong"
+        "effort_limit: 4 of 4 joints have no torque limit, neither in the contract nor in 'walker' (left_hip, "
+        "right_hip, left_knee, …): the simulation will apply any torque, a real motor will not. Give effort_limit in "
+        "x.contract.yaml (docs/contract.md, Limits)"
     )
     (some,) = effort_findings(contract(effort_limit=[20.0, np.inf, 30.0, np.inf]), robot)
     names = contract().joint_names
-    assert f"limits the torque of {names[1]}, {names[3]}; no motor" in str(some)
+    assert (
+        f"2 of 4 joints have no torque limit, neither in the contract nor in 'walker' ({names[1]}, {names[3]}): "
+        in (str(some))
+    )
     assert list(effort_findings(contract(effort_limit=25.0), robot)) == []
 
 

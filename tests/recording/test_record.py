@@ -81,6 +81,38 @@ def test_info_for_a_person(path, capsys, monkeypatch):
     assert "not complete" not in out
 
 
+def test_info_shows_what_a_run_took_of_each_joint(path, sample, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "140")
+    header, _ = sample
+    assert record(["info", str(path), "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    rows = {row["joint"]: row for row in info["joints"]}
+    assert tuple(rows) == header.joint_names
+    assert rows["left_elbow_pitch"]["effort_limit"] == 14.0
+    assert info["effort"]["without_limit"] == []
+    assert record(["info", str(path), "--joints"]) == 0
+    table = capsys.readouterr().out
+    lines = [line for line in table.splitlines() if "left_elbow_pitch" in line]
+    assert len(lines) == 1
+    assert "of 14" in lines[0]
+    assert f"{rows['left_elbow_pitch']['speed']:.2f} rad/s" in lines[0]
+    assert "greatest speed" in table
+    assert "topics" not in table
+    assert record(["info", str(path)]) == 0
+    assert "ticks at an effort limit" in capsys.readouterr().out
+
+
+def test_joints_of_an_unknown_robot_are_one_line(tmp_path, sample, capsys):
+    header, ticks = sample
+    documents = {name: text for name, text in header.documents.items() if name != "robot"}
+    file = tmp_path / "r.mcap"
+    write_recording(file, ticks[:5], replace(header, documents=documents))
+    assert record(["info", str(file), "--joints"]) == 2
+    line = f"{file}: --joints: its header does not describe the robot and its limits"
+    assert line in capsys.readouterr().err
+    assert record(["info", str(file)]) == 0
+
+
 def test_info_says_whether_figures_meant_what_they_mean_today(tmp_path, sample, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "140")
     header, ticks = sample

@@ -321,6 +321,22 @@ def test_unclear_fails_where_it_is_asked_to() -> None:
     assert judge(suite, old, old, strict=True).passed
 
 
+def test_few_seeds_leave_it_undecided_where_they_cannot_judge() -> None:
+    """Nobody may take a run that could not see a fall for one that saw none."""
+    old = values("joint_error", lambda _, s: 1.0 + 0.1 * s, "ab", [0, 1])
+    new = values("joint_error", lambda _, s: 1.1 - 0.1 * s, "ab", [0, 1])
+    candidate = judge(tiny_suite("ab", 2), old, new)
+    assert (candidate.worse, candidate.unclear, candidate.few_seeds) == ((), ("joint_error",), 2)
+    assert candidate.undecided
+    assert not candidate.passed
+    same = judge(tiny_suite("ab", 2), old, old)
+    assert (same.passed, same.undecided) == (True, False), "what is the same to the bit needs no more seeds"
+    even = values("joint_error", lambda _, s: 1.0 + 0.1 * (s % 2), "ab", range(6))
+    odd = values("joint_error", lambda _, s: 1.1 - 0.1 * (s % 2), "ab", range(6))
+    enough = judge(tiny_suite("ab", 6), even, odd)
+    assert (enough.unclear, enough.few_seeds, enough.passed) == (("joint_error",), None, True)
+
+
 def one_motion(factor: float, spread: float = 0.01, seed: int = 0) -> PolicyRun:
     """Four motions, of which the first is worse by a factor."""
     generator = np.random.default_rng(seed)

@@ -147,3 +147,5 @@ def test_what_is_unclear_fails_where_it_has_to_be_clear() -> None:
         found = list(ElementTree.fromstring(junit_xml(whole)).iter("failure"))
         assert len(found) == failures
         assert all((failure.get("message") or "").startswith("joint_error is unclear: ") for failure in found)
+        few = replace(whole, candidates=(replace(whole.candidates[0], few_seeds=2),))
+        assert len(list(ElementTree.fromstring(junit_xml(few)).iter("failure"))) == 1

@@ -197,6 +197,22 @@ def test_policies_that_do_the_same():
     assert "cases" not in page.ids
 
 
+def test_what_few_seeds_could_not_judge_is_undecided():
+    old = invented.run(Behaviour(name="a"))
+    found = invented.results(msgspec.structs.replace(old, name="b"), baseline=old)
+    (candidate,) = found.candidates
+    unclear = msgspec.structs.replace(candidate.comparisons[0], verdict="unclear")
+    candidate = msgspec.structs.replace(
+        candidate, passed=False, few_seeds=2, comparisons=(unclear, *candidate.comparisons[1:])
+    )
+    page = Page(report_page(msgspec.structs.replace(found, candidates=(candidate,))))
+    assert "UNDECIDED" in page.text
+    assert "PASSED" not in page.text
+    assert "FAILED" not in page.text
+    text = page.text.replace("a;", "a ;")
+    assert "b is not shown to be worse than a ; could not be judged with 2 seeds: body position error" in text
+
+
 @pytest.mark.slow
 def test_without_a_baseline_values_are_shown():
     page = Page(report_page(invented.results(invented.run(Behaviour(failing=(("wave", 0),))))))

@@ -71,6 +71,7 @@ def test_the_description_decides() -> None:
     assert guards.following_time == 1.0
     assert np.isinf(guards.limit_margin).all()
     assert guards.speed_limit.tolist() == [3.0] * 14
+    assert guards.speed_assumed == ()
     assert guards_of(replace(LITE, guards=GuardSettings(following=None, limit=None, speed=None))) is None
 
 
@@ -95,6 +96,18 @@ def test_bad_parameters_are_one_line(tmp_path: Path, text: str, expected: str) -
         load_robot(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value) == f"{path}: {expected}"
+
+
+def test_a_speed_limit_that_nobody_gave_is_marked() -> None:
+    guards = of(BIPED)
+    for i, name in enumerate(BIPED.joint_names):
+        crossing = max((BIPED.upper[i] - BIPED.lower[i]) / 0.05, 15.0)
+        assert (name in guards.speed_assumed) == (guards.speed_limit[i] == crossing)
+    robot = replace(LITE, joints=tuple(replace(joint, motor=None) for joint in LITE.joints))
+    assert of(robot).speed_assumed == robot.joint_names
+    old = msgspec.to_builtins(GuardRecord.of(of(robot)))
+    del old["speed"]["assumed"]
+    assert msgspec.convert(old, GuardRecord).on(robot).speed_assumed == (), "an old recording's messages stay"
 
 
 def test_a_yaml_turns_a_guard_off(tmp_path: Path) -> None:

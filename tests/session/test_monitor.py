@@ -7,6 +7,7 @@ import pytest
 import rig
 from fakes import HEADER
 
+from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.messages import (
     ControlMode,
     FaultReport,
@@ -56,7 +57,7 @@ def record(
 
 
 def monitored(*records: TickRecord, tracker: object = None) -> RunMonitor:
-    result = RunMonitor(LIMIT, tracker)  # type: ignore[arg-type]
+    result = RunMonitor(JointUse(rig.JOINTS, LIMIT, -LIMIT, LIMIT), tracker)  # type: ignore[arg-type]
     result.start(HEADER)
     for item in records:
         result.tick(item)
@@ -92,8 +93,8 @@ def test_effort_and_saturation() -> None:
         record(2, effort=[np.nan, 0.0, 0.0]),
         record(3, effort=[np.nan] * 3),
     )
-    assert figures.largest_effort == 9.5
-    assert figures.saturated == 1
+    assert figures.joints.effort()["largest"] == 9.5
+    assert figures.joints.saturated == 1
 
 
 def test_faults_refusals_and_safety_with_their_times() -> None:

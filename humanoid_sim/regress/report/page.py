@@ -84,6 +84,8 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
         "passed": candidate.passed,
         "worse": candidate.worse,
         "unclear": candidate.unclear,
+        "undecided": candidate.undecided,
+        "few_seeds": candidate.few_seeds,
         "rows": [
             (
                 metric,
