@@ -70,8 +70,10 @@ def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = Tr
         listed: name them all; without, only one that is near.
     """
     names = list(known)
-    unknown = f"unknown {what} '{name}'{meant(name, names)}"
-    return f"{unknown}; known: {', '.join(names) or 'none'}" if listed else unknown
+    near = meant(name, names)
+    if not listed:
+        return f"unknown {what} '{name}'{near}"
+    return f"unknown {what} '{name}'{near}; known: {', '.join(names) or 'none'}"
 
 
 def meant(name: str, known: Iterable[str]) -> str:
