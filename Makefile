@@ -9,7 +9,7 @@ ROS := .venv-ros
 # What pip downloads is shown, and how far it is. Where nobody watches (CI), a line for each package.
 PIP := --disable-pip-version-check --progress-bar $(if $(CI),off,on)
 
-.PHONY: play test test-slow test-train test-lerobot test-ros docs picture bench lint format types train train-walking train-piano clean
+.PHONY: play test test-slow test-train test-lerobot test-ros docs picture notebooks bench lint format types train train-walking train-piano clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -42,6 +42,9 @@ docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its link
 
 picture: $(VENV)/slow.done  ## README's moving picture, from real runs; what is in build/moving-picture is not run again
 	$(BIN)/python docs/moving_picture.py
+
+notebooks: $(VENV)/slow.done  ## run the notebooks, and store what they show in them; ARGS names some, or is --check
+	$(BIN)/python notebooks/store.py $(ARGS)
 
 bench: $(VENV)/play.done  ## this machine's figures
 	$(BIN)/python -m humanoid_sim.bench $(ARGS)

@@ -1,15 +1,17 @@
 """Build the documentation as a site, strictly: `make docs`, or `python docs/build.py`.
 
-The site is made of the Markdown files that the repository shows anyway. They are staged in `build/site-source`, where
-README.md is the first page and links lead from page to page, and built into `build/site`. A link or anchor that leads
-nowhere is an error, and so is anything that a page would load from another server. Links to the outside are listed, and
-not followed.
+The site is made of the Markdown files and notebooks that the repository shows anyway. They are staged in
+`build/site-source`, where README.md is the first page and links lead from page to page, and built into `build/site`. A
+link or anchor that leads nowhere is an error, and so is anything that a page would load from another server. Links to
+the outside are listed, and not followed.
 """
 
 from __future__ import annotations
 
 import ast
+import base64
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -22,7 +24,7 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
 ROOT = Path(__file__).resolve().parent.parent
-DOCS = PurePosixPath("docs")
+DOCS, NOTEBOOKS = PurePosixPath("docs"), PurePosixPath("notebooks")
 ROOT_PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files beside docs/ that are pages too, and as what."""
 DIAGRAM = re.compile(r"^ *```mermaid$", re.MULTILINE)
@@ -30,6 +32,8 @@ LINK = re.compile(r"\[([^\]]*)\]\((?!https?:|mailto:|#)([^)#\s]+)(#[^)\s]*)?\)")
 """A Markdown link to a file: its text, the path, the anchor."""
 STRUCTS = re.compile(r"^<!-- structs: ([\w.]+), (\w+) first(?:, without (\w+))? -->$", re.MULTILINE)
 """In whose place a page gets the fields of all structs of a module: which one comes first, which field is none."""
+PICTURES = {"image/png": "png", "image/webp": "webp"}
+"""What a notebook can show as a picture, and how files of it end."""
 TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 
 
@@ -41,6 +45,8 @@ def page_of(path: PurePosixPath) -> PurePosixPath | None:
     """Where a file of the repository is in the site; None if it is not there."""
     if str(path) in ROOT_PAGES:
         return PurePosixPath(ROOT_PAGES[str(path)])
+    if path.parent == NOTEBOOKS and path.suffix == ".ipynb":
+        return path.with_suffix(".md")
     return path.relative_to(DOCS) if path.is_relative_to(DOCS) else None
 
 
@@ -84,6 +90,29 @@ def staged(text: str, source: PurePosixPath) -> str:
     return text
 
 
+def notebook_page(text: str, source: PurePosixPath) -> tuple[str, dict[str, bytes]]:
+    """A notebook's Markdown for the site, and the pictures beside it by their names: its cells, and what they show."""
+    parts: list[str] = []
+    pictures: dict[str, bytes] = {}
+    for cell in json.loads(text)["cells"]:
+        written = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(staged(written, source))
+            continue
+        parts.append(f"```python\n{written}\n```")
+        for output in cell["outputs"]:
+            data = output.get("data", {"text/plain": output.get("text", "")})
+            kind = next((kind for kind in PICTURES if kind in data), None)
+            if kind is None:
+                shown = "".join(data["text/plain"]).rstrip()
+                parts.append(f"```text\n{shown}\n```")
+            else:
+                name = f"{source.stem}-{len(pictures) + 1}.{PICTURES[kind]}"
+                pictures[name] = base64.b64decode("".join(data[kind]))
+                parts.append(f"![What the code above shows]({name})")
+    return "\n\n".join(parts) + "\n", pictures
+
+
 def stage(folder: Path) -> None:
     """Put everything that the site is made of into a folder."""
     shutil.rmtree(folder, ignore_errors=True)
@@ -92,6 +121,13 @@ def stage(folder: Path) -> None:
     for path in (*(ROOT / DOCS).rglob("*.md"), *(ROOT / name for name in ROOT_PAGES)):
         source = PurePosixPath(path.relative_to(ROOT).as_posix())
         (pages / (page_of(source) or "")).write_text(staged(path.read_text("utf-8"), source), "utf-8")
+    (pages / NOTEBOOKS).mkdir()
+    for path in (ROOT / NOTEBOOKS).glob("*.ipynb"):
+        source = PurePosixPath(path.relative_to(ROOT).as_posix())
+        text, pictures = notebook_page(path.read_text("utf-8"), source)
+        (pages / source.with_suffix(".md")).write_text(text, "utf-8")
+        for name, content in pictures.items():
+            (pages / NOTEBOOKS / name).write_bytes(content)
     package = importlib.util.find_spec("mermaidx")
     if package is None or package.origin is None:
         raise SiteError("the site needs the package 'mermaidx', which is not installed: pip install -e '.[docs]'")

@@ -1,8 +1,8 @@
 """Make README's moving picture from real runs: `make picture`, or `python docs/moving_picture.py`.
 
-Three scenes, one after the other: the arms follow a motion, the biped walks, and somebody makes it walk from the
-console. What the runs leave lies in `build/moving-picture`, where a scene that is there is not run again; remove the
-folder after a change of a policy. Needs the extra `test-frontends` and a Chromium.
+Four scenes, one after the other: the arms follow a motion, the biped walks, hands play the piano, and somebody makes
+the biped walk from the console. What the runs leave lies in `build/moving-picture`, where a scene that is there is not
+run again; remove the folder after a change of a policy. Needs the extra `test-frontends` and a Chromium.
 """
 
 from __future__ import annotations
@@ -18,8 +18,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import av
 from PIL import Image
+
+from humanoid_sim.files import whole_file
+from humanoid_sim.policy.random_songs import named_song
+from humanoid_sim.policy.song import goals
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.rendering.animation import animated_webp, video_frames
+from humanoid_sim.rendering.video import VideoSink
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.model import build_model
 
 ROOT = Path(__file__).resolve().parent.parent
 RUNS = ROOT / "build" / "moving-picture"
@@ -27,11 +35,14 @@ RESULT = ROOT / "docs" / "play.webp"
 SIZE = 640, 360
 FRAME = 80
 """ms that a frame of a video is shown: 12.5 frames a second."""
+SONG, SONG_STEP = "ode_to_joy", 0.02
+"""What the hands play, and s between two rows of it."""
 VIDEOS = (
     ("arms", ("--motion", "wave"), 5.2, 9.6),
     ("biped", ("--robot", "lite_biped", "--command", "0.5,0,0"), 5.2, 9.6),
+    ("piano", ("--robot", "lite_piano", "--song", SONG), 6.0, 11.0),
 )
-"""Each scene with the options of its run, and from when to when it is shown, s of its video."""
+"""Each scene with the options of its run, and from when to when it is shown, s of the run."""
 CHROMIUM = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 WINDOW = {"width": 1280, "height": 720}
 LONGEST = 900
@@ -41,18 +52,20 @@ Frames = list[tuple[Image.Image, int]]
 
 
 def play(*options: str) -> list[str]:
-    """The command line of a run that leaves nothing but what its options name."""
-    return [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "none", *options]
+    """The command line of a run that nobody watches."""
+    return [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--video", "none", *options]
 
 
-def video_frames(path: Path, begin: float, end: float) -> Frames:
-    """The part of a video from `begin` to `end`, s, in the size and at the rate of the moving picture."""
-    frames: Frames = []
-    with av.open(str(path)) as container:
-        for frame in container.decode(video=0):
-            if frame.time >= begin + len(frames) * FRAME / 1e3 and frame.time < end:
-                frames.append((frame.to_image().resize(SIZE, Image.Resampling.LANCZOS), FRAME))
-    return frames
+def film(recording: Path, video: Path, begin: float, end: float) -> None:
+    """Make a video of the part of a recording from `begin` to `end`, s."""
+    run = open_recording(recording)
+    robot = load_robot(run.header.robot)
+    song = None if robot.piano is None else goals(named_song(SONG, robot), SONG_STEP)
+    sink = VideoSink(video, lambda: build_model(robot), size=SIZE, goals=song)
+    for tick in run.ticks():
+        if begin <= tick.input.state.time < end:
+            sink.tick(tick)
+    sink.finish()
 
 
 def console_frames(folder: Path) -> Frames:
@@ -103,7 +116,7 @@ def run_console(folder: Path) -> None:
     folder.mkdir(parents=True)
     options = ("--robot", "lite_biped", "--command", "0.3,0,0", "--manual", "--console", "--pace", "realtime")
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "NO_COLOR": "1"}
-    command = play(*options, "--video", "none")
+    command = play(*options, "--record", "none")
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     with subprocess.Popen(command, text=True, env=environment, **pipes) as process:
         try:
@@ -117,6 +130,8 @@ def run_console(folder: Path) -> None:
                 page.goto(address)
                 page.wait_for_selector("#cover", state="hidden")
                 page.wait_for_timeout(4000)  # the 3D view is loaded
+                close = page.frame_locator("#view").locator(".mantine-Notification-closeButton")
+                close.first.evaluate("it => it.click()")  # a note that WebGL runs in software
                 operate(page, folder)
                 browser.close()
         finally:
@@ -129,17 +144,18 @@ def main() -> int:
     RUNS.mkdir(parents=True, exist_ok=True)
     frames: Frames = []
     for name, options, begin, end in VIDEOS:
-        path = RUNS / f"{name}.mp4"
-        if not path.is_file():
-            subprocess.run(play(*options, "--video", str(path)), check=True)
-        frames += video_frames(path, begin, end)
+        recording, video = RUNS / f"{name}.mcap", RUNS / f"{name}.mp4"
+        if not recording.is_file():
+            subprocess.run(play(*options, "--duration", f"{end:g}", "--record", str(recording)), check=True)
+        if not video.is_file():
+            film(recording, video, begin, end)
+        frames += [(picture, FRAME) for picture in video_frames(video, 0.0, end - begin, size=SIZE, rate=1e3 / FRAME)]
     if not (RUNS / "console" / "times.json").is_file():
         run_console(RUNS / "console")
     frames += console_frames(RUNS / "console")
     pictures, durations = zip(*frames, strict=True)
-    pictures[0].save(
-        RESULT, save_all=True, append_images=pictures[1:], duration=list(durations), loop=0, quality=60, method=4
-    )
+    with whole_file(RESULT) as file:
+        file.write(animated_webp(pictures, durations))
     print(f"{RESULT}: {len(frames)} frames, {sum(durations) / 1e3:.1f} s, {RESULT.stat().st_size / 1e6:.2f} MB")
     return 0
 

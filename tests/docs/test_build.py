@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import sys
 from collections.abc import Iterator
@@ -36,6 +37,8 @@ def build() -> Iterator[ModuleType]:
         ("docs/guides/researcher.md", "[a](../play.md) [b](../../README.md)", "[a](../play.md) [b](../index.md)"),
         ("README.md", "[docs/figures.md](docs/figures.md)", "[Figures](figures.md)"),
         ("docs/first-hour.md", "[figures.md](figures.md#x) say", "[Figures](figures.md#x) say"),
+        ("docs/play.md", "[a](../notebooks/3_regression.ipynb)", "[a](notebooks/3_regression.md)"),
+        ("notebooks/3_regression.ipynb", "[a](../docs/play.md) [b](../README.md)", "[a](../play.md) [b](../index.md)"),
         ("docs/play.md", "[a](#here) [b](https://example.org/x.md)", "[a](#here) [b](https://example.org/x.md)"),
     ],
 )
@@ -54,6 +57,21 @@ def test_a_page_with_a_diagram_gets_its_script(build: ModuleType) -> None:
     assert build.staged(text, PurePosixPath("docs/guides/researcher.md")).endswith(
         '\n<script src="../mermaid.js"></script>\n'
     )
+
+
+def test_a_notebook_is_a_page_with_its_pictures_beside_it(build: ModuleType) -> None:
+    printed = {"output_type": "stream", "name": "stdout", "text": ["1\n", "2\n"]}
+    drawn = {"output_type": "display_data", "data": {"text/plain": ["<Figure>"], "image/png": "aGVsbG8=\n"}}
+    cells = [
+        {"cell_type": "markdown", "source": ["# Walk\n", "[how](../docs/training.md)"]},
+        {"cell_type": "code", "source": ["a[0](1)"], "outputs": [printed, drawn]},
+    ]
+    page, pictures = build.notebook_page(json.dumps({"cells": cells}), PurePosixPath("notebooks/9_x.ipynb"))
+    assert page == (
+        "# Walk\n[how](../training.md)\n\n```python\na[0](1)\n```\n\n```text\n1\n2\n```\n\n"
+        "![What the code above shows](9_x-1.png)\n"
+    )
+    assert pictures == {"9_x-1.png": b"hello"}
 
 
 def test_links_and_resources_of_a_site_are_judged(build: ModuleType) -> None:

@@ -28,9 +28,9 @@ def in_navigation(entry: Any) -> list[str]:
 
 def test_every_page_is_in_the_navigation_once() -> None:
     shown = in_navigation(SETTINGS["nav"])
-    assert sorted(shown) == sorted({path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")} | FROM_ROOT), (
-        "docs/zensical.toml has the navigation"
-    )
+    written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    notebooks = {f"notebooks/{path.stem}.md" for path in (ROOT / "notebooks").glob("*.ipynb")}
+    assert sorted(shown) == sorted(written | notebooks | FROM_ROOT), "docs/zensical.toml has the navigation"
 
 
 def test_what_examples_and_pages_import_is_in_the_reference() -> None:

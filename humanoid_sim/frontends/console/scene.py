@@ -75,11 +75,13 @@ class Scene:
         self._addresses = joint_addresses(model, description.joint_names)
         self._server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self._server.gui.main_panel.minimize()
+        is_free = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         center, extent = np.array(model.stat.center), float(model.stat.extent)
+        if is_free:
+            center -= model.qpos0[:3]  # the scene moves with the base, which stays at its origin
         self._server.initial_camera.look_at = tuple(center)
         self._server.initial_camera.position = tuple(center + extent * np.array([1.0, 0.35, 0.25]))
         self._scene = mjviser.ViserMujocoScene(self._server, model, num_envs=1)
-        is_free = model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
         self._scene.camera_tracking_enabled = bool(is_free)
         self.ghosts = Ghosts(self._server, model, self._addresses, reference)
 
