@@ -45,6 +45,8 @@ VIDEOS = (
 """Each scene with the options of its run, and from when to when it is shown, s of the run."""
 CHROMIUM = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 WINDOW = {"width": 1280, "height": 720}
+PERIOD = 0.7
+"""s between two pictures of the console, where the machine draws them so fast."""
 LONGEST = 900
 """ms that a picture of the console is shown at most: software draws about one a second, and clicks wait for it."""
 Frames = list[tuple[Image.Image, int]]
@@ -83,11 +85,12 @@ def operate(page: Any, folder: Path) -> None:
     """Make the robot walk from its page, as an operator does, and take pictures of that."""
     times: list[float] = []
 
-    def watch(seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+    def watch(count: int) -> None:
+        for i in range(count):
             page.screenshot(path=folder / f"{len(times):03}.png")
             times.append(time.monotonic())
+            if i + 1 < count:
+                page.wait_for_timeout(1e3 * max(0.0, times[-1] + PERIOD - time.monotonic()))
 
     def ask(word: str, mode: str) -> None:
         page.wait_for_selector(f'[data-ask="{word}"]:not(.refused)' if word != "damp" else "#damp")
@@ -95,13 +98,13 @@ def operate(page: Any, folder: Path) -> None:
         page.wait_for_selector(f'#mode[data-mode="{mode}"]')
 
     ask("damp", "DAMPING")
-    watch(2.0)
+    watch(2)
     ask("load_a", "STANDBY")
-    watch(3.0)
+    watch(4)
     ask("start_locomotion", "LOCOMOTION")
-    watch(8.0)
+    watch(12)
     ask("damp", "DAMPING")
-    watch(1.0)
+    watch(2)
     (folder / "times.json").write_text(json.dumps(times), "utf-8")
 
 
