@@ -19,7 +19,20 @@ from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.messages import ControlMode, FaultReport, Intent, PolicyStep, StandbyState, TickInput, TickOutput
 from humanoid_sim.mit import MITCommand
 
-__all__ = ["Supervisor", "SupervisorMemory"]
+__all__ = ["NOT_DRIVEN", "STARTED", "Supervisor", "SupervisorMemory", "start_reason"]
+
+STARTED = "started"
+NOT_DRIVEN = "no motor is driven: reactivate failed"
+_START_REASONS = (STARTED, NOT_DRIVEN)
+"""Why the control stack is at its start: the status message of its first tick, if nothing else is said in that."""
+
+
+def start_reason(status_message: str) -> str:
+    """Why the control stack was at its start, from the status message that was recorded of its first tick.
+
+    A message that says something else hides the reason, which then has no effect on any tick.
+    """
+    return status_message if status_message in _START_REASONS else STARTED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,9 +120,9 @@ class Supervisor:
                 )
             chain.append(fallback)
 
-    def initial(self) -> SupervisorMemory:
-        """The start: ZERO_TORQUE."""
-        return SupervisorMemory(ZERO_TORQUE, None, "started")
+    def initial(self, reason: str = STARTED) -> SupervisorMemory:
+        """The start: ZERO_TORQUE; `reason` is what an operator is told of it."""
+        return SupervisorMemory(ZERO_TORQUE, None, reason)
 
     def step(self, memory: SupervisorMemory, tick_input: TickInput) -> tuple[SupervisorMemory, TickOutput]:
         """One tick. Neither argument is changed; the same arguments give bit-identical results."""

@@ -60,7 +60,8 @@ class MotorControl:
         self._motors = motors
         self._guard = guard
         self._tracker = JointTracker(wiring, turns)
-        self._joints = self._tracker.update(motors.readings())
+        self._warmest = np.full(wiring.count, np.nan)
+        self._joints = self._heard()
         self._watch: SafetyWatch | None = None
         self._bad_command = -math.inf
         self.encoder = CommandEncoder(wiring, len(motors.channels), 2.0 * settings.control_period)
@@ -95,8 +96,19 @@ class MotorControl:
 
     def read(self) -> JointReadings:
         """The joints' latest state."""
-        self._joints = self._tracker.update(self._motors.readings())
+        self._joints = self._heard()
         return self._joints
+
+    def _heard(self) -> JointReadings:
+        readings = self._motors.readings()
+        self._warmest = np.fmax(self._warmest, readings.temperature)
+        return self._tracker.update(readings)
+
+    @property
+    def warmest(self) -> Mapping[str, float]:
+        """By joint, °C, the most that was read; joints whose motors do not tell it are left out."""
+        warmth = zip(self._settings.wiring.names, self._warmest.tolist(), strict=True)
+        return {name: value for name, value in warmth if not math.isnan(value)}
 
     def statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
         """One status per channel, one about this program's commands if one was bad, one of a guardian that has news.

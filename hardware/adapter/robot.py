@@ -35,6 +35,7 @@ from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
+from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, flattened
 
 __all__ = ["HardwareRobot"]
 
@@ -103,6 +104,7 @@ class HardwareRobot:
         self._locks = Locks()
         self._motors: RobotMotors | None = None
         self._control: MotorControl | None = None
+        self._past: RobotStatistics | None = None
         self._guard = MotorGuard(self._settings.wiring, self._settings.addresses, self._settings.damping)
         self._why_not = "not activated"
         self._may_run: frozenset[int] = frozenset()
@@ -148,8 +150,8 @@ class HardwareRobot:
 
     @property
     def statistics(self) -> RobotStatistics:
-        """What happened on the buses since they were opened."""
-        return gather_statistics(self._settings, self._motors, self._control, self.time)
+        """What happened on the buses since the first activation."""
+        return gather_statistics(self._settings, self._motors, self._control, self.time, self._past)
 
     # --- activation
 
@@ -175,7 +177,11 @@ class HardwareRobot:
         motors, turns = self._prepare()
         if self._dry_run:
             raise RobotError(f"{self._settings.name}: not enabled: this is a dry run")
-        self._checks.refuse_questions()
+        try:
+            self._checks.refuse_questions()
+        except RobotError as error:
+            self._explain(error, is_off=True)  # `_prepare` leaves them stopped, verified
+            raise
         self._may_run = frozenset(range(self._settings.wiring.count))
         self._guard.standby()
         try:
@@ -194,7 +200,7 @@ class HardwareRobot:
             if self._control.is_enabled:
                 self._damp(self._control)  # or arms that still sink would fall while their motors are verified
         self._dismiss_guardian()
-        self._control, self._why_not = None, "not enabled"
+        self._retire()
         self._checks = CheckList(self._settings.name, self._answered)
         for joint, text in gain_warnings(self._description, self._settings.wiring):
             self._checks.warn(joint, text)
@@ -210,11 +216,16 @@ class HardwareRobot:
         self._control = MotorControl(self._settings, motors, turns, self._guard)
         return motors, turns
 
-    def _open(self) -> RobotMotors:
-        """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
+    def _retire(self) -> None:
+        """Close the channels of an earlier activation, whose figures stay."""
+        past = self.statistics
         if self._motors is not None:
             self._motors.close()
-            self._motors = None
+        self._motors, self._control, self._past = None, None, past
+        self._why_not = "not enabled"
+
+    def _open(self) -> RobotMotors:
+        """Lock and open every channel afresh, and the IMU; whatever cannot be is reported together."""
         settings, checks = self._settings, self._checks
         self._locks.take(settings.addresses, checks)
         if self._imu is not None:
@@ -242,10 +253,21 @@ class HardwareRobot:
         for joint in sorted(self._may_run):
             checks.problem(self._settings.wiring.names[joint], "does not confirm that it is disabled")
         refusal = RobotError(checks.refusal()) if self._may_run else error
-        first = str(refusal).partition("\n")[0] or type(error).__name__
-        self._why_not = first.removeprefix(f"{self._settings.name}: ")
+        self._explain(refusal, is_off=motors is not None and not self._may_run and not motors.has_intruders)
         if isinstance(error, RobotError) and refusal is not error:
             raise refusal from error
+
+    def _explain(self, refusal: BaseException, *, is_off: bool) -> None:
+        """Note why nothing is enabled, and what to do about it, for the safety statuses.
+
+        Args:
+            refusal: what was raised.
+            is_off: whether every motor has confirmed that it is disabled; nobody is told so otherwise.
+        """
+        reason = flattened(str(refusal)) or type(refusal).__name__
+        head = "the motors are off" if is_off else "no motor is driven"
+        own = reason.removeprefix(f"{self._settings.name}: ")
+        self._why_not = f"{head}: {own}; fix that, then {HOW_TO_REACTIVATE}"
 
     # --- the control loop
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from humanoid_sim.hardware.adapter.control import MotorControl
 from humanoid_sim.hardware.adapter.robot_motors import RobotMotors
@@ -18,7 +19,7 @@ __all__ = ["ChannelStatistics", "RobotStatistics", "gather_statistics"]
 
 @dataclass(frozen=True, slots=True)
 class ChannelStatistics:
-    """One channel since it was opened."""
+    """One channel while it was open, at every activation of the session."""
 
     source: str
     counters: ChannelCounters
@@ -38,7 +39,7 @@ class ChannelStatistics:
 
 @dataclass(frozen=True, slots=True)
 class RobotStatistics:
-    """The robot since it was enabled."""
+    """The robot since the session began: `reactivate` ends nothing of it."""
 
     channels: tuple[ChannelStatistics, ...]
     commanded: int
@@ -57,6 +58,8 @@ class RobotStatistics:
     """By joint: how often the position was moved so that the MIT law stays within the effort limit."""
     temperature: Mapping[str, float]
     """By joint, °C, as last heard."""
+    warmest: Mapping[str, float]
+    """By joint, °C, the most that was read while the motors were prepared or enabled."""
     faults: Mapping[str, tuple[str, ...]]
     """By joint, what the latest safety statuses say of its motor; joints of which they say nothing are left out."""
     refused: int
@@ -94,28 +97,33 @@ class RobotStatistics:
                 lines.append(f"warning: {channel.source}: {counters.error_frames} CAN error frames: {classes}")
         if self.invalid_frames:
             lines.append(f"{self.invalid_frames} frames of the robot's motors could not be read")
-        for joint, fields in self.saturations.items():
-            cut = ", ".join(f"{field} {count} times" for field, count in fields.items())
+        for joint, saturated in self.saturations.items():
+            cut = ", ".join(f"{field} {count} times" for field, count in saturated.items())
             lines.append(f"{joint}: cut off at the motor's range: {cut}")
         if self.bounded:
             most = ", ".join(f"{joint} {count} times" for joint, count in self.bounded.items())
             lines.append(f"position moved to keep within the effort limit: {most}")
-        if self.temperature:
-            joint = max(self.temperature, key=lambda name: self.temperature[name])
-            lines.append(f"warmest motor: {joint}, {self.temperature[joint]:.1f} °C")
+        if self.warmest:
+            joint = max(self.warmest, key=lambda name: self.warmest[name])
+            lines.append(f"warmest motor: {joint}, {self.warmest[joint]:.1f} °C")
         return tuple(lines)
 
 
 def gather_statistics(
-    settings: AdapterSettings, motors: RobotMotors | None, control: MotorControl | None, now: float
+    settings: AdapterSettings,
+    motors: RobotMotors | None,
+    control: MotorControl | None,
+    now: float,
+    past: RobotStatistics | None = None,
 ) -> RobotStatistics:
-    """The statistics since the channels were opened, or of none.
+    """The statistics since the channels were opened, or of none, together with those of earlier activations.
 
     Args:
         settings: the robot's.
         motors: the robot's, on open channels.
         control: of the motors; none before they are prepared.
         now: s, robot's clock.
+        past: of the activations before this one.
     """
     figures: list[MotorFigures] = []
     found: list[ChannelStatistics] = []
@@ -127,7 +135,7 @@ def gather_statistics(
         figures = motors.figures()
         warmth = zip(settings.wiring.names, motors.readings().temperature.tolist(), strict=True)
         temperature = {name: value for name, value in warmth if not math.isnan(value)}
-    return RobotStatistics(
+    latest = RobotStatistics(
         channels=tuple(found),
         commanded=sum(motor.commanded for motor in figures if motor.acknowledged is not None),
         acknowledged=sum(motor.acknowledged or 0 for motor in figures),
@@ -137,6 +145,55 @@ def gather_statistics(
         saturations={} if control is None else control.encoder.saturations,
         bounded={} if control is None else control.encoder.bounded,
         temperature=temperature,
+        warmest={} if control is None else control.warmest,
         faults={} if control is None else control.faults,
         refused=0 if control is None else control.refused,
     )
+    return latest if past is None else _together(past, latest)
+
+
+def _together(past: RobotStatistics, latest: RobotStatistics) -> RobotStatistics:
+    """Sums and maxima of both; what tells of the present is the latest's."""
+    channels = {channel.source: channel for channel in past.channels}
+    for channel in latest.channels:
+        before = channels.get(channel.source)
+        channels[channel.source] = channel if before is None else _both(before, channel)
+    saturations = {
+        joint: _sums(past.saturations.get(joint, {}), latest.saturations.get(joint, {}))
+        for joint in dict.fromkeys((*past.saturations, *latest.saturations))
+    }
+    joints = dict.fromkeys((*past.warmest, *latest.warmest))
+    unheard = -math.inf
+    return RobotStatistics(
+        channels=tuple(channels.values()),
+        commanded=past.commanded + latest.commanded,
+        acknowledged=past.acknowledged + latest.acknowledged,
+        unconfirmed=past.unconfirmed + latest.unconfirmed,
+        reports=past.reports + latest.reports,
+        invalid_frames=past.invalid_frames + latest.invalid_frames,
+        saturations=saturations,
+        bounded=_sums(past.bounded, latest.bounded),
+        temperature=latest.temperature,
+        warmest={joint: max(past.warmest.get(joint, unheard), latest.warmest.get(joint, unheard)) for joint in joints},
+        faults=latest.faults,
+        refused=past.refused + latest.refused,
+    )
+
+
+def _both(past: ChannelStatistics, latest: ChannelStatistics) -> ChannelStatistics:
+    names = [field.name for field in fields(ChannelCounters)]
+    counters = {name: getattr(past.counters, name) + getattr(latest.counters, name) for name in names}
+    return ChannelStatistics(
+        latest.source,
+        ChannelCounters(**counters),
+        _sums(past.strangers, latest.strangers),
+        past.intrusions + latest.intrusions,
+        past.elapsed + latest.elapsed,
+    )
+
+
+def _sums(*counts: Mapping[str, int]) -> dict[str, int]:
+    total: Counter[str] = Counter()
+    for count in counts:
+        total.update(count)
+    return dict(total)

@@ -14,6 +14,7 @@ from humanoid_sim.hardware.bus.events import BusEvent
 from humanoid_sim.hardware.motors import Finding
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE
 
 __all__ = ["SafetyWatch"]
 
@@ -92,7 +93,10 @@ class SafetyWatch:
         for flag, _, _ in findings:
             flags |= flag
         level = SafetyLevel.FAULT if flags & ~_WARNINGS else SafetyLevel.WARNING
-        return SafetyStatus(level, flags, self._ok[index].source, _in_words(findings, len(joints)))
+        words = _in_words(findings, len(joints))
+        if advice := _advice(flags, int(silent[list(joints)].sum()), len(joints)):
+            words = f"{words}; {advice}, then {HOW_TO_REACTIVATE}"
+        return SafetyStatus(level, flags, self._ok[index].source, words)
 
     def _bus(self, index: int, recent: float) -> Iterator[Finding]:
         channel, intruder = self._channels[index], self._motors.intruder(index)
@@ -117,12 +121,29 @@ class SafetyWatch:
 
 
 def _in_words(findings: Sequence[Finding], joint_count: int) -> str:
-    """Each finding once with its joints: `silent: left_elbow_pitch, left_wrist_yaw`, or `silent: all 7 motors`."""
+    """Each finding once with its joints: `silent: left_elbow_pitch, left_wrist_yaw`, or `silent: all 7 motors`.
+
+    One that begins with `is` follows its joint: `left_elbow_pitch is too hot`.
+    """
     joints: dict[str, dict[str, None]] = {}
     for _, what, name in findings:
         joints.setdefault(what, {})[name] = None
     words = []
     for what, names in joints.items():
         everyone = f"all {joint_count} motors" if 2 < joint_count == len(names) else ", ".join(names)
-        words.append(f"{what}: {everyone}" if everyone else what)
+        if what.startswith("is "):
+            words.append(f"{everyone} {what if len(names) == 1 else f'are {what[3:]}'}")
+        else:
+            words.append(f"{what}: {everyone}" if everyone else what)
     return "; ".join(words)
+
+
+def _advice(flags: SafetyFlag, silent: int, joint_count: int) -> str:
+    """What to do about a channel's flags before the robot is activated again; empty for what clears by itself."""
+    if flags & SafetyFlag.BUS_OFF or 1 < silent == joint_count:
+        return "check its cable, terminators and supply"
+    if flags & SafetyFlag.RX_TIMEOUT:
+        return "check its plug" if silent == 1 else "check their plugs"
+    if flags & SafetyFlag.TEMPERATURE_LIMIT:
+        return "let it cool"
+    return "find the cause" if flags & SafetyFlag.MOTOR_FAULT else ""

@@ -37,6 +37,8 @@ _LAST_ANSWERS = 0.1
 """s at most in which the last commands are answered."""
 _HOT = "motor_overtemperature"
 """The name of that bit in status and fault report alike."""
+_WARNS = "motor_overtemperature_warning"
+"""The name of that bit in a fault report."""
 
 
 class RobstrideEncoder:
@@ -70,6 +72,7 @@ class RobstrideSession(RobstrideLink):
         self._joints = range(motors.count)
         self._versions: Mapping[int, FirmwareVersion] = {}
         self._reporting: tuple[int, ...] = ()
+        self._heat = [("", "") for _ in self._joints]
         self.uids: dict[str, bytes] = {}
         """Unique ids by joint."""
 
@@ -158,12 +161,32 @@ class RobstrideSession(RobstrideLink):
         """See `MotorLink`."""
         slot, name = self.table.slots[motor], self.motors.names[motor]
         sample, alarm, report = slot.sample, slot.alarm, slot.report
+        found: list[Finding] = []
         if sample is not None and alarm is not None and (alarm is sample or alarm.time >= recent):
-            yield from _alarm(name, alarm.status)
+            found += _alarm(name, alarm.status)
         if report is not None and (report.faults or report.warnings):
-            yield from _report(name, report.faults, report.warnings)
+            found += _report(name, report.faults, report.warnings)
+        yield from self._with_temperature(motor, found)
         if slot.invalid.time >= recent:
             yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", name
+
+    def _with_temperature(self, motor: int, found: list[Finding]) -> list[Finding]:
+        """The findings; those of a hot motor in words, with the temperature at which each was first seen.
+
+        That it goes on rising is no news, and a message that changed in every tick would be published in every tick.
+        """
+        words = {what for _, what, _ in found}
+        kind = next((kind for kind in (_HOT, _WARNS) if kind in words), "")
+        if not kind:
+            self._heat[motor] = ("", "")
+            return found
+        if self._heat[motor][0] != kind:
+            model, sample = self.motors.model[motor], self.table.slots[motor].sample
+            now = "" if sample is None else f": {sample.status.temperature:.0f} °C"
+            adverb = "" if kind == _HOT else "nearly "
+            self._heat[motor] = (kind, f"is {adverb}too hot{now} (limit {model.fault_temperature:g} °C)")
+        told = self._heat[motor][1]
+        return [(flag, told if what in (_HOT, _WARNS) else what, name) for flag, what, name in found]
 
     def count_commands(self) -> None:
         """See `MotorLink`."""

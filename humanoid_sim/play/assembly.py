@@ -82,6 +82,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     tracking, anchor = (None, None) if is_shadow else errors_of_run(description, policy.loaded, policy.motion)
     told = Told(
         has_keys=has_keys(config),
+        is_driven=setup.is_driven,
         available=plan.supervisor.controllers,
         walks=policy.walks,
         motion_frames=0 if is_shadow else policy.motion_frames,

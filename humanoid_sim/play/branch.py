@@ -17,7 +17,7 @@ import numpy as np
 from humanoid_sim.controllers.base import REMOTE_POLICY, RL_POLICY
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
-from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
+from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory, start_reason
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import EventKind, Mode, SafetyStatus, TickRecord
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
@@ -172,15 +172,17 @@ def _repeated(
     path, header = point.recording.path, point.recording.header
     entries = point.recording.entries()
     memory, mode = stack.initial(), None
-    following, record = 0, None
+    following, record, is_fresh = 0, None, False
     for entry in entries:
         if not isinstance(entry, TickRecord):
             if entry.kind is EventKind.FRESH_START:
-                memory = stack.initial()
+                is_fresh = True
                 if robot is not None:
                     robot.activate()
             continue
         record = entry
+        if is_fresh:
+            memory, is_fresh = stack.initial(start_reason(record.output.control_mode.status_message)), False
         if record.index != following:
             raise InputError(f"--branch: '{path}' lacks {record.index - following} ticks before tick {record.index}")
         time = float(record.input.state.time)

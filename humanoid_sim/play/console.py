@@ -13,6 +13,7 @@ from humanoid_sim.cli import mute_output
 from humanoid_sim.messages import Event, EventKind, Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.play.status_line import MODE_STYLES, StatusLine, Told, possible, status_parts
 from humanoid_sim.session.keyboard import key_of
+from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE
 from humanoid_sim.session.sinks import WorkerSink
 
 __all__ = ["ConsoleSink", "PlayConsole"]
@@ -87,6 +88,8 @@ class ConsoleSink(WorkerSink):
             before = f"{_styled(self._mode)} → " if self._mode is not None else ""
             self._print(f"{before}{_styled(control.mode)}  [dim]{escape(control.status_message)}[/dim]")
             self._mode, self._controller = control.mode, control.controller_name
+        elif Intent.DAMP in record.input.intents and not self._told.is_driven():
+            self._print(f"[red]DAMP has no effect: no motor is driven; {HOW_TO_REACTIVATE}[/red]")
         elif bad:
             for text in bad:
                 self._print(f"[red]{escape(text)}[/red]")

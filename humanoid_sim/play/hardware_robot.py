@@ -100,6 +100,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             notices=notices,
             bring_up=_BringUp(robot, description, addresses, emulated=motors is not None),
             figures=lambda: _figures(robot),
+            is_driven=lambda: robot.is_enabled,
             failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
             keyboard="" if keyboard is None else str(keyboard.path),
             release=release,

@@ -120,6 +120,8 @@ class RobotSetup:
     """Path of the byte stream of an emulated MIDI keyboard; empty without one."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None
     """What happened on its buses, for the summary: JSON, with `lines` for people."""
+    is_driven: Callable[[], bool] = lambda: True
+    """Whether commands reach its motors."""
     failure: Callable[[], str] = lambda: ""
     """Why what the robot needs beside itself has failed; empty while it works."""
     release: Callable[[], None] = lambda: None

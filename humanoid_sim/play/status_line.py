@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import select
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
@@ -33,6 +33,8 @@ class Told:
 
     has_keys: bool = False
     """An operator sits at the keys."""
+    is_driven: Callable[[], bool] = lambda: True
+    """Whether commands reach the motors; they do not after a `reactivate` that failed."""
     available: Container[str] = ()
     """Names of the controllers that exist."""
     walks: bool = False
@@ -68,7 +70,7 @@ def status_parts(record: TickRecord, frame: int | None, overruns: int, told: Tol
     shown = []
     if told.walks and velocity is not None:
         shown.append("v " + " ".join(f"{value:.2f}" for value in velocity.value))
-    shown.append(f"{overruns} missed")
+    shown.append(f"{overruns} late tick{'' if overruns == 1 else 's'}")
     keys = _keys(record, told, width - sum(len(part) + 2 for part in (*parts, *shown)))
     parts += keys + shown
     if told.expected_duration:
@@ -91,7 +93,8 @@ def _keys(record: TickRecord, told: Told, room: int) -> list[str]:
     """What is possible now with its key; the keys alone where there is no room for the names."""
     if not told.has_keys:
         return []
-    asked = [(key_of(intent), intent.name) for intent in possible(record, told.available)]
+    intents = [i for i in possible(record, told.available) if i is not Intent.DAMP or told.is_driven()]
+    asked = [(key_of(intent), intent.name) for intent in intents]
     if record.output.control_mode.mode in REACTIVABLE:
         asked.append((REACTIVATE_KEY, "reactivate"))
     if told.walks and record.output.control_mode.mode is Mode.LOCOMOTION:

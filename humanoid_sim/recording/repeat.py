@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.supervisor import STARTED, start_reason
 from humanoid_sim.messages import EventKind, PolicyStep, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, MITState
 from humanoid_sim.recording.reader import Entry, Recording
@@ -158,8 +159,8 @@ Policy = Callable[[npt.NDArray[np.float32], int], npt.ArrayLike]
 class ControlStack(Protocol):
     """What of a `Supervisor` is needed here."""
 
-    def initial(self) -> Any:
-        """The memory before the first tick."""
+    def initial(self, reason: str = STARTED, /) -> Any:
+        """The memory before the first tick, or the first after a fresh start; `reason` is what is told of it."""
 
     def step(self, memory: Any, tick_input: TickInput, /) -> tuple[Any, TickOutput]:
         """One tick."""
@@ -297,11 +298,13 @@ def repeat_run(
     memory = stack.initial() if start is None else start
     report = RepeatReport()
     following = 0
+    is_fresh = False
     for record in recording.entries(past_damage=True) if entries is None else entries:
         if not isinstance(record, TickRecord):
-            if report.can_continue and record.kind is EventKind.FRESH_START:
-                memory = stack.initial()
+            is_fresh = is_fresh or (report.can_continue and record.kind is EventKind.FRESH_START)
             continue
+        if is_fresh:
+            memory, is_fresh = stack.initial(start_reason(record.output.control_mode.status_message)), False
         if record.index < following:
             report.difference = Difference("index", "", f"{record.index}, after {following - 1}", f"{following}")
         elif report.can_continue and record.index > following:

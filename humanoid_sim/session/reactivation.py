@@ -10,10 +10,21 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
 
-__all__ = ["REACTIVABLE", "REACTIVATE", "Answer", "Reactivation", "flattened", "reactivation_refusal"]
+__all__ = [
+    "HOW_TO_REACTIVATE",
+    "REACTIVABLE",
+    "REACTIVATE",
+    "Answer",
+    "Reactivation",
+    "flattened",
+    "reactivation_refusal",
+]
 
 REACTIVATE = "reactivate"
 """What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
+
+HOW_TO_REACTIVATE = "press e (or: mode reactivate)"
+"""What an operator is told to do once the cause of a fault is fixed."""
 
 REACTIVABLE = (Mode.ZERO_TORQUE, Mode.DAMPING)
 """Modes in which it is granted."""
@@ -83,5 +94,7 @@ def reactivation_refusal(mode: Mode) -> str:
 
 def flattened(text: str) -> str:
     """A message that lists what is wrong line by line, for where there is one line only."""
+    if not text:
+        return ""
     first, *items = (line.strip() for line in text.splitlines())
     return " ".join((first, "; ".join(item.removeprefix("- ") for item in items))).strip()

@@ -14,7 +14,7 @@ from time import perf_counter, sleep
 from typing import Protocol
 
 from humanoid_sim.controllers.live_inputs import LiveInputs
-from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
+from humanoid_sim.controllers.supervisor import NOT_DRIVEN, STARTED, Supervisor, SupervisorMemory
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import (
     EventKind,
@@ -239,7 +239,9 @@ class Session:
         if self._interruption is not None:
             self._interruption.restart()
         if kind is EventKind.FRESH_START:
-            self._memory, self._output = self._supervisor.initial(), None
+            has_failed = reactivation.answer is not None and not reactivation.answer.granted
+            self._memory = self._supervisor.initial(NOT_DRIVEN if has_failed else STARTED)
+            self._output = None
             self._pace.restart()
         self._sinks.event(told, kind)
         # What was asked for while the robot was busy was meant for the state before; DAMP is meant always.

@@ -97,8 +97,21 @@ def test_messages_are_printed_as_they_are(message: str) -> None:
 def test_a_terminal_gets_colours_and_a_line_of_status() -> None:
     text = printed(record(0, Mode.DAMPING, "started"), record(4, Mode.DAMPING), terminal=True)
     assert "\x1b[33mDAMPING" in text  # yellow
-    assert "DAMPING\x1b[0m  0 missed  20 %  2.0 s" in text
+    assert "DAMPING\x1b[0m  0 late ticks  20 %  2.0 s" in text
     assert text.endswith("\r\x1b[2K")  # and it is taken away in the end
+
+
+def test_damp_is_answered_where_no_motor_is_driven() -> None:
+    fault = FaultReport("damping_controller", "zero_torque_controller", "no joint position is known")
+    text = printed(
+        record(0, Mode.ZERO_TORQUE, "no motor is driven: reactivate failed"),
+        with_intents(record(1, Mode.ZERO_TORQUE, faults=(fault,)), Intent.DAMP),
+        told=Told(is_driven=lambda: False),
+    )
+    assert text.splitlines() == [
+        "   0.000 s  ZERO_TORQUE  no motor is driven: reactivate failed",
+        "   0.500 s  DAMP has no effect: no motor is driven; press e (or: mode reactivate)",
+    ]
 
 
 def test_an_intent_that_changes_nothing_is_answered() -> None:

@@ -11,6 +11,7 @@ from recorded_run import COUNT, PERIOD, Wobble, run
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
+from humanoid_sim.controllers.supervisor import NOT_DRIVEN, STARTED
 from humanoid_sim.messages import Event, EventKind, FaultReport, Mode
 from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.recording.reader import open_recording
@@ -73,10 +74,29 @@ def test_the_kind_of_an_event_says_whether_the_stack_began_again(recorded, event
 
     def build(header, policy):
         stack = rebuild_supervisor(header, policy)
-        return SimpleNamespace(initial=lambda: starts.append(1) or stack.initial(), step=stack.step)
+        return SimpleNamespace(initial=lambda *of: starts.append(1) or stack.initial(*of), step=stack.step)
 
     repeat_run(open_recording(recorded(header, ticks[:3])), build, entries=iter([event, *ticks[:3]]))
     assert len(starts) == 1 + begins_again
+
+
+@pytest.mark.parametrize("reason", [STARTED, NOT_DRIVEN])
+def test_a_fresh_start_is_repeated_with_its_reason(recorded, reason):
+    """The reason is that of the run; everything else of the tick is computed again."""
+    header, ticks = run(Wobble())
+    stack = rebuild_supervisor(header, Wobble())
+    _, output = stack.step(stack.initial(reason), replace(ticks[0].input, intents=()))
+    assert output.control_mode.status_message == reason
+    fresh = replace(ticks[0], index=1, input=replace(ticks[0].input, intents=()), output=output)
+    entries = [ticks[0], Event(0.0, "asked for", EventKind.FRESH_START), fresh]
+    report = repeat_run(open_recording(recorded(header, ticks[:1])), rebuild_supervisor, entries=iter(entries))
+    assert (report.is_identical, report.ticks) == (True, 2)
+    entries[0] = replace(
+        ticks[0], output=replace(output, control_mode=replace(output.control_mode, status_message="?"))
+    )
+    assert not repeat_run(
+        open_recording(recorded(header, ticks[:1])), rebuild_supervisor, entries=iter(entries)
+    ).is_identical
 
 
 def test_json(sample, recorded, capsys):

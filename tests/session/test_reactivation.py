@@ -7,7 +7,8 @@ from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
-from humanoid_sim.session.reactivation import Answer, Reactivation
+from humanoid_sim.session.keyboard import REACTIVATE_KEY
+from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVATE, Answer, Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script, parse_script
 from humanoid_sim.session.sources import IntentQueue
 
@@ -71,6 +72,10 @@ def test_what_the_operator_should_know_is_told_with_it() -> None:
     assert sink.kinds[0] is EventKind.FRESH_START
 
 
+def test_what_an_operator_is_told_to_press_is_its_key() -> None:
+    assert HOW_TO_REACTIVATE == f"press {REACTIVATE_KEY} (or: mode {REACTIVATE})"
+
+
 def test_in_motion_it_is_refused() -> None:
     reactivation, robot = Reactivation(), FakeRobot()
     sink, options = asked_at(5, reactivation, intents=[FakeSource({0: (Intent.DAMP,), 1: (Intent.LOAD_A,)})])
@@ -93,7 +98,8 @@ def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_sessio
     assert sink.events[0] == "REACTIVATE failed: lite: 2 problems: can0: a; can1: b"
     assert reactivation.answer == Answer(False, sink.events[0])
     assert sink.kinds[0] is EventKind.FRESH_START
-    assert sink.records[6].output.control_mode.mode is Mode.ZERO_TORQUE
+    control = sink.records[6].output.control_mode
+    assert (control.mode, control.status_message) == (Mode.ZERO_TORQUE, "no motor is driven: reactivate failed")
     assert len(sink.records) > 15
 
 

@@ -20,7 +20,7 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
         SafetyFlag.BUS_OFF: "a CAN interface has left its bus after too many errors",
         SafetyFlag.RX_TIMEOUT: "a motor, or a sensor, has not been heard in time",
         SafetyFlag.TX_QUEUE_OVERRUN: "commands could not be sent: the interface's queue is full",
-        SafetyFlag.MOTOR_FAULT: "a motor reports a fault",
+        SafetyFlag.MOTOR_FAULT: "a motor reports a fault, or is not enabled",
         SafetyFlag.TEMPERATURE_LIMIT: "a motor is too hot",
         SafetyFlag.INVALID_FRAME: "a frame or a value arrived that cannot be right",
     }

@@ -79,7 +79,7 @@ def test_safety_is_explained(local: LocalSession) -> None:
             "source": "can0",
             "flags": [
                 "BUS_OFF: a CAN interface has left its bus after too many errors",
-                "MOTOR_FAULT: a motor reports a fault",
+                "MOTOR_FAULT: a motor reports a fault, or is not enabled",
             ],
             "message": "over-current",
         }

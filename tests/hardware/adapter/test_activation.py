@@ -575,9 +575,68 @@ def test_a_refused_reactivation_leaves_a_robot_that_can_be_read(
     assert problems[1:] == ["left: does not confirm that it is disabled"]
     state, statuses = robot.read()
     assert [status.level for status in statuses] == [SafetyLevel.FAULT] * 2
-    assert all("not enabled, 2 problems" in status.message for status in statuses)
+    messages = {status.message for status in statuses}
+    assert len(messages) == 1
+    (message,) = messages
+    assert message.startswith("no motor is driven: not enabled, 2 problems: left: motor 11 does not answer on")
+    end = "; left: does not confirm that it is disabled; fix that, then press e (or: mode reactivate)"
+    assert message.endswith(end)
     assert state.joint_count == 2
     assert right.mode is MotorMode.RESET
+
+
+@pytest.mark.usefixtures("impatient")
+def test_after_a_refused_reactivation_the_motors_are_called_off_only_if_all_confirm_it(
+    robot: HardwareRobot, left: ScriptedMotor
+) -> None:
+    robot.activate()
+    left.faults, left.clears_faults = StatusFault.ENCODER_FAULT, False
+    assert _refusal(robot) == ["left: faults do not clear: encoder_fault"]
+    (message,) = {status.message for status in robot.read()[1]}
+    assert message == (
+        "the motors are off: not enabled, 1 problem: left: faults do not clear: encoder_fault; "
+        "fix that, then press e (or: mode reactivate)"
+    )
+
+
+def test_a_motor_that_lost_its_power_while_the_operator_was_asked_is_set_up_afresh(
+    robot: HardwareRobot, left: ScriptedMotor
+) -> None:
+    """It comes back as from the factory: no CAN timeout, other limits, no reports."""
+    robot.prepare()
+    before = dict(left.parameters)
+    assert left.reports
+    left.reports, left.mode = False, MotorMode.RESET
+    ScriptedMotor.__post_init__(left)
+    assert left.parameters != before
+    robot.activate()
+    assert left.parameters == before
+    assert left.reports
+    assert left.mode is MotorMode.RUN
+
+
+def test_figures_and_the_warmest_motor_are_those_of_the_whole_session(
+    robot: HardwareRobot, left: ScriptedMotor
+) -> None:
+    robot.activate()
+    robot.write(MITCommand.zeros(2))
+    left.temperature = 150.0
+    assert wait_until(lambda: robot.read() is not None and robot.statistics.warmest["left"] == 150.0)
+    assert wait_until(lambda: robot.statistics.acknowledged == 2)
+    first = robot.statistics
+    left.temperature = 26.0
+    robot.activate()
+    robot.write(MITCommand.zeros(2))
+    assert wait_until(lambda: robot.statistics.acknowledged == 4)
+    robot.read()
+    latest = robot.statistics
+    assert latest.commanded == 4
+    assert (latest.temperature["left"], latest.warmest["left"]) == (26.0, 150.0)
+    assert "warmest motor: left, 150.0 °C" in latest.lines()
+    assert [channel.source for channel in latest.channels] == [channel.source for channel in first.channels]
+    for before, now in zip(first.channels, latest.channels, strict=True):
+        assert now.counters.sent > before.counters.sent
+        assert now.elapsed > before.elapsed
 
 
 def test_a_second_session_is_refused_until_the_first_is_closed(make_robot: MakeRobot) -> None:

@@ -195,7 +195,7 @@ def test_a_silent_wrist_is_heard_of_and_does_not_confirm_that_it_is_disabled() -
         hold(robot, 0.3)
         _, statuses = robot.read()
         assert [(status.flags, status.message) for status in statuses] == [
-            (SafetyFlag.RX_TIMEOUT, "silent: right_wrist_pitch")
+            (SafetyFlag.RX_TIMEOUT, "silent: right_wrist_pitch; check its plug, then press e (or: mode reactivate)")
         ]
         with pytest.raises(
             RobotError, match=r"not confirmed to be disabled: right_wrist_pitch \(no feedback\)\. Not all"

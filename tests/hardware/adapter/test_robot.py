@@ -27,6 +27,7 @@ from humanoid_sim.robots.motors import MOTORS
 
 MakeRobot = Callable[..., HardwareRobot]
 FAULT, WARNING = SafetyLevel.FAULT, SafetyLevel.WARNING
+THEN = ", then press e (or: mode reactivate)"
 
 
 @pytest.fixture
@@ -129,7 +130,7 @@ def test_a_silent_joint_keeps_its_values_and_ages(enabled: HardwareRobot, left: 
     begin = time.monotonic()
     status = _wait_for(enabled, SafetyFlag.RX_TIMEOUT)
     assert 0.15 < time.monotonic() - begin < 1.0
-    assert (status.level, status.message) == (FAULT, "silent: left")
+    assert (status.level, status.message) == (FAULT, f"silent: left; check its plug{THEN}")
     assert enabled.statistics.faults == {"left": ("silent",)}
     state, _ = enabled.read()
     assert state.joint_position[0] == pytest.approx(-0.25, abs=4e-4)
@@ -144,7 +145,7 @@ def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
 ) -> None:
     left.mode = MotorMode.RESET
     status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
-    assert (status.level, status.message) == (FAULT, "left run mode (mode reset): left")
+    assert (status.level, status.message) == (FAULT, f"left run mode (mode reset): left; find the cause{THEN}")
     for _ in range(5):
         enabled.write(_hold(0.0))
         time.sleep(0.01)
@@ -155,16 +156,16 @@ def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
 @pytest.mark.parametrize(
     ("faults", "flags", "text"),
     [
-        (StatusFault.UNDERVOLTAGE, SafetyFlag.MOTOR_FAULT, "undervoltage: left"),
+        (StatusFault.UNDERVOLTAGE, SafetyFlag.MOTOR_FAULT, "undervoltage: left; find the cause"),
         (
             StatusFault.MOTOR_OVERTEMPERATURE,
             SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
-            "motor_overtemperature: left",
+            "left is too hot: 25 °C (limit 135 °C); let it cool",
         ),
         (
             StatusFault.STALL_OVERLOAD | StatusFault.ENCODER_FAULT,
             SafetyFlag.MOTOR_FAULT,
-            "encoder_fault: left; stall_overload: left",
+            "encoder_fault: left; stall_overload: left; find the cause",
         ),
     ],
 )
@@ -173,8 +174,9 @@ def test_a_fault_in_a_status_is_flagged_while_it_lasts(
 ) -> None:
     left.faults = faults
     status = _wait_for(enabled, flags)
-    assert (status.level, status.message) == (FAULT, text)
-    assert enabled.statistics.faults == {"left": tuple(part.removesuffix(": left") for part in text.split("; "))}
+    assert (status.level, status.message) == (FAULT, f"{text}{THEN}")
+    words = tuple(part.removesuffix(": left").removeprefix("left ") for part in text.split("; ")[:-1])
+    assert enabled.statistics.faults == {"left": words}
     left.faults = StatusFault(0)
     assert wait_until(lambda: _statuses(enabled)[0].is_ok)
     assert enabled.statistics.faults == {}
@@ -183,20 +185,20 @@ def test_a_fault_in_a_status_is_flagged_while_it_lasts(
 @pytest.mark.parametrize(
     ("faults", "warnings", "flags", "text"),
     [
-        (FaultBit.OVERVOLTAGE, WarningBit(0), SafetyFlag.MOTOR_FAULT, "overvoltage: left"),
+        (FaultBit.OVERVOLTAGE, WarningBit(0), SafetyFlag.MOTOR_FAULT, "overvoltage: left; find the cause"),
         (
             FaultBit.MOTOR_OVERTEMPERATURE,
             WarningBit(0),
             SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
-            "motor_overtemperature: left",
+            "left is too hot: 25 °C (limit 135 °C); let it cool",
         ),
         (
             FaultBit(0),
             WarningBit.MOTOR_OVERTEMPERATURE_WARNING,
             SafetyFlag.TEMPERATURE_LIMIT,
-            "motor_overtemperature_warning: left",
+            "left is nearly too hot: 25 °C (limit 135 °C); let it cool",
         ),
-        (FaultBit.STALL_OVERLOAD, WarningBit(0), SafetyFlag.MOTOR_FAULT, "stall_overload: left"),
+        (FaultBit.STALL_OVERLOAD, WarningBit(0), SafetyFlag.MOTOR_FAULT, "stall_overload: left; find the cause"),
     ],
 )
 def test_a_fault_report_holds_until_the_motor_reports_none(
@@ -209,7 +211,7 @@ def test_a_fault_report_holds_until_the_motor_reports_none(
 ) -> None:
     motors.send(motors.buses[0], fault_report(11, faults, warnings))
     status = _wait_for(enabled, flags)
-    assert (status.level, status.message) == (FAULT, text)
+    assert (status.level, status.message) == (FAULT, f"{text}{THEN}")
     time.sleep(0.05)
     assert _statuses(enabled)[0] == status, "frames without a fault bit do not clear it"
     motors.send(motors.buses[0], fault_report(11, FaultBit(0)))
@@ -222,7 +224,7 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
     assert _statuses(enabled)[0].is_ok
     left.position += 0.8
     status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
-    assert status.message == "position jumped: left"
+    assert status.message == f"position jumped: left; find the cause{THEN}"
     left.position -= 0.8
     time.sleep(0.3)
     assert not _statuses(enabled)[0].is_ok, "nobody knows which of the two was right"
@@ -296,7 +298,7 @@ def test_a_burst_of_error_frames_is_a_warning_without_a_flag(enabled: HardwareRo
 def test_bus_off_lasts_until_the_next_activation(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
     motors.send_frame(motors.buses[0], Frame(0x40, bytes(8), is_extended=False, is_error=True))
     status = _wait_for(enabled, SafetyFlag.BUS_OFF)
-    assert (status.level, status.message) == (FAULT, "down: bus-off")
+    assert (status.level, status.message) == (FAULT, f"down: bus-off; check its cable, terminators and supply{THEN}")
     time.sleep(0.3)
     assert _statuses(enabled)[0] == status, "frames that come again do not clear it"
     enabled.activate()
