@@ -129,7 +129,10 @@ def _row(tick: TickRecord, actions: int) -> Iterator[object]:
 
 
 def _mp4(recording: Recording, path: Path, options: Export) -> str:
+    from rich.console import Console  # noqa: PLC0415
+
     from humanoid_sim.rendering.video import VideoSink  # noqa: PLC0415
+    from humanoid_sim.rendering.video_progress import finish_video  # noqa: PLC0415
     from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
 
     description = _description(recording, options)
@@ -150,7 +153,7 @@ def _mp4(recording: Recording, path: Path, options: Export) -> str:
                 if joint in base:
                     qpos[joint.qpos : joint.qpos + 7] = pose
             video.tick(replace(tick, qpos=qpos))
-        report = video.finish()
+        report = finish_video(video, Console(stderr=True, highlight=False), "Ctrl-C leaves no file")
     except BaseException:
         video.abandon()
         raise

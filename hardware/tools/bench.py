@@ -137,9 +137,13 @@ def advice_for_silence(source: str) -> tuple[str, ...]:
     """What to check where nobody answers on a channel, one line each: the kernel's word first, then the likeliest."""
     address = parse_address(source)
     if address.interface in _EMULATED:
-        return (
-            f"check: does anybody emulate motors there? python -m humanoid_sim.hardware emulate --channel {source}",
-        )
+        emulate = "python -m humanoid_sim.hardware emulate --channel"
+        if address.interface == "virtual":
+            between = "udp_multicast:239.74.163.2"
+            return (
+                f"check: a virtual channel exists inside one program only; two share {between} ({emulate} {between})",
+            )
+        return (f"check: does anybody emulate motors there? {emulate} {source}",)
     lines = []
     if address.interface == "socketcan":
         checks = CheckList()
@@ -177,6 +181,16 @@ def silence(channels: RobstrideLink, motor: int = 0, who: str = "") -> HumanoidS
         return RobotError(f"{source}: {trouble}")
     why = f" ({trouble})" if trouble else ""
     return SilentMotorError(f"{who or f'motor {channels.motors.motor_id[motor]}'} does not answer on {source}{why}")
+
+
+def nobody(channels: RobstrideLink, index: int) -> HumanoidSimError:
+    """The error for a channel on which no motor answers, after what to check was printed."""
+    source, trouble = channels.sources[index], channel_trouble(channels, index)
+    if channels.channels[index].down:
+        return RobotError(f"{source}: {trouble}")
+    for line in advice_for_silence(source):
+        complain(line)
+    return SilentMotorError(f"no motor answers on {source}{f' ({trouble})' if trouble else ''}")
 
 
 def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:

@@ -35,7 +35,7 @@ from humanoid_sim.hardware.calibration import (
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.sito.session import SitoSession
-from humanoid_sim.hardware.tools.bench import open_bench, require_up, silence
+from humanoid_sim.hardware.tools.bench import nobody, open_bench, require_up, silence
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.hardware.tools.sito_bench import limp_sito
 from humanoid_sim.hardware.tools.terminal import confirm, make_console, make_table
@@ -123,10 +123,13 @@ class JointTracks:
         for i, position in found.items():
             self.by_joint[i].take(float(self._wiring.direction[i]) * position, now)
         if now - self._begin > _SILENT:
-            for i, track in self.by_joint.items():
-                if track.heard == -math.inf:
-                    who = f"{self._wiring.names[i]} (motor {self._wiring.motor_id[i]})"
-                    raise silence(self._channels, i, who)
+            unheard = [i for i, track in self.by_joint.items() if track.heard == -math.inf]
+            for i in unheard:
+                on_channel = [k for k in self.by_joint if self._wiring.channel[k] == self._wiring.channel[i]]
+                if len(on_channel) > 1 and set(on_channel) <= set(unheard):
+                    raise nobody(self._channels, self._wiring.channel[i])
+                who = f"{self._wiring.names[i]} (motor {self._wiring.motor_id[i]})"
+                raise silence(self._channels, i, who)
 
 
 _POLL_PERIOD = 0.02
@@ -167,7 +170,8 @@ def calibrate(config: Calibrate) -> int:
             entries[wiring.names[i]] = CalibrationEntry(wiring.motor_id[i], int(wiring.direction[i]), offset)
         order = [*description.joint_names, *entries]
         save_calibration(config.output, {name: entries[name] for name in dict.fromkeys(order) if name in entries})
-        print(f"wrote {config.output}: {len(swept)} joints calibrated, {len(entries) - len(swept)} kept")
+        joints = "joint" if len(swept) == 1 else "joints"
+        print(f"wrote {config.output}: {len(swept)} {joints} calibrated, {len(entries) - len(swept)} kept")
     else:
         print(f"{config.output}: not written, no joint was calibrated")
     missing = [name for name in description.joint_names if name not in entries]
@@ -286,9 +290,11 @@ def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tra
         numbers = (track.angle, track.sweep.lowest, track.sweep.highest, track.sweep.width, joint.upper - joint.lower)
         offset = "" if result.homing_offset is None else f"{result.homing_offset:.3f}"
         verdict = f"[{_COLOURS[result.verdict]}]{result.verdict.value}[/]"
+        if track.restarts and result.verdict is not Verdict.GOOD:
+            verdict = "[red]was silent: sweep again[/]"
         if track.is_silent(time.monotonic()):
             verdict = "[red]silent[/]"
-        shown = (f"{number:.2f}" for number in numbers)
+        shown = (f"{number:.2f}" if math.isfinite(number) else "-" for number in numbers)
         table.add_row(escape(joint.name), str(wiring.motor_id[i]), *shown, offset, verdict)
     return table
 

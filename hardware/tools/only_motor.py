@@ -24,9 +24,9 @@ from humanoid_sim.hardware.robstride.messages import SaveParameters
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, default_value
 from humanoid_sim.hardware.tools.bench import (
     SilentMotorError,
-    advice_for_silence,
     channel_trouble,
     command_motor,
+    nobody,
     open_bench,
     read_device_id,
     read_value,
@@ -94,9 +94,7 @@ def _only(channels: RobstrideLink, uids: dict[int, set[bytes]]) -> tuple[int, by
     source, trouble = channels.sources[0], channel_trouble(channels, 0)
     because = f" ({trouble})" if trouble else ""
     if not uids:
-        for line in advice_for_silence(source):
-            complain(line)
-        raise SilentMotorError(f"no motor answers on {source}{because}")
+        raise nobody(channels, 0)
     found = sorted((motor_id, uid) for motor_id, same in uids.items() for uid in same)
     if len(found) > 1:
         told = ", ".join(f"{motor_id} (unique id {uid.hex()})" for motor_id, uid in found)

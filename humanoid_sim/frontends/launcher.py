@@ -106,6 +106,8 @@ class FrontEnds(Sink):
 
     def _wait_until_ready(self) -> None:
         deadline = monotonic() + _READY
+        if self._children:
+            self._show(f"waiting for {', '.join(child.name for child in self._children)} ...")
         while not all(child.is_ready for child in self._children) and not self._is_ending():
             for key, _ in self._selector.select(_PERIOD):
                 self._read(key.data)

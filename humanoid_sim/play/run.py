@@ -8,7 +8,6 @@ from contextlib import ExitStack, contextmanager
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
 from rich.text import Text
 
 from humanoid_sim.cli import ExitStatus, complain, mute_output
@@ -23,6 +22,7 @@ from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import key_force, print_report, summarise, write_summary
 from humanoid_sim.play.signals import handled_signals
 from humanoid_sim.rendering.video import VideoSink, save_snapshot
+from humanoid_sim.rendering.video_progress import finish_video
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
 
@@ -60,6 +60,8 @@ def play(config: PlayConfig) -> int:
             raise RobotError(flattened(str(error))) from None
         finally:
             run.close()
+            if run.recorder is not None:
+                run.recorder.discard_if_empty()
             if run.console.error is not None or run.console.is_alive:
                 mute_output()  # what is printed from here on would fail as well, or wait as that thread does
                 console = PlayConsole()  # that thread may hold the lock of the other one
@@ -143,10 +145,10 @@ def _noting(problems: list[str]) -> Iterator[None]:
 def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     """Draw what was asked for and name every file that the run left."""
     outputs = run.plan.outputs
-    if outputs.record is not None:
-        repeat = f"   (repeat it: python -m humanoid_sim.replay {outputs.record})"
+    if outputs.record is not None and outputs.record.exists():
+        check = f"   (check it; nothing moves: python -m humanoid_sim.replay {outputs.record})"
         with _printing(problems):
-            console.print(f"recording  {outputs.record}{repeat}", markup=False)
+            console.print(f"recording  {outputs.record}{check}", markup=False)
     if run.video is not None:
         _finish_video(console, run.video, problems)
     if outputs.snapshot is not None:
@@ -163,16 +165,9 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
 
 def _finish_video(console: Console, video: VideoSink, problems: list[str]) -> None:
     """Wait for the video, which has been drawn since the run began, and name it. Ctrl-C skips it."""
-    if not console.is_terminal:
-        with _printing(problems):
-            console.print(f"drawing the rest of {video.frame_count} frames of video ...", markup=False)
     try:
-        with (
-            _noting(problems),
-            Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
-        ):
-            task = progress.add_task("drawing the video (Ctrl-C skips it)", total=None)
-            report = video.finish(lambda done, total: progress.update(task, completed=done, total=total))
+        with _noting(problems):
+            report = finish_video(video, console, "Ctrl-C skips it")
             notice = f"   {report.notice}" if report.notice else ""
             with _printing(problems):
                 console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)

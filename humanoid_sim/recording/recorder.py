@@ -14,6 +14,7 @@ import math
 import os
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -102,6 +103,7 @@ class McapRecorder:
         """See `Sink`."""
         self._thread: threading.Thread | None = None
         self._error: str | None = None
+        self._is_created = False
         self._taken = 0
         self._done = 0
         self._lost = 0
@@ -135,6 +137,7 @@ class McapRecorder:
             if self.path.is_file():
                 self.path.unlink()
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        self._is_created = True
         self.backlog_limit = max(round(_LAG / header.control_period), 2)
         self._thread = threading.Thread(target=self._write, args=(run,), name="recorder", daemon=True)
         self._thread.start()
@@ -173,6 +176,19 @@ class McapRecorder:
         thread.join(_CLOSE_TIMEOUT)
         if thread.is_alive():
             self._fail(f"the disk did not answer for {_CLOSE_TIMEOUT:g} s")
+
+    def discard_if_empty(self) -> bool:
+        """After `close`: remove the file if the run had no tick; whether it did. Never raises.
+
+        The next start with the same file is not refused then because of a run that was none.
+        """
+        if self._thread is not None or not self._is_created or self._taken or self._lost or self._error:
+            return False
+        with suppress(OSError):
+            if self.path.is_file() and not self.path.is_symlink():
+                self.path.unlink()
+                return True
+        return False
 
     def _write(self, run: _RunWriter) -> None:
         """The writer thread. Contains every exception: it must not end the run, only the recording."""

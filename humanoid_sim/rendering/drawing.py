@@ -2,7 +2,7 @@
 
 On standard input it takes pickles: a `Job`, then `Moment`s as they come, then None. On standard output it tells, a JSON
 object a line: how many frames are done, and in the end what drew them, or what went wrong. If its input ends without
-None, nobody waits for the file, and it is removed.
+None, or the process that started it (its argument) is gone, nobody waits for the file, and it is removed.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
+from threading import Thread
+from time import sleep
 from typing import IO, cast
 
 import av
@@ -39,6 +41,8 @@ __all__ = ["Job", "Moment", "draw_video"]
 _H264 = ("libx264", "libopenh264")
 _AAC, _AAC_BITS = "aac", 128_000
 """What every browser plays beside H.264, and bits per second."""
+_LOOK_PERIOD = 0.2
+"""s between two looks at whether the process that wants the video is there."""
 _NICENESS = 5
 """The robot that is being simulated goes first."""
 
@@ -168,8 +172,17 @@ def _moments(source: IO[bytes]) -> Iterator[Moment]:
         yield item
 
 
-def main() -> int:
-    """Draw what standard input asks for."""
+def _end_with(parent: int, path: str) -> None:
+    """End this process, and leave no file, within a moment of the end of `parent`: there may be minutes to draw."""
+    while os.getppid() == parent:
+        sleep(_LOOK_PERIOD)
+    with suppress(OSError):
+        os.unlink(path)
+    os._exit(1)
+
+
+def main(parent: int) -> int:
+    """Draw what standard input asks for, for the process `parent`."""
     output = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever a driver prints is no answer
     os.nice(_NICENESS)
@@ -179,6 +192,7 @@ def main() -> int:
             print(json.dumps(answer), file=output)
 
     job: Job = pickle.load(sys.stdin.buffer)
+    Thread(target=_end_with, args=(parent, job.path), name="parent", daemon=True).start()
     try:
         backend, is_beside = draw_video(job, _moments(sys.stdin.buffer), lambda count: tell(frames=count))
     except EOFError:  # who wanted it is gone
@@ -196,4 +210,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(int(sys.argv[1])))

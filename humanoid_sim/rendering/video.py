@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import pickle
 import queue
 import subprocess
@@ -230,7 +231,7 @@ class _Drawing:
         try:
             work = pickle.dumps(job(self._file.name))
             with subprocess.Popen(
-                [sys.executable, "-m", _PROGRAM],
+                [sys.executable, "-m", _PROGRAM, str(os.getpid())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,  # the terminal's Ctrl-C is for the run

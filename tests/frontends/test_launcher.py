@@ -19,6 +19,7 @@ from humanoid_sim.frontends.launcher import FrontEnds
 
 POPEN = subprocess.Popen
 Launch = Callable[..., FrontEnds]
+WAIT = FrontEnds._wait_until_ready
 STAYS = "import time; print('up', flush=True); time.sleep(60)"
 
 
@@ -41,7 +42,7 @@ def launch(local: LocalSession, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) 
         front_ends = FrontEnds(
             [Wanted(f"fake_{i}") for i in range(len(programs))],
             local.feed,
-            show=local.told.append,
+            show=lambda text: None if text.startswith("waiting for ") else local.told.append(text),
             note=lambda text: local.told.append(f"recorded: {text}"),
             status=lambda: {"front_ends": dict(front_ends.running)},
         )
@@ -135,6 +136,21 @@ def test_one_that_says_nothing_is_waited_for_no_longer_than_that(
     front_ends = launch("import time; time.sleep(60)", "import time; time.sleep(60)")
     assert local.told == ["recorded: not ready after 0.2 s: fake_0, fake_1"]
     assert list(front_ends.running) == ["fake_0", "fake_1"]
+
+
+def test_an_operator_reads_at_once_what_is_waited_for(launch: Launch, local: LocalSession, monkeypatch: Any) -> None:
+    shown: list[str] = []
+
+    def note(front_ends: FrontEnds) -> None:
+        monkeypatch.setattr(front_ends, "_show", shown.append)
+        WAIT(front_ends)
+
+    monkeypatch.setattr(FrontEnds, "_wait_until_ready", note)
+    launch(STAYS, STAYS)
+    assert shown[0] == "waiting for fake_0, fake_1 ..."
+    shown.clear()
+    launch()
+    assert shown == []
 
 
 def test_what_cannot_be_started_is_one_line_and_leaves_nothing(launch: Launch, monkeypatch: Any) -> None:

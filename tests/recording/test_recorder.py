@@ -162,6 +162,30 @@ def test_a_run_without_ticks_is_a_recording(tmp_path):
     assert recording.is_complete
 
 
+@pytest.mark.parametrize("ticks", [0, 1])
+def test_only_a_run_without_ticks_can_be_discarded(tmp_path, ticks):
+    recorder = McapRecorder(tmp_path / "run.mcap")
+    assert not recorder.discard_if_empty()  # nothing was made yet
+    recorder.start(make_header())
+    assert not recorder.discard_if_empty()  # it is being written
+    recorder.event(Event(0.0, "hello"))
+    for index in range(ticks):
+        recorder.tick(make_tick(index))
+    recorder.close()
+    assert recorder.discard_if_empty() is (ticks == 0)
+    assert (tmp_path / "run.mcap").exists() is (ticks > 0)
+
+
+def test_a_file_that_is_anothers_is_not_discarded(tmp_path):
+    (tmp_path / "run.mcap").write_bytes(b"mine")
+    recorder = McapRecorder(tmp_path / "run.mcap", overwrite=False)
+    with pytest.raises(InputError, match="exists"):
+        recorder.start(make_header())
+    recorder.close()
+    assert not recorder.discard_if_empty()
+    assert (tmp_path / "run.mcap").read_bytes() == b"mine"
+
+
 def test_where_it_cannot_write_it_does_not_start(tmp_path):
     for path in (tmp_path / "missing" / "run.mcap", tmp_path):
         with pytest.raises(InputError, match="cannot be written"):

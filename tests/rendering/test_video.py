@@ -3,6 +3,8 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import subprocess
+import sys
 import threading
 import wave
 from collections.abc import Callable, Iterator
@@ -10,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from time import monotonic, sleep
 
 import av
 import mujoco
@@ -183,6 +186,37 @@ def test_a_drawing_process_that_is_killed_is_told(
 
     with pytest.raises(InputError, match=r"run\.mp4: the drawing process ended, status -9"):
         sink.finish(kill)
+    assert list(tmp_path.iterdir()) == []
+
+
+_WAITS = """
+import sys
+import mujoco, numpy as np
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.rendering.video import VideoSink
+
+xml = '<mujoco><worldbody><body><joint/><geom size="0.1"/></body></worldbody></mujoco>''
+model = mujoco.MjModel.from_xml_string(xml)
+video = VideoSink(sys.argv[1], lambda: model, fps=30, size=(1920, 1080))
+output = TickOutput(MITCommand.zeros(1), ControlMode(Mode.STANDBY, "standby_controller_a"))
+for index in range(100):
+    video.tick(TickRecord(index, TickInput(MITState.unknown(1, index / 30)), output, 0.001, False, np.zeros(1)))
+video.finish(lambda done, total: print(video.process_id, flush=True) if done else None)
+"""
+
+
+def test_a_drawing_process_ends_with_the_program_that_wants_the_video(tmp_path: Path) -> None:
+    """It has been told of every frame, and would draw them all and leave a file that nobody renames."""
+    command = [sys.executable, "-c", _WAITS, str(tmp_path / "run.mp4")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        drawing = int(parent.stdout.readline())
+        parent.terminate()
+    deadline = monotonic() + 20.0
+    while Path(f"/proc/{drawing}").exists() and " Z " not in Path(f"/proc/{drawing}/stat").read_text(encoding="utf-8"):
+        assert monotonic() < deadline
+        sleep(0.02)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -73,7 +73,7 @@ def test_what_the_operator_should_know_is_told_with_it() -> None:
 
 
 def test_what_an_operator_is_told_to_press_is_its_key() -> None:
-    assert HOW_TO_REACTIVATE == f"press {REACTIVATE_KEY} (or: mode {REACTIVATE})"
+    assert f"press {REACTIVATE_KEY} (or: mode {REACTIVATE})" == HOW_TO_REACTIVATE
 
 
 def test_in_motion_it_is_refused() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from humanoid_sim.hardware.adapter.wiring import make_wiring
 from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_calibration, save_calibration
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
@@ -20,6 +21,7 @@ from humanoid_sim.hardware.robstride.messages import Command
 from humanoid_sim.hardware.robstride.requests import Requests
 from humanoid_sim.hardware.tools import calibrate as tool
 from humanoid_sim.hardware.tools.calibrate import JointTrack
+from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.robots.description import load_robot
 
 Run = Callable[..., tuple[int, str, str]]
@@ -226,6 +228,35 @@ def test_status_3_where_a_motor_is_silent(run: Run, tmp_path: Path, monkeypatch:
     assert status == 3
     assert complained == f"error: left_wrist_yaw (motor 15) does not answer on {channel}\n"
     assert not path.exists()
+
+
+def test_where_nobody_answers_it_says_what_to_check(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tool, "_SILENT", 0.2)
+    path = tmp_path / "calibration.yaml"
+    channel = "virtual:bench-nobody"
+    status, _, complained = run("calibrate", channel, "--output", str(path), "--duration", "5")
+    assert status == 3
+    assert complained.splitlines() == [
+        "check: a virtual channel exists inside one program only; two share udp_multicast:239.74.163.2 (python -m "
+        "humanoid_sim.hardware emulate --channel udp_multicast:239.74.163.2)",
+        f"error: no motor answers on {channel}",
+    ]
+    assert not path.exists()
+
+
+def test_a_joint_that_was_silent_is_to_be_swept_again_until_it_has_been() -> None:
+    tracks = {3: JointTrack(heard=time.monotonic(), restarts=1, sweep=Sweep(0.0, 0.1)), 4: JointTrack()}
+    tracks[5] = JointTrack(heard=time.monotonic(), restarts=1, sweep=Sweep(0.0, 2.356), angle=0.0)
+    wiring = make_wiring(_LITE, 1)
+    screen = io.StringIO()
+    config = Calibrate(channels=_CHANNEL, robot="lite")
+    Console(file=screen, width=140).print(tool._table(config, _LITE, wiring, tracks))
+    rows = screen.getvalue().splitlines()
+    assert "was silent: sweep again" in next(row for row in rows if "left_elbow_pitch" in row)
+    unheard = next(row for row in rows if "left_wrist_yaw" in row)
+    assert "silent" in unheard
+    assert "nan" not in screen.getvalue()
+    assert unheard.split()[2:5] == ["-", "-", "-"]
 
 
 def test_a_channel_that_goes_down_ends_the_sweep(run: Run, tmp_path: Path) -> None:

@@ -41,7 +41,8 @@ def test_status_3_where_nothing_answers(run: Run) -> None:
     assert (status, printed) == (3, "")
     assert complained.splitlines() == [
         f"no motor answers on {_CHANNEL}: ids 40 to 41 were asked",
-        f"  check: does anybody emulate motors there? python -m humanoid_sim.hardware emulate --channel {_CHANNEL}",
+        "  check: a virtual channel exists inside one program only; two share udp_multicast:239.74.163.2 (python -m "
+        "humanoid_sim.hardware emulate --channel udp_multicast:239.74.163.2)",
     ]
 
 

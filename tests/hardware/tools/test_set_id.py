@@ -119,7 +119,8 @@ def test_status_3_and_advice_where_nobody_answers(run: Run) -> None:
     status, _, complained = run("set-id", "virtual:nobody", "14", "--yes")
     assert status == 3
     assert complained.splitlines() == [
-        "check: does anybody emulate motors there? python -m humanoid_sim.hardware emulate --channel virtual:nobody",
+        "check: a virtual channel exists inside one program only; two share udp_multicast:239.74.163.2 (python -m "
+        "humanoid_sim.hardware emulate --channel udp_multicast:239.74.163.2)",
         "error: no motor answers on virtual:nobody",
     ]
 

@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from humanoid_sim.rendering import video_progress
+from humanoid_sim.rendering.video import VideoReport, VideoSink
+from humanoid_sim.rendering.video_progress import finish_video
+
+
+class _Drawn(VideoSink):
+    """A video whose five frames are drawn one by one."""
+
+    def __init__(self) -> None:
+        self.frame_count = 5
+
+    def finish(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
+        assert progress is not None
+        for done in range(1, 6):
+            progress(done, 5)
+        return VideoReport(Path("run.mp4"), 5, 0.2, "nothing")
+
+
+def _told(*, terminal: bool) -> str:
+    screen = io.StringIO()
+    console = Console(file=screen, force_terminal=terminal, width=100, highlight=False)
+    assert finish_video(_Drawn(), console, "Ctrl-C skips it").frame_count == 5
+    return screen.getvalue()
+
+
+def test_without_a_terminal_a_count_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 4.0, 8.0, 12.0, 12.0, 16.0, 20.0])
+    monkeypatch.setattr(video_progress, "monotonic", lambda: next(clock))
+    assert _told(terminal=False).splitlines() == [
+        "drawing the rest of 5 frames of video (Ctrl-C skips it) ...",
+        "3 of 5 frames drawn",
+    ]
+
+
+def test_a_terminal_shows_a_bar() -> None:
+    assert "drawing the video (Ctrl-C skips it)" in _told(terminal=True)
+
+
+def test_an_output_that_is_full_spoils_no_video() -> None:
+    class Full(io.StringIO):
+        def write(self, text: str) -> int:
+            raise OSError(28, "No space left on device")
+
+    assert finish_video(_Drawn(), Console(file=Full())).frame_count == 5
