@@ -9,7 +9,8 @@ import pytest
 from humanoid_sim.errors import InputError
 from humanoid_sim.rendering import offscreen
 from humanoid_sim.rendering.backend import Choice
-from humanoid_sim.rendering.offscreen import make_camera, make_renderer, update_pose
+from humanoid_sim.rendering.offscreen import PoseRenderer, make_camera, make_renderer, update_pose
+from humanoid_sim.rendering.painter import Painter
 
 BALL = '<geom type="sphere" size="0.1" mass="{mass}"/>'
 OSMESA, PAINTER = Choice("osmesa", "asked for"), Choice("none", "asked for")
@@ -51,6 +52,31 @@ def test_pictures_may_be_larger_than_the_models_buffer(pendulum: mujoco.MjModel)
     assert renderer.backend == "osmesa (asked for)"
     assert renderer.render(data).shape == (600, 800, 3)
     renderer.close()
+
+
+@pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
+@pytest.mark.parametrize(("ground", "drawn_by"), [("plane", "software painter"), ("hfield", "osmesa")])
+def test_a_height_field_is_never_left_to_the_painter(
+    ground: str, drawn_by: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is faster, but has no surface for one."""
+    spec = mujoco.MjSpec()
+    if ground == "hfield":
+        spec.add_hfield(name="bumps", nrow=2, ncol=2, size=[1, 1, 0.1, 0.1], userdata=[0, 1, 1, 0])
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="bumps")
+    else:
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
+    ball = spec.worldbody.add_body()
+    ball.add_freejoint()
+    ball.add_geom(size=[0.1, 0, 0])
+    model = spec.compile()
+    monkeypatch.setattr(offscreen, "choose_backend", lambda: OSMESA)
+    monkeypatch.setattr(offscreen, "_costs", {})
+    monkeypatch.setattr(offscreen, "_cost", lambda renderer, _: 0.0 if isinstance(renderer, Painter) else 1.0)
+    pictures = PoseRenderer(lambda: model, 64, 48, fastest=True)
+    pictures.draw(model.qpos0)
+    assert pictures.backend.startswith(drawn_by)
+    pictures.close()
 
 
 def test_a_window_that_cannot_be_opened_gives_way_to_the_painter_every_time(
