@@ -47,8 +47,8 @@ CHROMIUM = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsha
 WINDOW = {"width": 1280, "height": 720}
 PERIOD = 0.7
 """s between two pictures of the console, where the machine draws them so fast."""
-LONGEST = 900
-"""ms that a picture of the console is shown at most: software draws about one a second, and clicks wait for it."""
+LONGEST = 500
+"""ms that a picture of the console is shown at most: software draws about one a second, and nobody waits for that."""
 Frames = list[tuple[Image.Image, int]]
 """Pictures, and for how many ms each is shown."""
 
