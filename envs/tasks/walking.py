@@ -36,7 +36,7 @@ _SPARE_EFFORT = 0.8
 """Share of a joint's effort limit from which on its torque costs."""
 _ABSENT = 0.25
 """Share of the commands in which a component is zero."""
-_STANDING = 0.12
+_STANDING = 0.25
 """Share of the commands that are zero altogether."""
 
 
@@ -67,7 +67,7 @@ class WalkingTask(VelocityTask):
     alive             0.5    1       1
     ================= ====== ======= ===============================================================================
 
-    Commands hold for 5 s; 12 % are zero, and of the others each component is with a probability of 25 %.
+    Commands hold for 5 s; a quarter are zero, and of the others each component is with a probability of 25 %.
     """
 
     WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
@@ -155,7 +155,7 @@ class WalkingTask(VelocityTask):
         up = rotate(base.quaternion[..., None, :], rotate(sample.body_quaternion[..., feet, :], self._foot_up))
         height = position[..., 2] + base.height[..., None] - self._sole
         speed = np.stack([sample.state.extern[point_velocity(foot)].value for foot in self.bodies], axis=-2)
-        stands = np.isnan(phase[..., :1])
+        stands = np.isnan(phase[..., :1]) | (sample.command == 0.0).all(axis=-1, keepdims=True)
         swing = np.maximum(np.where(stands, 0.0, np.sin(phase[..., :1]) * np.array([1.0, -1.0])), 0.0)
         lag = height - _LIFT * swing
         near = np.exp(np.maximum(height, 0.0) / -_NEAR)

@@ -36,6 +36,8 @@ _MOST = 2.0
 """Of a gain, and of what turning and stepping aside add to each other."""
 
 
+_FAST = 0.6
+"""m/s, told: faster than that, an ankle is at its limit in every step."""
 SPEEDS = np.array([0.15, 0.3, 0.45, 0.6, 0.8])
 """m/s, forward. Nothing faster is aimed at."""
 
@@ -106,7 +108,8 @@ def _forward(response: FloatArray) -> FloatArray:
     rows = _ASKED[:, 0] > 0.0
     done = np.maximum.accumulate([0.0, *response[rows, 0]])
     told = np.interp(SPEEDS, done, [0.0, *_ASKED[rows, 0]])
-    told_at: FloatArray = np.clip(told, SPEEDS / _MOST, SPEEDS * _MOST)
+    most = np.minimum(SPEEDS * _MOST, np.maximum(SPEEDS, _FAST))
+    told_at: FloatArray = np.clip(told, SPEEDS / _MOST, most)
     return told_at
 
 

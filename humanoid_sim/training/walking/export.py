@@ -28,10 +28,13 @@ from humanoid_sim.training.walking.gait import (
     PHASE,
     SENSING,
     SIDESTEP,
+    STANDS,
+    STIRRED,
     STRIDE,
     SWAP,
     SWING,
     TURN,
+    VELOCITY_SCALE,
 )
 
 __all__ = ["export_walking", "walking_graph"]
@@ -60,13 +63,6 @@ def export_walking(
 def walking_graph(weights: Mapping[str, npt.NDArray[np.float32]], aim: Aim = NO_AIM) -> onnx.GraphProto:
     """A graph from `obs` (B, 53) to `actions` (B, 14); `gait.py` says what it computes, and why."""
     g = Graph(weights)
-    mirrored = g("Less", g.columns("obs", PHASE, PHASE + 1), g.constant(0.0))
-
-    def mirror(value: str, mirror: tuple[npt.NDArray[np.intp], npt.NDArray[np.float32]], name: str = "") -> str:
-        source, sign = mirror
-        image = g("Mul", g("Gather", value, g.constant(source, dtype=np.int64), axis=1), g.constant(sign))
-        return g("Where", mirrored, image, value, name=name)
-
     asked = g.columns("obs", COMMAND, COMMAND + 1)
     begins, slope = [0.0, *SPEEDS], np.diff([0.0, *aim.ahead], append=aim.ahead[-1]) / np.diff([0.0, *SPEEDS, np.inf])
     bends = g("Relu", g("Sub", asked, g.constant(begins)))
@@ -76,10 +72,30 @@ def walking_graph(weights: Mapping[str, npt.NDArray[np.float32]], aim: Aim = NO_
     told = g("Concat", g("Sub", forward, backward), aside, axis=-1)
     told = g("Min", g("Max", told, g.constant(aim.most[:, 0])), g.constant(aim.most[:, 1]))
     before, after = g.columns("obs", 0, COMMAND), g.columns("obs", COMMAND + 3, OBSERVATIONS)
-    seen = mirror(g("Concat", before, told, after, axis=-1), OBSERVATION_MIRROR)
+    observed = _awake(g, g("Concat", before, told, after, axis=-1))
+    mirrored = g("Less", g.columns(observed, PHASE, PHASE + 1), g.constant(0.0))
+
+    def mirror(value: str, mirror: tuple[npt.NDArray[np.intp], npt.NDArray[np.float32]], name: str = "") -> str:
+        source, sign = mirror
+        image = g("Mul", g("Gather", value, g.constant(source, dtype=np.int64), axis=1), g.constant(sign))
+        return g("Where", mirrored, image, value, name=name)
+
+    seen = mirror(observed, OBSERVATION_MIRROR)
     answer = g("Clip", g.perceptron(NETWORK, _network_input(g, seen), "Elu"), g.constant(-MOST), g.constant(MOST))
     mirror(_gait(g, seen, answer), ACTION_MIRROR, name="actions")
     return g.build("lite_biped_velocity", obs=OBSERVATIONS, actions=ACTIONS)
+
+
+def _awake(g: Graph, observed: str) -> str:
+    """`awake` of `gait.py`."""
+    over_feet = g("MatMul", observed, g.constant(0.5 / VELOCITY_SCALE * SENSING.sum(axis=-1)))
+    low, high = STIRRED
+    beyond = g("Sub", g("ReduceL2", over_feet, axes=[1]), g.constant(low))
+    stirred = g("Clip", g("Div", beyond, g.constant(high - low)), g.constant(0.0), g.constant(1.0))
+    command = g("ReduceL2", g.columns(observed, COMMAND, COMMAND + 3), axes=[1])
+    share = g("Where", g("Less", command, g.constant(STANDS)), stirred, g.constant(1.0))
+    clock = g("Mul", g.columns(observed, PHASE, OBSERVATIONS), share)
+    return g("Concat", g.columns(observed, 0, PHASE), clock, axis=-1)
 
 
 def _network_input(g: Graph, seen: str) -> str:

@@ -27,10 +27,14 @@ __all__ = [
     "RATE_SCALE",
     "SENSING",
     "SIDESTEP",
+    "STANDS",
+    "STIRRED",
     "STRIDE",
     "SWAP",
     "SWING",
     "TURN",
+    "VELOCITY_SCALE",
+    "awake",
     "from_canonical",
     "gait",
     "network_input",
@@ -134,6 +138,30 @@ def _sensing() -> Float32Array:
 SENSING = _sensing()
 
 
+STANDS = 0.05
+"""m/s and rad/s: magnitude of a command below which it is to stand."""
+STIRRED = 0.12, 0.22
+"""m/s: speed over its feet from which on a robot that is to stand begins to step, and from which on it steps fully."""
+
+
+def awake(observation: Float32Array) -> Float32Array:
+    """What is observed, shape (..., 53), with a gait clock that a robot at rest does not see.
+
+    The clock runs all the time. A robot that is to stand and does is shown sine and cosine 0: neither the gait nor the
+    network moves a foot. The faster its base moves over its feet, because something pushed it, the more it sees of
+    the clock, and steps until it is at rest.
+    """
+    command = observation[..., COMMAND : COMMAND + 3]
+    over_left, over_right = (observation @ SENSING[:, :, foot] for foot in range(2))
+    velocity = 0.5 / VELOCITY_SCALE * (over_left + over_right)
+    speed = np.sqrt((velocity * velocity).sum(axis=-1, keepdims=True))
+    low, high = STIRRED
+    stirred = np.clip((speed - low) / (high - low), 0.0, 1.0)
+    stands = (command * command).sum(axis=-1, keepdims=True) < STANDS * STANDS
+    share = np.where(stands, stirred, 1.0)
+    return np.concatenate([observation[..., :PHASE], observation[..., PHASE:] * share], axis=-1, dtype=np.float32)
+
+
 def network_input(observation: Float32Array) -> Float32Array:
     """What the network sees, shape (..., 55): the observation, and the velocity of the base over the foot that stands.
 
@@ -152,7 +180,7 @@ def gait(observation: Float32Array, answer: Float32Array) -> Float32Array:
     """The action of gait and network together, shape (..., 14), raw, while the left leg swings.
 
     Args:
-        observation: shape (..., 53), as `to_canonical` gives it. While the clock stands, the gait is the default pose.
+        observation: shape (..., 53), as `to_canonical` gives it. Where no clock is seen, the gait is the default pose.
         answer: shape (..., 18), of the network, within ±`MOST`.
     """
     sine, cosine = observation[..., PHASE, None], observation[..., PHASE + 1, None]
@@ -166,7 +194,7 @@ def gait(observation: Float32Array, answer: Float32Array) -> Float32Array:
 
 
 def to_canonical(observation: Float32Array) -> tuple[Float32Array, BoolArray]:
-    """What is observed, shape (..., 53), mirrored where the right leg swings; and where that is, shape (...)."""
+    """What `awake` gives, shape (..., 53), mirrored where the right leg swings; and where that is, shape (...)."""
     mirrored = observation[..., PHASE] < 0.0
     source, sign = OBSERVATION_MIRROR
     return np.where(mirrored[..., None], observation[..., source] * sign, observation), mirrored

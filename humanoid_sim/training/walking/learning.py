@@ -119,6 +119,8 @@ def learn(stages: tuple[Stage, ...], folder: Path, seed: int, show: Callable[[st
         env = _environment(stage, seed + i)
         source = latest if latest.is_file() else None
         model = _model(stage, env, source, fresh_spread=done == 0)
+        if done == 0 and stage.mean_of:
+            _average(model, [folder / f"{name}.zip" for name in stage.mean_of])
         if stage.steps > done:
             progress = _Progress(stage, folder, done, show)
             model.learn(stage.steps - done, callback=progress, reset_num_timesteps=True)
@@ -142,7 +144,7 @@ def _environment(stage: Stage, seed: int) -> LearningEnv:
         autoreset_mode="SameStep",
         weights=dict(stage.weights),
     )
-    env = LearningEnv(envs, stage.push, stage.push_interval, seed)
+    env = LearningEnv(envs, stage, seed)
     env.seed(100_000 * (seed + 1))
     return env
 
@@ -174,6 +176,14 @@ def _model(stage: Stage, env: LearningEnv, source: Path | None, *, fresh_spread:
         with torch.no_grad():
             model.policy.log_std.fill_(float(np.log(stage.spread)))
     return model
+
+
+def _average(model: PPO, checkpoints: list[Path]) -> None:
+    """Give a model the mean of some others' networks; the spread of its actions stays."""
+    others = [PPO.load(path, device="cpu").policy.state_dict() for path in checkpoints]
+    own = model.policy.state_dict()
+    mean = {name: torch.stack([other[name] for other in others]).mean(dim=0) for name in own if name != "log_std"}
+    model.policy.load_state_dict(own | mean)
 
 
 def _save(model: PPO, folder: Path, stage: Stage, steps: int) -> None:

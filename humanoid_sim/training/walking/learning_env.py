@@ -11,18 +11,19 @@ from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.push import PUSH_DURATION, push_wrench
 from humanoid_sim.training.walking.gait import (
     ANSWERS,
     INPUTS,
     MOST,
     OBSERVATIONS,
+    awake,
     from_canonical,
     gait,
     network_input,
     to_canonical,
 )
+from humanoid_sim.training.walking.stages import Stage
 
 __all__ = ["PRIVILEGED", "LearningEnv"]
 
@@ -36,13 +37,12 @@ vertical velocity."""
 class LearningEnv(VecEnvWrapper):
     """The network's view of `PolicyVectorEnv`."""
 
-    def __init__(self, envs: PolicyVectorEnv, push: float, push_interval: float, seed: int) -> None:
+    def __init__(self, envs: PolicyVectorEnv, stage: Stage, seed: int) -> None:
         """Take over `envs`.
 
         Args:
             envs: with the task `walking`.
-            push: m/s by which the strongest push speeds the whole robot up, in any horizontal direction.
-            push_interval: s between two pushes of a robot, on average.
+            stage: says how they are pushed, in any horizontal direction.
             seed: of the pushes.
         """
         wide = np.full(INPUTS + PRIVILEGED, np.inf, dtype=np.float32)
@@ -53,7 +53,7 @@ class LearningEnv(VecEnvWrapper):
             gymnasium.spaces.Box(-most, most),
         )
         self._robots = envs
-        self._push, self._chance = push, envs.scenario.contract.policy_dt / push_interval
+        self._stage, self._chance = stage, envs.scenario.contract.policy_dt / stage.push_interval
         self._random = np.random.default_rng(seed)
         model, body = envs.simulation.model(0), envs.scenario.description.base.body
         self._mass = float(model.body_subtreemass[model.body(body).id])
@@ -72,27 +72,35 @@ class LearningEnv(VecEnvWrapper):
     def step_async(self, actions: Float32Array) -> None:
         """Say what to add to the gait in the next step."""
         raw = from_canonical(gait(self._canonical, actions), self._mirrored)
-        self._robots.wrench = self._pushes()
+        self._pushes()
         self.venv.step_async(raw)
 
-    def _pushes(self) -> FloatArray | None:
-        """The wrenches of the next step, shape (N, 6); a push lasts as long as `play`'s."""
-        if self._push <= 0.0:
-            return None
+    def _pushes(self) -> None:
+        """Push in the next step. A force lasts as long as `play`'s; where there are both, half of them are either."""
+        stage = self._stage
+        if max(stage.push, stage.velocity_push) <= 0.0:
+            return
         self._left = np.maximum(self._left - 1, 0)
         begins = np.flatnonzero((self._random.random(self.num_envs) < self._chance) & (self._left == 0))
         angle = self._random.uniform(-np.pi, np.pi, len(begins))
-        speed = self._push * self._random.random(len(begins))
-        self._left[begins] = self._push_steps
-        velocity = np.stack([speed * np.cos(angle), speed * np.sin(angle)], axis=1)
-        self._wrench[begins] = push_wrench(velocity, self._mass)
-        return np.where(self._left[:, None] > 0, self._wrench, 0.0)
+        strength = self._random.random(len(begins))
+        direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        share = 0.5 if stage.push and stage.velocity_push else float(stage.velocity_push > 0.0)
+        is_sudden = self._random.random(len(begins)) < share
+        if is_sudden.any():
+            change = np.zeros((self.num_envs, 3))
+            change[begins[is_sudden], :2] = stage.velocity_push * (strength[:, None] * direction)[is_sudden]
+            self._robots.simulation.speed_up(change)
+        by_force = begins[~is_sudden]
+        self._left[by_force] = self._push_steps
+        self._wrench[by_force] = push_wrench(stage.push * (strength[:, None] * direction)[~is_sudden], self._mass)
+        self._robots.wrench = np.where(self._left[:, None] > 0, self._wrench, 0.0)
 
     def step_wait(self) -> Any:
         """Take the step; see `StableBaselinesVecEnv.step_wait`."""
         observation, reward, over, infos = self.venv.step_wait()
         for i in np.flatnonzero(over).tolist():
-            final, _ = to_canonical(infos[i]["terminal_observation"])
+            final, _ = to_canonical(awake(infos[i]["terminal_observation"]))
             command = final[6:9]
             infos[i]["terminal_observation"] = np.concatenate([network_input(final), command, [0.76, 0.0]]).astype(
                 np.float32
@@ -100,7 +108,7 @@ class LearningEnv(VecEnvWrapper):
         return self._seen(np.asarray(observation)), reward, over, infos
 
     def _seen(self, observation: Float32Array) -> Float32Array:
-        self._canonical, self._mirrored = to_canonical(observation)
+        self._canonical, self._mirrored = to_canonical(awake(observation))
         base = self._robots.simulation.base
         assert base is not None
         told = np.concatenate(

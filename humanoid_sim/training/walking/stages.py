@@ -47,11 +47,15 @@ class Stage:
     learning_rate: float = 5e-4
     entropy: float = 0.001
     push: float = 0.3
-    """m/s by which the strongest push speeds the whole robot up."""
+    """m/s of the strongest force on the base, as of `play --push`."""
+    velocity_push: float = 0.0
+    """m/s of the strongest change of the whole robot's velocity; if there are both, either comes half of the time."""
     push_interval: float = 5.0
     """s, on average."""
     spread: float | None = None
     """Standard deviation of the actions that it begins with; None: what the stage before came to."""
+    mean_of: tuple[str, ...] = ()
+    """Stages whose networks' mean it begins with; none: the stage before."""
     weights: Mapping[str, float] = field(default_factory=lambda: {"alive": 3.0})
     """Of reward terms, 1/s, beside the task's own."""
 
@@ -60,6 +64,7 @@ _SHARP = {"alive": 3.0, "linear_velocity": 8.0, "yaw_rate": 3.0}
 _EASY = {**_SHARP, "strain": -60.0}
 _EXACT = {"alive": 3.0, "linear_velocity": 10.0, "yaw_rate": 5.0, "strain": -30.0}
 _FAST = {"alive": 3.0, "linear_velocity": 16.0, "yaw_rate": 8.0, "strain": -30.0}
+_PUSHED = {"alive": 3.0, "linear_velocity": 16.0, "yaw_rate": 8.0, "strain": -60.0}
 
 STAGES = (
     Stage("step", 2_400_000, robots=512, steps_per_update=32, batch=4096, epochs=4, learning_rate=7e-4),
@@ -70,6 +75,18 @@ STAGES = (
     Stage("be exact", 1_300_000, entropy=0.0, push=0.2, spread=0.12, weights=_EXACT),
     Stage("hurry", 750_000, learning_rate=7e-4, entropy=0.0, push=0.15, spread=0.13, weights=_FAST),
     Stage("settle", 480_000, batch=3072, learning_rate=3e-4, entropy=0.0, push=0.2, spread=0.1, weights=_FAST),
+    Stage("be pushed", 2_550_000, entropy=0.0, velocity_push=0.6, push_interval=4.0, spread=0.12, weights=_PUSHED),
+    Stage(
+        "be pushed harder",
+        1_920_000,
+        entropy=0.0,
+        push=0.45,
+        velocity_push=0.7,
+        push_interval=4.0,
+        spread=0.12,
+        weights=_PUSHED,
+    ),
+    Stage("mean", 0, mean_of=("settle", "be pushed", "be pushed harder")),
 )
 """What the shipped policy was trained in; the first ones need no speed, they learn not to fall."""
 

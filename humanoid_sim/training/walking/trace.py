@@ -76,9 +76,8 @@ def walking_run(checkpoint: Path, description: RobotDescription, seed: int = 0) 
         mujoco.mju_quat2Mat(frame, data.qpos[3:7])
         down = -frame.reshape(3, 3)[2]
         before = turned
-        walks = float(np.linalg.norm(command)) >= 0.05
-        turned = turned + 2.0 * np.pi * _POLICY_DT / _PERIOD if walks else 0.0
-        clock = (np.sin(turned), np.cos(turned)) if walks else (0.0, 0.0)
+        turned = turned + 2.0 * np.pi * _POLICY_DT / _PERIOD
+        clock = np.sin(turned), np.cos(turned)
         spin = 0.25 * data.qvel[3:6]
         obs = np.concatenate([spin, down, command, q - _STANDING, 0.05 * qd, action, clock]).astype(np.float32)
         row_qpos = np.concatenate([data.qpos[:7], q])

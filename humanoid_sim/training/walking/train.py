@@ -26,6 +26,7 @@ from humanoid_sim.training.walking.gait import (
     COMMAND,
     MOST,
     OBSERVATIONS,
+    awake,
     from_canonical,
     gait,
     network_input,
@@ -77,7 +78,7 @@ def train_walking(config: TrainWalkingConfig) -> int:
     observations = np.random.default_rng(0).normal(size=(16, OBSERVATIONS)).astype(np.float32)
     told = observations.copy()
     told[:, COMMAND : COMMAND + 3] = aim.told(observations[:, COMMAND : COMMAND + 3].astype(np.float64))
-    seen, mirrored = to_canonical(told)
+    seen, mirrored = to_canonical(awake(told))
     padded = np.concatenate([network_input(seen), np.zeros((len(seen), PRIVILEGED), dtype=np.float32)], axis=1)
     added, _ = model.predict(padded, deterministic=True)
     expected = from_canonical(gait(seen, np.clip(added, -MOST, MOST)), mirrored)

@@ -16,6 +16,7 @@ from humanoid_sim.training.walking.gait import (
     INPUTS,
     MOST,
     OBSERVATIONS,
+    awake,
     from_canonical,
     gait,
     network_input,
@@ -43,10 +44,15 @@ def test_the_graph_is_the_network_between_two_mirrors(tmp_path: Path) -> None:
     export_walking(path, weights, contract, aim)
 
     observations = rng.normal(size=(32, OBSERVATIONS)).astype(np.float32)
+    observations[:16, 6:9] = 0.0
+    observations[:16, [0, 1, *range(23, 37)]] *= np.linspace(0.0, 0.02, 16)[:, None]  # some at rest, some stirred
     told = observations.copy()
     told[:, 6:9] = aim.told(observations[:, 6:9].astype(np.float64))
     assert bool((told[:, 6] == np.float32(0.8)).any())
-    seen, mirrored = to_canonical(told)
+    seen, mirrored = to_canonical(awake(told))
+    shares = np.abs(seen[:16, 52] / told[:16, 52])  # which the mirror turns round
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert ((shares > 0.0) & (shares < 1.0)).any()
     hidden = network_input(seen) @ weights["network.0.weight"].T + weights["network.0.bias"]
     hidden = np.where(hidden > 0.0, hidden, np.expm1(np.minimum(hidden, 0.0)))
     added = np.clip(hidden @ weights["network.1.weight"].T + weights["network.1.bias"], -MOST, MOST)

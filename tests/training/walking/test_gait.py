@@ -15,6 +15,7 @@ from humanoid_sim.training.walking.gait import (
     SIDESTEP,
     STRIDE,
     TURN,
+    awake,
     from_canonical,
     gait,
     network_input,
@@ -77,6 +78,22 @@ def test_the_gait_lifts_the_left_foot_in_mid_swing_and_rests_while_standing() ->
     assert not lift[[7, 10, 12]].any()
     stride = 0.25 * gait(observed(0.0, (0.5, 0.0, 0.0)), NOTHING)
     np.testing.assert_allclose(stride[[0, 7]], [0.215 - 0.05, -0.215 - 0.05], atol=1e-6)  # behind, in front; and a lean
+
+
+def test_a_robot_that_stands_sees_the_clock_as_far_as_its_base_moves() -> None:
+    def stirred(speed: float, command: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
+        """Share of the clock that is seen by a robot whose legs turn forward about their ankles."""
+        observation = observed(np.pi / 3, command)
+        observation[RATES + 3 : RATES + 18 : 7] = 0.05 * speed / 0.34  # both knees
+        seen = awake(observation)
+        np.testing.assert_array_equal(seen[:PHASE], observation[:PHASE])
+        np.testing.assert_allclose(seen[PHASE:] / observation[PHASE:], share := seen[PHASE] / observation[PHASE])
+        return float(share)
+
+    assert [stirred(speed) for speed in (0.0, 0.11, 0.23, 0.5)] == [0.0, 0.0, 1.0, 1.0]
+    np.testing.assert_allclose(stirred(0.17), 0.5, atol=1e-5)
+    np.testing.assert_allclose(stirred(-0.15), 0.3, atol=1e-5)
+    assert [stirred(0.0, (vx, 0.0, 0.0)) for vx in (0.04, 0.06, -0.3)] == [0.0, 1.0, 1.0]
 
 
 def test_the_network_sizes_and_aims_the_gait() -> None:

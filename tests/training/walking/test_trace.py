@@ -12,8 +12,12 @@ def test_a_run_begins_standing_and_then_steps() -> None:
     run = walking_run(WALKING_POLICY, load_robot("lite_biped"))
     assert run["obs"].shape == (150, 53)
     assert run["qpos"].shape == (150, 21)
-    assert not run["obs"][:50, 51:].any()
-    assert run["obs"][50:, 51:].any(axis=1).all()
+    assert not run["obs"][:50, 6:9].any()
+    assert run["obs"][50:, 6:9].any(axis=1).all()
+    np.testing.assert_allclose(run["obs"][:, 51], np.sin(2.0 * np.pi * np.arange(1, 151) / 32), atol=1e-5)
+    knee = run["qpos"][:, 7 + 3]
+    assert float(np.ptp(knee[:50])) < 0.15
+    assert float(np.ptp(knee[50:])) > 0.3
     assert float(run["qpos"][:, 2].min()) > 0.6
 
 

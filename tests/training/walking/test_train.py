@@ -25,7 +25,7 @@ def test_all_stages_run_and_are_resumed(tmp_path: Path, capsys: pytest.CaptureFi
     assert output.is_file()
     stages = [path.stem for path in folder.glob("*.zip")]
     assert sorted(stages) == sorted(["latest", *(stage.name for stage in STAGES)])
-    assert json.loads((folder / "latest.json").read_text())["stage"] == "settle"
+    assert json.loads((folder / "latest.json").read_text())["stage"] == "mean"
     contract = asset_path("policies", "lite_biped_velocity.contract.yaml")
     assert load_checkpoint(output, contract).contract.action_count == 14
     capsys.readouterr()
