@@ -67,6 +67,10 @@ class Scenario:
     """What feeds the live inputs that the contract declares."""
     starts: EpisodeStarts
     """Where episodes begin."""
+    contract_as_read: PolicyContract
+    """Of the policy, before the robot's own limits went into it."""
+    motion: Motions | None = None
+    """What the policy was given to follow, songs as the goals that they came to; None: nothing."""
     guards: Guards | None = None
     """Those of the deployed control stack, which end an episode as they end LOCOMOTION there."""
 
@@ -171,6 +175,8 @@ def make_scenario(
         physics_timestep=timestep,
         actuation=actuation,
         live=fed,
+        contract_as_read=loaded.contract,
+        motion=followed,
         guards=guards_of(description) if guards else None,
         starts=EpisodeStarts(
             made,

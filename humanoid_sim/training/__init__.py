@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from humanoid_sim.assets import PIANO_POLICY, SAMPLE_POLICY, WALKING_POLICY, policy_path
 from humanoid_sim.errors import MissingPackageError
@@ -24,6 +25,7 @@ __all__ = [
     "TrainPianoConfig",
     "TrainSampleConfig",
     "TrainWalkingConfig",
+    "export_policy",
     "main",
 ]
 
@@ -166,6 +168,31 @@ class EvaluateWalkingConfig:
     """affine agrees with the reference plant; implicit is what it was trained on."""
     json: str | None = None
     """Write the figures to this file too."""
+
+
+def export_policy(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path:
+    """Write a policy that a loop of your own has trained, with contract and golden vectors, as `train` writes its own.
+
+    What `play`, `regress` and `policy check` then read is one file. The golden vectors are of a run in which the model
+    itself answers, in the environment as it is without randomisation.
+
+    Args:
+        model: PPO or A2C of stable-baselines3 with an `MlpPolicy`, or a runner of rsl_rl with an `MLPModel`: linear
+            layers with ELU, ReLU, SiLU, Sigmoid or Tanh between them. Observations that `VecNormalize` or rsl_rl's
+            `obs_normalization` normalise are normalised in the file too.
+        envs: in which it was trained: a `PolicyEnv` or `PolicyVectorEnv`, whatever wrappers are around.
+        output: the file (.onnx), which is replaced only by a whole one.
+
+    Returns:
+        The file's path.
+
+    Raises:
+        InputError: the model or the environments are of another kind, a wrapper changes what the policy sees or
+            commands, or the file cannot be written.
+    """
+    from humanoid_sim.training.ppo.export import export  # noqa: PLC0415 - needs the libraries of training
+
+    return export(model, envs, output)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

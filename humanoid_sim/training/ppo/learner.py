@@ -10,7 +10,7 @@ from gymnasium.vector import VectorEnv
 
 from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.network import Float32Array, Network
+from humanoid_sim.training.ppo.network import Float32Array
 from humanoid_sim.training.ppo.settings import PPOSettings
 
 __all__ = ["ALGORITHMS", "Learner", "learner_class"]
@@ -23,6 +23,10 @@ class Learner(Protocol):
 
     SUFFIX: str
     """Of its checkpoints."""
+    model: Any
+    """The library's own."""
+    envs: Any
+    """The environments, as the library takes them."""
 
     def __init__(
         self, envs: VectorEnv[Any, Any, Any], settings: PPOSettings, spread: float, seed: int, start: Path | None
@@ -46,9 +50,6 @@ class Learner(Protocol):
 
     def save(self, path: Path) -> None:
         """Write a checkpoint, between two updates."""
-
-    def network(self) -> Network:
-        """The actor, as it is exported."""
 
     def answer(self, observations: Float32Array) -> Float32Array:
         """The actor's raw actions (k, m) for observations (k, N), as the library computes them."""

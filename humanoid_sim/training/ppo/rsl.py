@@ -11,15 +11,19 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
+from rsl_rl.models import MLPModel
+from rsl_rl.modules.distribution import GaussianDistribution
 from rsl_rl.runners import OnPolicyRunner
 from torch import nn
 
 from humanoid_sim.envs.rsl_rl import RslRlVecEnv
+from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.network import Network
+from humanoid_sim.training.ppo.layers import as_array, linear_layers
+from humanoid_sim.training.ppo.network import Float32Array, Network
 from humanoid_sim.training.ppo.settings import PPOSettings
 
-__all__ = ["RslRlLearner"]
+__all__ = ["RslRlActor", "RslRlLearner"]
 
 
 class _EndedError(Exception):
@@ -51,6 +55,41 @@ class _Reporter:
             raise _EndedError
 
 
+class RslRlActor:
+    """See `Actor`: an `MLPModel` with a `GaussianDistribution`, that sees what the policy does."""
+
+    def __init__(self, runner: Any) -> None:
+        """See `actor_of`.
+
+        Raises:
+            InputError: it is no runner, or its actor is of another kind.
+        """
+        algorithm = getattr(runner, "alg", None)
+        if algorithm is None:
+            raise InputError(f"model: is a {type(runner).__name__} of rsl_rl, expected a runner")
+        actor: Any = algorithm.get_policy()
+        if type(actor) is not MLPModel or type(actor.distribution) not in (GaussianDistribution, type(None)):
+            found = f"a {type(actor).__name__} with {type(getattr(actor, 'distribution', None)).__name__}"
+            raise InputError(f"model: its actor is {found}, expected an MLPModel with a GaussianDistribution")
+        if list(actor.obs_groups) != ["policy"]:
+            raise InputError(f"model: its actor sees the groups {', '.join(actor.obs_groups)}, expected policy")
+        self._actor = actor
+
+    def network(self) -> Network:
+        """See `Actor.network`."""
+        normaliser, width = self._actor.obs_normalizer, self._actor.obs_dim
+        mean, deviation = np.zeros(width, dtype=np.float32), np.ones(width, dtype=np.float32)
+        if not isinstance(normaliser, nn.Identity):
+            mean, deviation = as_array(normaliser.mean), as_array(normaliser.std + normaliser.eps)
+        return Network(mean=mean, deviation=deviation, **linear_layers(self._actor.mlp))
+
+    def answer(self, observations: Float32Array) -> Float32Array:
+        """See `Actor.answer`."""
+        device = next(self._actor.parameters()).device
+        with torch.no_grad():
+            return as_array(self._actor({"policy": torch.from_numpy(observations).to(device)}))
+
+
 class RslRlLearner:
     """See `Learner`."""
 
@@ -61,7 +100,7 @@ class RslRlLearner:
     ) -> None:
         """See `Learner`."""
         torch.manual_seed(seed)
-        self._envs = RslRlVecEnv(envs, seed=seed)
+        self.envs = RslRlVecEnv(envs, seed=seed)
         self._per_update = settings.steps_per_update * envs.num_envs
         network = {
             "class_name": "MLPModel",
@@ -69,7 +108,7 @@ class RslRlLearner:
             "activation": "elu",
             "obs_normalization": True,
         }
-        critic = "critic" if "critic" in self._envs.get_observations() else "policy"
+        critic = "critic" if "critic" in self.envs.get_observations() else "policy"
         configuration = {
             "num_steps_per_env": settings.steps_per_update,
             "save_interval": 1,
@@ -91,12 +130,12 @@ class RslRlLearner:
             },
         }
         with contextlib.redirect_stdout(io.StringIO()):  # it prints its networks
-            self._runner = OnPolicyRunner(self._envs, configuration, log_dir=None)
-        for model in (self._runner.alg.actor, self._runner.alg.critic):
+            self.model = OnPolicyRunner(self.envs, configuration, log_dir=None)
+        for model in (self.model.alg.actor, self.model.alg.critic):
             model.obs_normalizer.eps = settings.least_deviation
         self.steps = 0
         if start is not None:
-            self.steps = int(self._runner.load(str(start))["steps"])
+            self.steps = int(self.model.load(str(start))["steps"])
 
     def learn(self, steps: int, after_update: Callable[[Update], bool]) -> None:
         """See `Learner.learn`."""
@@ -105,33 +144,18 @@ class RslRlLearner:
             self.steps += self._per_update
             return after_update(Update(self.steps, spread, losses))
 
-        self._runner.logger = _Reporter(report)
+        self.model.logger = _Reporter(report)
         with contextlib.suppress(_EndedError):
-            self._runner.learn(max(-(-(steps - self.steps) // self._per_update), 0))
+            self.model.learn(max(-(-(steps - self.steps) // self._per_update), 0))
 
     def save(self, path: Path) -> None:
         """See `Learner.save`."""
-        self._runner.save(str(path), {"steps": self.steps})
+        self.model.save(str(path), {"steps": self.steps})
 
-    def network(self) -> Network:
-        """See `Learner.network`."""
-        actor: Any = self._runner.alg.get_policy()
-        normaliser = actor.obs_normalizer
-        return Network(
-            mean=normaliser.mean.numpy().copy(),
-            deviation=(normaliser.std + normaliser.eps).numpy().copy(),
-            layers=tuple(
-                (layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy())
-                for layer in actor.mlp
-                if isinstance(layer, nn.Linear)
-            ),
-        )
-
-    def answer(self, observations: np.ndarray[Any, np.dtype[np.float32]]) -> Any:
+    def answer(self, observations: Float32Array) -> Float32Array:
         """See `Learner.answer`."""
-        with torch.no_grad():
-            return self._runner.alg.get_policy()({"policy": torch.from_numpy(observations)}).numpy()
+        return RslRlActor(self.model).answer(observations)
 
     def close(self) -> None:
         """See `Learner.close`."""
-        self._envs.close()
+        self.envs.close()

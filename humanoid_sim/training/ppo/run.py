@@ -12,7 +12,8 @@ from humanoid_sim.cli import ExitStatus
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
-from humanoid_sim.training.ppo.finish import export, measure
+from humanoid_sim.training.ppo.export import export
+from humanoid_sim.training.ppo.finish import measure
 from humanoid_sim.training.ppo.folder import RunFolder
 from humanoid_sim.training.ppo.interruption import Interruption
 from humanoid_sim.training.ppo.journal import PROGRESS, Journal, Update, read_progress
@@ -45,7 +46,7 @@ def train(config: TrainConfig) -> int:
         if is_interrupted:
             _show(f"interrupted after {learner.steps} steps, saved in {path}; the same command with --resume goes on")
             return ExitStatus.INTERRUPTED
-        export(subject, learner, output)
+        export(learner.model, learner.envs, output)
         print(f"{output}: {output.stat().st_size / 1e6:.2f} MB, contract and golden vectors inside")
     finally:
         learner.close()

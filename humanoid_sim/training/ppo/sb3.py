@@ -12,15 +12,19 @@ import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
 from stable_baselines3 import PPO
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
+from stable_baselines3.common.vec_env import VecEnv, unwrap_vec_normalize
 from torch import Tensor, nn
 
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
+from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.network import Network
+from humanoid_sim.training.ppo.layers import as_array, linear_layers
+from humanoid_sim.training.ppo.network import Float32Array, Network
 from humanoid_sim.training.ppo.settings import PPOSettings
 
-__all__ = ["NormalisedObservation", "StableBaselinesLearner"]
+__all__ = ["NormalisedObservation", "StableBaselinesActor", "StableBaselinesLearner"]
 
 
 class NormalisedObservation(BaseFeaturesExtractor):
@@ -60,6 +64,61 @@ class NormalisedObservation(BaseFeaturesExtractor):
         self.variance += rate * (variance - self.variance + away * (mean - self.mean))
 
 
+class StableBaselinesActor:
+    """See `Actor`: an `MlpPolicy` of PPO or A2C, with the normalisation of this module, `VecNormalize`'s, or none."""
+
+    def __init__(self, model: Any, envs: Any = None) -> None:
+        """See `actor_of`.
+
+        Raises:
+            InputError: its policy is of another kind.
+        """
+        policy = getattr(model, "policy", None)
+        kinds = (FlattenExtractor, NormalisedObservation)
+        if (
+            not isinstance(policy, ActorCriticPolicy)
+            or policy.use_sde
+            or not isinstance(policy.pi_features_extractor, kinds)
+        ):
+            found = f"a {type(model).__name__} with {type(policy).__name__}"
+            raise InputError(f"model: is {found}, expected PPO or A2C with an MlpPolicy, without use_sde")
+        self._model, self._policy = model, policy
+        around = [venv for venv in (model.get_env(), envs) if isinstance(venv, VecEnv)]
+        normalisers = [unwrap_vec_normalize(venv) for venv in around]
+        self._normalised = next((one for one in normalisers if one is not None and one.norm_obs), None)
+
+    def network(self) -> Network:
+        """See `Actor.network`."""
+        policy, space = self._policy, self._policy.action_space
+        return Network(
+            **self._normalisation(),
+            **linear_layers([*policy.mlp_extractor.policy_net, policy.action_net]),
+            bounds=(space.low.copy(), space.high.copy()),
+        )
+
+    def _normalisation(self) -> dict[str, Any]:
+        own, around = self._policy.pi_features_extractor, self._normalised
+        if isinstance(own, NormalisedObservation):
+            if around is not None:
+                raise InputError("model: VecNormalize and NormalisedObservation both normalise, expected one of them")
+            return {"mean": as_array(own.mean), "deviation": as_array(own.deviation)}
+        if around is None:
+            width = own.features_dim
+            return {"mean": np.zeros(width, dtype=np.float32), "deviation": np.ones(width, dtype=np.float32)}
+        seen: Any = around.obs_rms
+        return {
+            "mean": seen.mean.astype(np.float32),
+            "deviation": np.sqrt(seen.var + around.epsilon).astype(np.float32),
+            "largest": float(around.clip_obs),
+        }
+
+    def answer(self, observations: Float32Array) -> Float32Array:
+        """See `Actor.answer`."""
+        seen = observations if self._normalised is None else self._normalised.normalize_obs(observations)
+        actions: Float32Array = self._model.predict(seen, deterministic=True)[0]
+        return actions
+
+
 class StableBaselinesLearner:
     """See `Learner`."""
 
@@ -69,8 +128,8 @@ class StableBaselinesLearner:
         self, envs: VectorEnv[Any, Any, Any], settings: PPOSettings, spread: float, seed: int, start: Path | None
     ) -> None:
         """See `Learner`."""
-        self._envs = StableBaselinesVecEnv(envs)
-        self._envs.seed(seed)
+        self.envs = StableBaselinesVecEnv(envs)
+        self.envs.seed(seed)
         batch = settings.steps_per_update * envs.num_envs
         arguments: dict[str, Any] = {
             "n_steps": settings.steps_per_update,
@@ -87,7 +146,8 @@ class StableBaselinesLearner:
         }
         torch.manual_seed(seed)
         if start is not None:
-            self._model = _PPO.load(start, env=self._envs, device="cpu", **arguments)
+            self.model = _PPO.load(start, env=self.envs, device="cpu", **arguments)
+            self._actor = StableBaselinesActor(self.model)
             return
         policy = {
             "features_extractor_class": NormalisedObservation,
@@ -96,45 +156,31 @@ class StableBaselinesLearner:
             "activation_fn": nn.ELU,
             "log_std_init": float(np.log(spread)),
         }
-        self._model = _PPO("MlpPolicy", self._envs, device="cpu", policy_kwargs=policy, **arguments)
+        self.model = _PPO("MlpPolicy", self.envs, device="cpu", policy_kwargs=policy, **arguments)
+        self._actor = StableBaselinesActor(self.model)
 
     @property
     def steps(self) -> int:
         """See `Learner.steps`."""
-        return int(self._model.num_timesteps)
+        return int(self.model.num_timesteps)
 
     def learn(self, steps: int, after_update: Callable[[Update], bool]) -> None:
         """See `Learner.learn`."""
-        self._model.after_update = after_update
+        self.model.after_update = after_update
         with contextlib.suppress(_EndedError):
-            self._model.learn(steps - self.steps, reset_num_timesteps=False)
+            self.model.learn(steps - self.steps, reset_num_timesteps=False)
 
     def save(self, path: Path) -> None:
         """See `Learner.save`."""
-        self._model.save(path)
+        self.model.save(path)
 
-    def network(self) -> Network:
-        """See `Learner.network`."""
-        policy: Any = self._model.policy
-        layers = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, nn.Linear)]
-        normaliser, space = policy.features_extractor, self._envs.action_space
-        return Network(
-            mean=normaliser.mean.numpy().copy(),
-            deviation=normaliser.deviation.numpy().copy(),
-            layers=tuple(
-                (layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy())
-                for layer in [*layers, policy.action_net]
-            ),
-            bounds=(space.low.copy(), space.high.copy()),
-        )
-
-    def answer(self, observations: np.ndarray[Any, np.dtype[np.float32]]) -> Any:
+    def answer(self, observations: Float32Array) -> Float32Array:
         """See `Learner.answer`."""
-        return self._model.predict(observations, deterministic=True)[0]
+        return self._actor.answer(observations)
 
     def close(self) -> None:
         """See `Learner.close`."""
-        self._envs.close()
+        self.envs.close()
 
 
 class _EndedError(Exception):

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.privileged import Privileged
-from humanoid_sim.envs.scenario import Scenario, checkpoint_of, make_scenario, with_songs
+from humanoid_sim.envs.scenario import Scenario, checkpoint_of, make_scenario
 from humanoid_sim.envs.tasks import TASKS
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.training.ppo.environment import ONLY_TRAINED, arguments_of, as_options
 from humanoid_sim.training.ppo.learner import ALGORITHMS
@@ -50,21 +47,6 @@ class Subject:
     def environment(self) -> PolicyEnv:
         """One robot that is as its model says, to be looked at from an episode's beginning."""
         return PolicyEnv(**_without(self.arguments, *ONLY_TRAINED, "reference_start"))
-
-    def motion_file(self, folder: Path) -> Path | None:
-        """The file of the motion, of several the first; that of a song is written into `folder`. None: there is none.
-
-        Raises:
-            InputError: it cannot be written.
-        """
-        motion = self.arguments["motion"]
-        first = motion[0] if isinstance(motion, list) else motion
-        followed = with_songs(first, self.contract, self.scenario.description)
-        if not isinstance(followed, Motion):
-            return None if first is None else motion_path(first)
-        path = folder / "song.mcap"
-        write_motion(path, followed)
-        return path
 
 
 def _without(arguments: Mapping[str, Any], *names: str) -> dict[str, Any]:

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.envs.scenario import Scenario
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.simulation.batch import BatchSimulation
-from humanoid_sim.training.ppo.learner import Learner
-from humanoid_sim.training.ppo.subject import Subject
+from humanoid_sim.training.ppo.actor import Actor
 
 __all__ = ["training_run"]
 
 _STEPS = 100
 
 
-def training_run(subject: Subject, learner: Learner, seed: int) -> dict[str, npt.NDArray[Any]]:
+def training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.NDArray[Any]]:
     """The arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
 
     The actions are the library's own, not those of the exported file. The run ends early where the robot is no longer
@@ -28,13 +28,12 @@ def training_run(subject: Subject, learner: Learner, seed: int) -> dict[str, npt
     Raises:
         InputError: the policy's first action would be refused on any robot.
     """
-    scenario = subject.scenario
     simulation = BatchSimulation(
         scenario.description,
         1,
         control_period=scenario.contract.policy_dt,
         physics_timestep=scenario.physics_timestep,
-        actuation=subject.arguments["actuation"],
+        actuation="implicit" if scenario.actuation == "implicit" else "affine",
         threads=1,
         anchor_body=scenario.contract.anchor_body,
         velocity_at=scenario.velocity_points,
@@ -54,7 +53,7 @@ def training_run(subject: Subject, learner: Learner, seed: int) -> dict[str, npt
         loop = ClosedLoop(simulation, scenario.wiring, command, scenario.live)
         for _ in range(min(_STEPS, scenario.task.episode_steps)):
             observation, state = loop.observation.copy(), loop.state
-            action = learner.answer(observation)
+            action = actor.answer(observation)
             if not (np.isfinite(observation).all() and loop.wiring.accepts(action).all()):
                 break
             row: dict[str, Any] = {

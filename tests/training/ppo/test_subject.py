@@ -7,6 +7,7 @@ import pytest
 from humanoid_sim.assets import motion_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.training.ppo.export import motion_file
 from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.settings import first_spread
 from humanoid_sim.training.ppo.subject import subject_of
@@ -66,11 +67,11 @@ def test_ground_motions_and_starts_reach_the_environments() -> None:
 def test_a_song_is_the_motion_of_the_piano(tmp_path: Path) -> None:
     subject = subject_of(TrainConfig(robot="lite_piano", motion=("twinkle",)))
     assert (subject.task, subject.told["motion"]) == ("piano", "twinkle")
-    file = subject.motion_file(tmp_path)
-    assert file == tmp_path / "song.mcap"
+    file = motion_file(subject.scenario.motion, tmp_path)
+    assert file == tmp_path / "motion.mcap"
     song = read_motion(file)
     assert (song.task_type, song.frames.shape[1]) == ("piano", 88)
     assert len(song.frames) == subject.scenario.wiring.reference.frame_count
     arms = subject_of(TrainConfig(motion=("circle", "wave")))
-    assert arms.motion_file(tmp_path) == motion_path("circle")
-    assert subject_of(TrainConfig(robot="lite_biped")).motion_file(tmp_path) is None
+    assert motion_file(arms.scenario.motion, tmp_path) == motion_path("circle")
+    assert motion_file(subject_of(TrainConfig(robot="lite_biped")).scenario.motion, tmp_path) is None
