@@ -1,6 +1,6 @@
 """Train legs on robots and ground that grow harder: randomisation, terrain and commands on a curriculum.
 
-    pip install -e '.[rl]'
+    pip install -c constraints.txt -e '.[rl]'
     python examples/growing_harder.py --steps 5000000
 
 It shows where the environments' `progress` is set. `python -m humanoid_sim.training train --robot lite_biped --terrain

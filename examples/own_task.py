@@ -7,7 +7,7 @@ vector environment and training, because everything takes arrays `(..., n)`. To 
 
     python -m humanoid_sim.training train --task examples/own_task.py:HoldTask
 
-To give it a name, add it to `TASKS` in `envs/tasks/__init__.py`.
+Pass the class itself: `gymnasium.make(..., task=HoldTask)`; it needs no name.
 """
 
 from __future__ import annotations

@@ -226,7 +226,7 @@ class Budget:
     rate: float | None = None
     """Hz of control. Default: the robot's on hardware."""
     reports: bool = True
-    """With the active reports that `play --hardware` switches on where the firmware has them, every 10 ms."""
+    """Use the active reports that `play --hardware` switches on where the firmware has them, every 10 ms."""
     bitrate: float = 1e6
     """bit/s."""
 

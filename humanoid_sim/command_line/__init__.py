@@ -11,8 +11,9 @@ import io
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
+from decimal import Decimal
 from itertools import takewhile
 from typing import Any, TypeVar, overload
 
@@ -61,7 +62,7 @@ def parse(
     *,
     positional: bool = False,
 ) -> Any:
-    """A program's options; prints the help that is asked for, and ends with status 0.
+    """A program's options; prints the help that is asked for, or the commands where none is, and ends with status 0.
 
     Args:
         specification: a frozen dataclass, or subcommands.
@@ -86,14 +87,11 @@ def parse(
             raise InputError(f"{' '.join(command.words)}: {known_names(what, name, specification.by_name)}")
         specification = specification.by_name[name]
         command = next(inner for inner in command.subcommands if inner.words[-1] == name)
-    if any(word in _HELP for word in words):
+    if isinstance(specification, Commands) or any(word in _HELP for word in words):
         from humanoid_sim.command_line.help_page import help_page  # noqa: PLC0415 - only where it is asked for
 
         print(help_page(command, brief=_HELP[1] not in words))
         raise SystemExit(0)
-    if isinstance(specification, Commands):
-        names = ", ".join(specification.by_name)
-        raise InputError(f"{' '.join(command.words)}: expected one of {names}; '{command.invocation} --help'")
     _check_names(command, words)
     return _read(specification, command, words, positional)
 
@@ -135,7 +133,7 @@ def _check_names(command: Command, words: Sequence[str]) -> None:
         if given is None and not word.startswith("--"):  # a negative number
             continue
         if given is None:
-            unknown = known_names("option", name, options, listed=False)
+            unknown = _unknown_option(name, options)
             raise InputError(f"{unknown}; '{command.invocation} --help' lists all")
         if not has_value:
             value = words[i + 1] if i + 1 < len(words) else ""
@@ -149,6 +147,38 @@ def _check_names(command: Command, words: Sequence[str]) -> None:
         before[given.field] = value
 
 
+def _unknown_option(name: str, options: Mapping[str, Option]) -> str:
+    typed = name.replace("_", "-")
+    called = next((option for option in options.values() if typed in option.not_called), None)
+    if called is not None:
+        return f"unknown option '{name}' (did you mean '{called.name}'?)"
+    return known_names("option", name, options, listed=False)
+
+
+def _with_whole_numbers(command: Command, words: Sequence[str]) -> list[str]:
+    """The words, with whole numbers that are written as `2e6` in full."""
+    whole = {flag for option in command.options if option.is_whole for flag in option.flags}
+    written = list(words)
+    for i, word in enumerate(words):
+        flag, has_value, value = word.partition("=")
+        if flag in whole and has_value:
+            written[i] = f"{flag}={_in_full(value)}"
+        elif i and words[i - 1] in whole:
+            written[i] = _in_full(word)
+    return written
+
+
+def _in_full(text: str) -> str:
+    if not _SHORT.fullmatch(text):
+        return text
+    number = Decimal(text)
+    return f"{number:.0f}" if number == number.to_integral_value() else text
+
+
+_SHORT = re.compile(r"[0-9]+(\.[0-9]+)?[eE]\+?[0-9]{1,2}")
+"""A number that may be a whole one though `int` does not read it."""
+
+
 def _read(specification: type[Any], command: Command, words: Sequence[str], positional: bool) -> Any:
     import tyro  # noqa: PLC0415 - help and completion do without it
 
@@ -158,7 +188,8 @@ def _read(specification: type[Any], command: Command, words: Sequence[str], posi
     try:
         # What tyro draws with depends on the encoding of stdout, to which it prints nothing.
         with contextlib.redirect_stderr(complaint), contextlib.redirect_stdout(_utf_8()):
-            return tyro.cli(specification, prog=command.invocation, args=words, config=tuple(markers))
+            written = _with_whole_numbers(command, words)
+            return tyro.cli(specification, prog=command.invocation, args=written, config=tuple(markers))
     except SystemExit as stop:
         if not stop.code:
             raise

@@ -11,7 +11,7 @@ import inspect
 import sys
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -62,6 +62,10 @@ class Option:
     names: tuple[str, ...] = ()
     """That ship with the package, of what is accepted."""
     may_repeat: bool = False
+    is_whole: bool = False
+    """Whether its value is a whole number."""
+    not_called: tuple[str, ...] = ()
+    """What other programs call it, for whoever types that."""
 
     @property
     def name(self) -> str:
@@ -108,7 +112,8 @@ class Command:
 def describe(specification: Specification, words: tuple[str, ...], *, positional: bool = False) -> Command:
     """What a program takes.
 
-    A dataclass may have `EXAMPLES`, pairs of words and what they do, and `GROUPS`, the names of fields by heading.
+    A dataclass may have `EXAMPLES`, pairs of words and what they do, `GROUPS`, the names of fields by heading, and
+    `CALLED_ELSEWHERE`, other programs' flags for its fields, which are then suggested.
 
     Args:
         specification: of its options.
@@ -137,6 +142,7 @@ def describe(specification: Specification, words: tuple[str, ...], *, positional
 
 def _options(owner: type[Any], positional: bool, prefix: str = "") -> Iterator[Option]:
     hints, texts = typing.get_type_hints(owner, include_extras=True), field_texts(owner)
+    elsewhere: Mapping[str, Sequence[str]] = getattr(owner, "CALLED_ELSEWHERE", {})
     for field in dataclasses.fields(owner):
         kind, *markers = (
             get_args(hints[field.name]) if get_origin(hints[field.name]) is Annotated else (hints[field.name],)
@@ -145,10 +151,13 @@ def _options(owner: type[Any], positional: bool, prefix: str = "") -> Iterator[O
             yield from _options(kind, positional, f"{prefix}{field.name}.")
             continue
         default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-        yield _option(prefix + field.name, kind, markers, default, texts.get(field.name, ""), positional)
+        others = tuple(elsewhere.get(field.name, ()))
+        yield _option(prefix + field.name, kind, markers, default, texts.get(field.name, ""), positional, others)
 
 
-def _option(name: str, kind: Any, markers: list[Any], default: Any, text: str, positional: bool) -> Option:
+def _option(
+    name: str, kind: Any, markers: list[Any], default: Any, text: str, positional: bool, not_called: tuple[str, ...]
+) -> Option:
     is_required = default is dataclasses.MISSING
     named = {repr(marker) for marker in markers}
     is_place = (positional and is_required) or any("Positional" in marker for marker in named)
@@ -168,13 +177,15 @@ def _option(name: str, kind: Any, markers: list[Any], default: Any, text: str, p
         name,
         () if is_place else names,
         "" if is_switch else (stated or [metavar])[0],
-        filled(f"Leaves this out: {text[:1].lower()}{text[1:]}" if is_switch and default is True else text),
+        filled(f"Do not {text[:1].lower()}{text[1:]}" if is_switch and default is True else text),
         "" if is_switch or "efault" in text or "ithout," in text else _shown(default),
         is_required,
         takes_many,
         choices,
         tuple(name for kind in _SHIPPED if f"{{{kind}}}" in text for name in shipped(kind)),
         any("UseAppendAction" in marker for marker in named),
+        inner == [int],
+        not_called,
     )
 
 

@@ -9,6 +9,8 @@ import sys
 import pytest
 
 from humanoid_sim.cli import main
+from humanoid_sim.command_line import parse
+from humanoid_sim.training import TrainConfig
 
 HELP = "--help' says what is accepted"
 
@@ -25,7 +27,6 @@ HELP = "--help' says what is accepted"
             ("hardware", "param", "gett"),
             "hardware param: unknown command 'gett' (did you mean 'get'?); known: get, set, ",
         ),
-        (("policy",), "policy: expected one of show, check, stamp, doctor; 'python -m humanoid_sim.policy --help'"),
         (("mode", "dmap"), "mode: unknown intent 'dmap' (did you mean 'damp'?); known: damp, load_a, "),
         (
             ("mode", "damp", "--session", "x"),
@@ -36,6 +37,11 @@ HELP = "--help' says what is accepted"
             ("play", "--robt", "lite"),
             "unknown option '--robt' (did you mean '--robot'?); ",
         ),
+        (("training", "train", "--num-envs", "64"), "unknown option '--num-envs' (did you mean '--robots'?); "),
+        (("training", "train", "--total_timesteps=9"), "unknown option '--total_timesteps' (did you mean '--steps'?)"),
+        (("training", "train", "--steps", "1.5"), "--steps: is '1.5', expected a whole number; "),
+        (("training", "train", "--steps", "15e-1"), "--steps: is '15e-1', expected a whole number; "),
+        (("training", "train", "--steps", "1.25e1"), "--steps: is '1.25e1', expected a whole number; "),
         (("play", "--xyz=3"), "unknown option '--xyz'; 'python -m humanoid_sim.play --help' lists all"),
         (("play", "--no-console"), "unknown option '--no-console' (did you mean '--console'?); "),
         (
@@ -128,3 +134,24 @@ def test_whatever_the_terminal_can_show(encoding: str) -> None:
     )
     assert (run.returncode, run.stdout) == (2, "")
     assert run.stderr == f"error: --yaw: is '{'x' * 300}', expected a number; 'python -m humanoid_sim.play {HELP}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("2e6", 2_000_000), ("1.5e3", 1500), ("2E+6", 2_000_000), ("7", 7), ("1_000", 1000)]
+)
+def test_whole_numbers_may_be_written_briefly(text: str, value: int) -> None:
+    assert parse(TrainConfig, "train", ["--steps", text]).steps == value
+    assert parse(TrainConfig, "train", [f"--steps={text}"]).steps == value
+    assert parse(TrainConfig, "train", ["--folder", "2e6"]).folder == "2e6"  # no number
+
+
+@pytest.mark.parametrize("words", [("training",), ("policy",)])
+def test_a_group_of_commands_alone_lists_them(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+    alone = capsys.readouterr().out
+    assert alone.startswith(f"usage: python -m humanoid_sim.{' '.join(words)} COMMAND ...\n")
+    with pytest.raises(SystemExit):
+        main([*words, "--help"])
+    assert capsys.readouterr().out == alone

@@ -169,7 +169,7 @@ class _Sample:
     quietly: bool = False
     """Without noise."""
     loudly: bool = True
-    """With noise."""
+    """Make noise."""
     many: tuple[float, ...] = (1.0, 0.5)
     """Numbers."""
     EXAMPLES: ClassVar[Sequence[tuple[str, str]]] = (("--where here", "once"),)
@@ -189,7 +189,7 @@ options:
   --where WHERE           The place. Required.
   --often N               How often. Default: 3.
   --quietly               Without noise.
-  --no-loudly             Leaves this out: with noise.
+  --no-loudly             Do not make noise.
   --many X ...            Numbers. Default: 1 0.5.
 
 examples:

@@ -8,6 +8,7 @@ from pathlib import Path
 from humanoid_sim.errors import InputError
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.run import regress
+from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.training.ppo.subject import Subject
 
 __all__ = ["SUITES", "measure"]
@@ -16,16 +17,23 @@ SUITES = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "veloc
 """The shipped suite of `regress` for a task."""
 
 
-def measure(subject: Subject, policy: Path, folder: Path) -> None:
-    """Run the suite for the task, and leave its figures in `regress.json`."""
-    suite = SUITES.get(subject.task)
-    if suite is None:
+def measure(subject: Subject, policy: Path, folder: Path) -> bool:
+    """Run the suite for the task, and leave its figures in `regress.json`; False where Ctrl-C left that out."""
+    name = SUITES.get(subject.task)
+    if name is None:
         print(f"regress: no suite ships for the task {subject.task}", file=sys.stderr)
-        return
+        return True
+    suite, _ = load_suite(name)
+    episodes = len(suite.cases) * len(suite.seed_numbers)
+    print(f"measuring with the suite {name}: {episodes} episodes; Ctrl-C leaves it out", file=sys.stderr, flush=True)
     config = RegressConfig(
-        policies=(str(policy),), suite=suite, robot=subject.robot, json=folder / "regress.json", overwrite=True
+        policies=(str(policy),), suite=name, robot=subject.robot, json=folder / "regress.json", overwrite=True
     )
     try:
         regress(config)
     except InputError as error:  # the policy is there; a suite of another robot does not undo it
-        print(f"regress: the suite {suite} does not fit: {error}", file=sys.stderr)
+        print(f"regress: the suite {name} does not fit: {error}", file=sys.stderr)
+    except KeyboardInterrupt:
+        print(f"regress: left out; {policy} is whole", file=sys.stderr)
+        return False
+    return True

@@ -47,6 +47,7 @@ class Journal:
         show: Callable[[str], None],
         *,
         done: int = 0,
+        limit: float = math.inf,
         tensorboard: bool = True,
     ) -> None:
         """Begin, or go on.
@@ -56,13 +57,14 @@ class Journal:
             steps: at which the training will end.
             meter: around the environments.
             show: takes lines for people.
+            limit: s of training, earlier runs of the folder counted in, after which it will end sooner.
             done: steps of the checkpoint that the training goes on from; rows beyond it are dropped.
             tensorboard: write its logs.
 
         Raises:
             InputError: a file cannot be read or written, or TensorBoard is not installed.
         """
-        self._total, self._meter, self._show = steps, meter, show
+        self._total, self._limit, self._meter, self._show = steps, limit, meter, show
         self._path = folder / PROGRESS
         rows = [row for row in read_progress(self._path) if row["steps"] <= done] if done else []
         self._before = rows[-1]["seconds"] if rows else 0.0
@@ -110,6 +112,7 @@ class Journal:
     def line(self, row: Mapping[str, float]) -> str:
         """A row in words."""
         left = max(self._total - row["steps"], 0) / max(row["steps_per_second"], 1e-9)
+        left = max(min(left, self._limit - row["seconds"]), 0.0)
         return (
             f"{_millions(row['steps'])} of {_millions(self._total)} M steps, {row['steps_per_second']:.0f}/s, "
             f"return {row['return']:.2f}, episodes of {row['episode_steps']:.0f} steps, {100 * row['failed']:.0f} % "

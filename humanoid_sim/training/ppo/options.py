@@ -41,7 +41,7 @@ class TrainConfig:
     minutes: float | None = None
     """End sooner, after so many minutes of training, earlier runs of the folder counted in. Default: no limit."""
     robots: int = 128
-    """Simulated at once."""
+    """Number of environments simulated at once."""
     randomisation: str | None = None
     """A YAML file of fields of the environments' randomisation, such as `mass: [0.9, 1.1]`. Default: none."""
     terrain: str = "flat"
@@ -71,11 +71,11 @@ class TrainConfig:
     video_minutes: float | None = None
     """Every so many minutes, make a video of an episode of the policy as it is then. Default: none."""
     tensorboard: bool = True
-    """Write TensorBoard's logs."""
+    """Write TensorBoard logs."""
     regress: bool = True
     """Measure the policy at the end with the shipped suite for the task, where there is one."""
     seed: int = 0
-    """Of everything random. A training that was resumed, or that --minutes ended, has other bits than one in one go."""
+    """Random seed. Resumed or time-limited trainings are not bit-identical to an uninterrupted one."""
     threads: int = 1
     """Of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
 
@@ -86,14 +86,16 @@ class TrainConfig:
         "simulation": ("actuation", "physics_timestep"),
         "what is kept and measured": ("checkpoint_seconds", "video_minutes", "tensorboard", "regress"),
     }
+    CALLED_ELSEWHERE: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "robots": ("--num-envs", "--envs"),
+        "steps": ("--total-timesteps", "--timesteps"),
+        "algorithm": ("--algo",),
+    }
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
         ("--robot lite_biped --minutes 30", "a policy that walks"),
-        (
-            "--robot lite_biped --terrain mixed --curriculum examples/growing_harder.py:harder",
-            "ground that grows harder",
-        ),
-        ("--motion wave --motion circle --reference-start 0.8", "two motions, from anywhere in them"),
-        ("--motion circle --resume", "go on where it was left"),
+        ("--robot lite_biped --minutes 60 --resume", "go on for half an hour more"),
+        ("--robot lite_biped --terrain mixed", "ground that is not flat"),
+        ("--motion wave --reference-start 0.8", "a motion, mostly from anywhere in it"),
     )
 
 

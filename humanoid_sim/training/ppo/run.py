@@ -40,6 +40,7 @@ def train(config: TrainConfig) -> int:
     path = Path(config.folder or f"runs/train/{name}")
     folder = RunFolder(path, config, {**subject.told, "curriculum_steps": _horizon(config)}, SETTINGS, kind.SUFFIX)
     output = output_file(Path(config.output) if config.output else path / "policy.onnx", "--output", ".onnx")
+    _require_time(config, folder, output)
     _use_threads(config.threads)
     learner, is_interrupted = _learn(config, subject, folder, kind)
     try:
@@ -50,8 +51,8 @@ def train(config: TrainConfig) -> int:
         print(f"{output}: {output.stat().st_size / 1e6:.2f} MB, contract and golden vectors inside")
     finally:
         learner.close()
-    if config.regress:
-        measure(subject, output, path)
+    if config.regress and not measure(subject, output, path):
+        return ExitStatus.INTERRUPTED
     return 0
 
 
@@ -70,6 +71,27 @@ def _check(config: TrainConfig) -> None:
             raise InputError(f"--{name.replace('_', '-')}: is {value:g}, expected a number > 0")
     if config.output is not None:
         output_file(Path(config.output), "--output", ".onnx")
+
+
+def _require_time(config: TrainConfig, folder: RunFolder, output: Path) -> None:
+    """Refuse to go on with a run whose time is up; one that was killed before it wrote its policy still writes it."""
+    used, steps = _used(folder)
+    if used >= _limit(config) and steps < config.steps and output.exists():
+        raise InputError(
+            f"--resume: the folder already has {used / 60.0:.1f} of --minutes {config.minutes:g}; give a larger "
+            "--minutes (earlier runs count)"
+        )
+
+
+def _used(folder: RunFolder) -> tuple[float, float]:
+    """S of training, and policy steps, of a folder's earlier runs."""
+    rows = read_progress(folder.path / PROGRESS) if folder.start is not None else []
+    return (rows[-1]["seconds"], rows[-1]["steps"]) if rows else (0.0, 0.0)
+
+
+def _limit(config: TrainConfig) -> float:
+    """S of training after which it ends."""
+    return float("inf") if config.minutes is None else 60.0 * config.minutes
 
 
 def _horizon(config: TrainConfig) -> int | None:
@@ -95,6 +117,7 @@ def _show(line: str) -> None:
 
 def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[Learner]) -> tuple[Learner, bool]:
     """Train to the end, until the time is up, or until Ctrl-C, which is told."""
+    _show(f"making {config.robots} robots {subject.scenario.description.name} for the task {subject.task} …")
     envs = subject.environments(config.robots)
     meter = EpisodeMeter(envs)
     start = folder.start
@@ -104,12 +127,13 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
     done = learner.steps
     if start is not None:
         _show(f"goes on after {done} steps")
-    journal = Journal(folder.path, config.steps, meter, _show, done=done, tensorboard=config.tensorboard)
+    limit, tensorboard = _limit(config), config.tensorboard
+    journal = Journal(folder.path, config.steps, meter, _show, done=done, limit=limit, tensorboard=tensorboard)
     videos = Videos(subject, folder.path, config.video_minutes)
     interruption = Interruption()
     after_update = _AfterUpdate(config, folder, learner, envs, journal, videos, interruption)
     try:
-        if done < config.steps:
+        if done < config.steps and _used(folder)[0] < _limit(config):
             after_update.set_progress(done)
             with interruption:
                 learner.learn(config.steps, after_update)
@@ -160,5 +184,4 @@ class _AfterUpdate:
             self._folder.save(self._learner.save)
             self._saved = time.monotonic()
         self._videos.show(self._learner, update.steps)
-        limit: float = float("inf") if self._config.minutes is None else 60.0 * self._config.minutes
-        return self._journal.seconds < limit
+        return self._journal.seconds < _limit(self._config)

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
+from gymnasium.wrappers.vector import ClipAction, RecordEpisodeStatistics
 
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
@@ -30,7 +30,7 @@ from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.training.ppo.sb3 import NormalisedObservation
 
 LEGS: dict[str, Any] = {"id": "humanoid_sim/BipedVelocity-v0"}
-ARMS: dict[str, Any] = {"id": "humanoid_sim/LiteTracking-v0", "motion": "reach", "physics_timestep": 0.0025}
+ARMS: dict[str, Any] = {"id": "humanoid_sim/LiteTracking-v0", "motion": "reach"}
 
 
 def made(subject: dict[str, Any], **options: Any) -> Any:
@@ -176,8 +176,13 @@ def test_environments_and_files_that_do_not_fit_are_named(arms: Any, tmp_path: P
         export_policy(check, arms, output)
     with pytest.raises(InputError, match=r"^envs: is a NoneType, expected the environments that the policy learned"):
         export_policy(model, None, output)
-    with pytest.raises(InputError, match=r"^envs: NormalizeObservation changes observations or actions, which"):
-        export_policy(model, NormalizeObservation(arms.envs), output)
+    env = gymnasium.make(**ARMS)
+    alone = gymnasium.wrappers.TransformObservation(env, lambda seen: seen, env.observation_space)
+    for wrapped in (ClipAction(arms.envs), alone):
+        name = type(wrapped).__name__
+        with pytest.raises(InputError, match=f"^envs: {name} changes observations or actions, which the file would n"):
+            export_policy(model, wrapped, output)
+    alone.close()
     legs = PolicyEnv("lite_biped_velocity", "lite_biped")
     with pytest.raises(InputError, match=r"^model: takes 78 values and gives 14, expected 53 and 14 of these env"):
         export_policy(model, legs, output)

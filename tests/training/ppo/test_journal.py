@@ -35,6 +35,16 @@ def test_each_update_is_a_row_and_the_last_is_told(tmp_path: Path) -> None:
     assert line.endswith("return 7.25, episodes of 120 steps, 25 % failed, 0 min left")
 
 
+def test_the_time_left_ends_with_the_minutes(tmp_path: Path) -> None:
+    row = {"steps": 1000.0, "seconds": 30.0, "steps_per_second": 1.0}
+    row |= {"return": 1.0, "episode_steps": 2.0, "failed": 0.0}
+    for steps, limit, left in ((2_000_000, 630.0, "10 min"), (1120, 630.0, "2 min"), (1120, 20.0, "0 min")):
+        journal = Journal(tmp_path, steps, METER, print, limit=limit, tensorboard=False)
+        assert journal.line(row).endswith(f", {left} left")
+    unlimited = Journal(tmp_path, 11_800, METER, print, tensorboard=False)
+    assert unlimited.line(row).endswith("3.0 h left")
+
+
 def test_what_a_checkpoint_does_not_know_is_dropped(tmp_path: Path) -> None:
     path = tmp_path / "progress.csv"
     path.write_text(

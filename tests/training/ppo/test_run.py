@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -111,6 +112,24 @@ def test_a_finished_run_is_only_exported_again_and_measured(tmp_path: Path, capf
     assert "lite_tracking" in json.dumps(known["suite"])
     assert not (folder / "tensorboard").exists()
     assert "wave" in capfd.readouterr().out
+
+
+def test_minutes_that_are_used_up_are_no_training(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run"
+    options = ["--robots", "4", "--folder", str(folder), "--no-tensorboard", "--no-regress", "--minutes", "1e-6"]
+    assert main(["train", *options]) == 0  # one update
+    assert "making 4 robots lite for the task tracking …\n" in capfd.readouterr().err
+    progress, policy = (folder / "progress.csv").read_text(), folder / "policy.onnx"
+    assert progress.count("\n") == 2
+    assert run_program(main, ["train", *options, "--resume"]) == 2
+    line = capfd.readouterr().err.splitlines()[-1]
+    told = r"error: --resume: the folder already has [0-9.]+ of --minutes 1e-06; give a larger --minutes \(earlier runs"
+    assert re.match(told, line)
+    assert (folder / "progress.csv").read_text() == progress
+    policy.unlink()  # as if it had been killed before it wrote that
+    assert main(["train", *options, "--resume"]) == 0
+    assert "trainer" in load_checkpoint(policy).golden
+    assert (folder / "progress.csv").read_text() == progress
 
 
 HOLD = f"{Path(__file__).parents[3] / 'examples' / 'own_task.py'}:HoldTask"

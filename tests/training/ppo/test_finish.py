@@ -1,0 +1,41 @@
+"""What is told while a policy is measured, and what Ctrl-C does then."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from humanoid_sim.regress.options import RegressConfig
+from humanoid_sim.training.ppo import finish
+from humanoid_sim.training.ppo.finish import measure
+from humanoid_sim.training.ppo.options import TrainConfig
+from humanoid_sim.training.ppo.subject import subject_of
+
+
+def test_measuring_is_announced_and_may_be_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[RegressConfig] = []
+
+    def regress(config: RegressConfig) -> int:
+        asked.append(config)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        return 0
+
+    monkeypatch.setattr(finish, "regress", regress)
+    subject, policy = subject_of(TrainConfig(robot="lite_biped")), tmp_path / "policy.onnx"
+    assert measure(subject, policy, tmp_path)
+    line = "measuring with the suite velocity: 96 episodes; Ctrl-C leaves it out\n"
+    assert capsys.readouterr().err == line
+    assert (asked[0].suite, asked[0].robot, asked[0].policies) == ("velocity", "lite_biped", (str(policy),))
+    assert not measure(subject, policy, tmp_path)
+    assert capsys.readouterr().err == f"{line}regress: left out; {policy} is whole\n"
+
+
+def test_a_task_without_a_suite_is_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    subject: Any = subject_of(TrainConfig(task="balance"))
+    assert measure(subject, tmp_path / "policy.onnx", tmp_path)
+    assert capsys.readouterr().err == "regress: no suite ships for the task balance\n"
