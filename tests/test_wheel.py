@@ -85,6 +85,8 @@ def test_the_wheel_says_what_it_is(wheel: Path) -> None:
     assert "humanoid-sim = humanoid_sim.cli:main" in info["entry_points.txt"]
     assert "License-Expression: MIT" in info["METADATA"]
     assert "Requires-Python: >=3.11" in info["METADATA"]
+    for version in ("3.11", "3.12", "3.13"):
+        assert f"Classifier: Programming Language :: Python :: {version}\n" in info["METADATA"]
     assert "MIT License" in info["LICENSE"]
 
 
