@@ -1,11 +1,14 @@
 import json
 from pathlib import Path
 
+import numpy as np
+import onnxruntime
 import pytest
 
 from humanoid_sim.assets import WALKING_POLICY
 from humanoid_sim.cli import run_program
 from humanoid_sim.envs.scenario import make_scenario
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.training import main
 from humanoid_sim.training.walking.evaluate import CASES, WalkingCase, run_case
 
@@ -57,6 +60,23 @@ def test_the_shipped_policy_withstands_pushes_and_stands_again() -> None:
         WalkingCase("pushed on its pelvis", (0.0, 0.0, 0.0), 8.0, force_push=0.2),
     ):
         assert run_case(scenario, WALKING_POLICY, case, range(8)).survived >= 7
+
+
+def test_walking_begins_and_ends_at_any_moment_of_the_clock() -> None:
+    """The gait's clock runs while the robot stands, and does not wait for a command."""
+    envs = PolicyVectorEnv(
+        32, WALKING_POLICY, "lite_biped", actuation="implicit", physics_timestep=0.0025, autoreset_mode="SameStep"
+    )
+    session = onnxruntime.InferenceSession(str(WALKING_POLICY), providers=["CPUExecutionProvider"])
+    observation, _ = envs.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
+    moment = np.arange(32)  # policy steps, in a cycle of 32
+    for step in range(362):  # the last one has 3 s to come to rest
+        walks = (step >= 50 + moment) & (step < 150 + 2 * moment)
+        envs._commands[:] = np.where(walks[:, None, None], (0.4, 0.0, 0.2), 0.0)
+        observation, _, fallen, _, _ = envs.step(session.run(None, {"obs": observation})[0])
+        assert not fallen.any(), f"step {step}: robots {np.flatnonzero(fallen).tolist()}"
+    assert float(np.abs(envs.simulation.qvel).max()) < 0.3
+    envs.close()
 
 
 def test_the_command_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
