@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.assets import motion_path, policy_path, sample_songs, song_path
+from humanoid_sim.assets import motion_path, policy_path, sample_songs
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
@@ -24,9 +24,10 @@ from humanoid_sim.mit import ANCHOR_POSE, BASE, KEY_PRESSED, VELOCITY_COMMAND, p
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.random_songs import choose_song, is_generated
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
-from humanoid_sim.policy.song import playable, read_song, song_motion
+from humanoid_sim.policy.song import song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_joint_limits
 from humanoid_sim.robots.guards import guards_of
 from humanoid_sim.robots.piano import KEY_COUNT
@@ -207,10 +208,10 @@ def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDes
         return motion
     if isinstance(motion, str | Path):
         name = str(motion)
-        if name not in sample_songs() and not name.endswith((".mid", ".midi")):
+        if name not in sample_songs() and not name.endswith((".mid", ".midi")) and not is_generated(name):
             return motion
         try:
-            song, _ = playable(read_song(song_path(name)), robot)
+            song, _ = choose_song(name, robot)
         except InputError as error:  # which names the option of `play`
             raise InputError(str(error).replace("--song", "motion", 1)) from None
         if not song.notes:

@@ -62,7 +62,8 @@ def _error() -> Row:
     motion = commanded_motion(scenario.description, scenario.wiring, scenario.policy, _SECONDS)
     affine, implicit = plant_errors(motion, [("affine", None), ("implicit", None)])
     rms, most = 1e3 * implicit.hands_rms, 1e3 * implicit.hands_most
-    detail = f"mm RMS of the hands, wave; {most:.2f} mm at most; affine {1e3 * affine.hands_rms:.2f} mm RMS"
+    where = f"hands, first {_SECONDS:g} s of wave"
+    detail = f"mm RMS of the {where}; {most:.2f} mm at most; affine {1e3 * affine.hands_rms:.2f} mm RMS"
     return Row("implicit plant, error", rms, "mm", rms, most, 0.5, detail)
 
 

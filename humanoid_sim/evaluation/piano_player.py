@@ -12,16 +12,18 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.evaluation.key_poses import ABOVE, LIFTED, MIXED, READY, KeyPoses, Mixture, pose_number
+from humanoid_sim.evaluation.key_poses import ABOVE, LIFTED, MIXED, PRESSED, READY, KeyPoses, Mixture, pose_number
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.fingers import HANDS
 from humanoid_sim.simulation.kinematics import MassMatrix
 
-__all__ = ["APART", "HOME", "Goal", "PianoPlayer", "Plan", "Timing", "goals_of"]
+__all__ = ["APART", "HOME", "Course", "Goal", "PianoPlayer", "Plan", "Timing", "goals_of"]
 
 IntArray = npt.NDArray[np.intp]
+Course = FloatArray
+"""The commands of one arm from a key to another, or down or up: shape (steps + 1, 7), rad, one row a policy step."""
 
 HORIZON = 1.2
 """s ahead that the player looks."""
@@ -145,7 +147,17 @@ class PianoPlayer:
         Args:
             table: shape (F, 88), 0 or 1: the goals at each step.
         """
-        planned = self.poses_of(self.plan(table))
+        return self.led(self.poses_of(self.plan(table)))
+
+    def led(self, planned: FloatArray) -> FloatArray:
+        """The commands that servos need to be in planned poses in time; the robot is at rest before and after.
+
+        Args:
+            planned: shape (F, n), rad, one row a policy step, with what the servos sag.
+
+        Returns:
+            Shape (F, n), rad.
+        """
         padded = np.concatenate([planned[:1], planned, planned[-1:]])
         velocity = (padded[2:] - padded[:-2]) / (2.0 * self._dt)
         acceleration = (padded[2:] - 2.0 * planned + padded[:-2]) / self._dt**2
@@ -154,6 +166,44 @@ class PianoPlayer:
             lead[frame] += self._mass(planned[frame]) @ acceleration[frame]
         commands: FloatArray = np.clip(planned + lead / self._stiffness, self._lower, self._upper)
         return commands
+
+    @property
+    def settling(self) -> int:
+        """Steps after a way until the arm is still."""
+        return self._settle
+
+    def way(self, side: int, origin: int, key: int) -> Course:
+        """How a hand goes from over one key to over another."""
+        hand = _Hand(side, origin, {pose_number(ABOVE, origin): 1.0})
+        self._begin(hand, key, down=False, steps=max(self._way(origin, key), self._release))
+        return self._course(hand)
+
+    def press(self, side: int, key: int) -> Course:
+        """How a hand over a key presses it."""
+        hand = _Hand(side, key, {pose_number(ABOVE, key): 1.0})
+        self._begin(hand, key, down=True, steps=self._press)
+        return self._course(hand)
+
+    def release(self, side: int, key: int) -> Course:
+        """How a hand on a key releases it."""
+        hand = _Hand(side, key, {pose_number(PRESSED, key): 1.0}, down=True)
+        self._begin(hand, key, down=False, steps=self._release)
+        return self._course(hand)
+
+    def _course(self, hand: _Hand) -> Course:
+        """The commands of a hand from where it is to the end of its way, the other arm at rest."""
+        places = [hand.place]
+        while hand.start is not None:
+            self._move(hand)
+            places.append(hand.place)
+        planned = np.empty((len(places), len(self._lower)))
+        for side, arm in enumerate(self.poses.arms):
+            planned[:, arm] = self.poses.ready[side]
+        arm = self.poses.arms[hand.side]
+        numbered = self._numbered[hand.side]
+        for step, place in enumerate(places):
+            planned[step, arm] = sum(share * numbered[number] for number, share in place.items())
+        return self.led(planned)[:, arm]
 
     def poses_of(self, plan: Plan) -> FloatArray:
         """Shape (F, n), rad: a plan's poses, with what their servos sag added."""

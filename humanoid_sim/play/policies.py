@@ -32,7 +32,8 @@ from humanoid_sim.policy.checkpoint import (
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
-from humanoid_sim.policy.song import key_name, left_out, playable, read_song, song_motion
+from humanoid_sim.policy.random_songs import choose_song, is_generated
+from humanoid_sim.policy.song import key_name, left_out, song_motion
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.robots.description import RobotDescription
@@ -139,18 +140,19 @@ def _chosen_motion(
     if not _plays_song(config, checkpoint):
         file = _motion_file(config, checkpoint)
         return (checkpoint.motion if file is None else read_motion(file)), file, ()
-    path = song_path(config.song or SAMPLE_SONG)
-    song, dropped = playable(read_song(path), description)
+    name = config.song or SAMPLE_SONG
+    song, dropped = choose_song(name, description)
     if not song.notes:
         assert description.piano is not None  # nothing else leaves notes out
         low, high = (key_name(bound) for bound in (min(description.piano.keys), max(description.piano.keys)))
         raise InputError(
-            f"--song: none of the notes of {path} is between {low} and {high}, where '{description.name}' reaches; "
+            f"--song: none of the notes of {name} is between {low} and {high}, where '{description.name}' reaches; "
             "prepare --song --transpose moves it"
         )
     motion = song_motion(song, checkpoint.contract.policy_dt, description)
     why = "left out of the song, beyond reach or more notes at a time than fingers"
-    return motion, path, (f"{why}: {left_out(dropped)}",) if dropped else ()
+    file = Path(name) if is_generated(name) else song_path(name)
+    return motion, file, (f"{why}: {left_out(dropped)}",) if dropped else ()
 
 
 def _plays_song(config: PlayConfig, checkpoint: Checkpoint) -> bool:

@@ -7,13 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from humanoid_sim.assets import song_path
+from humanoid_sim.assets import sample_songs, song_path
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.song import KEY_COUNT, LEAD_IN, Note, Song, playable, read_song
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["APART", "NOTES_PER_SECOND", "held_out_songs", "most_onsets", "named_song", "random_song"]
+__all__ = [
+    "APART",
+    "NOTES_PER_SECOND",
+    "choose_song",
+    "held_out_songs",
+    "is_generated",
+    "most_onsets",
+    "named_song",
+    "random_song",
+]
 
 NOTES_PER_SECOND = 3
 """Most notes of a song, all voices together, that begin within any one second."""
@@ -89,6 +98,21 @@ def held_out_songs(hands: Sequence[Sequence[int]], count: int, seed: int = 0, *,
 
 
 def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> Song:
+    """The song of `choose_song`, which has a note at least.
+
+    Raises:
+        InputError: there is no such song, it cannot be read, or none of its notes is within reach.
+    """
+    try:
+        song, _ = choose_song(name, robot, folder)
+    except InputError as error:  # which names the option of `play`
+        raise InputError(str(error).replace("--song", "song", 1)) from None
+    if not song.notes:
+        raise InputError(f"song: none of the notes of '{name}' is within the reach of '{robot.name}'")
+    return song
+
+
+def choose_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tuple[Song, tuple[Note, ...]]:
     """What a robot can play of a sample song, of a MIDI file, or of `random:N`, the N-th of `held_out_songs`.
 
     Args:
@@ -96,24 +120,27 @@ def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> Son
         robot: with a piano.
         folder: that the path of a file is relative to.
 
+    Returns:
+        The song, and the notes that are left out of it.
+
     Raises:
-        InputError: there is no such song, it cannot be read, or none of its notes is within reach.
+        InputError: naming the option --song: there is no such song, or it cannot be read.
     """
-    if name.startswith(_RANDOM):
+    if is_generated(name):
         number = name.removeprefix(_RANDOM)
         if not (number.isascii() and number.isdigit() and len(number) <= _DIGITS):
-            raise InputError(f"song: is '{name}', expected {_RANDOM}N, N a whole number of at most {_DIGITS} digits")
+            raise InputError(f"--song: is '{name}', expected {_RANDOM}N, N a whole number of at most {_DIGITS} digits")
         if robot.piano is None:
-            raise InputError(f"song: is '{name}', but '{robot.name}' has no piano, whose keys it would be made for")
-        return _held_out(robot.piano.hands, int(number), 0, 20.0)
+            raise InputError(f"--song: is '{name}', but '{robot.name}' has no piano, whose keys it would be made for")
+        return _held_out(robot.piano.hands, int(number), 0, 20.0), ()
     beside = folder / name
-    try:
-        song, _ = playable(read_song(beside if is_file(beside) else song_path(name)), robot)
-    except InputError as error:  # which names the option of `play`
-        raise InputError(str(error).replace("--song", "song", 1)) from None
-    if not song.notes:
-        raise InputError(f"song: none of the notes of '{name}' is within the reach of '{robot.name}'")
-    return song
+    is_beside = name not in sample_songs() and is_file(beside)
+    return playable(read_song(beside if is_beside else song_path(name)), robot)
+
+
+def is_generated(name: str) -> bool:
+    """Whether a name of a song is of the form `random:N`, and so no file's."""
+    return name.startswith(_RANDOM)
 
 
 def _held_out(hands: Sequence[Sequence[int]], number: int, seed: int, seconds: float) -> Song:

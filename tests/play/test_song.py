@@ -54,6 +54,13 @@ def test_a_song_is_played_and_scored(
     assert again == {name: found[name] for name in again}
 
 
+def test_a_generated_song_is_played(run: Run, policy: Path) -> None:
+    result = run(
+        "--robot", "lite_piano", "--policy", str(policy), "--song", "random:3", "--duration", "0.3", "--video", "none"
+    )
+    assert result.summary["motion"] == "random:3"
+
+
 def test_a_key_that_is_touched_too_hard_fails_the_run(run: Run, policy: Path, song: Path, tmp_path: Path) -> None:
     robot = quick_robot(tmp_path, "lite_piano", lambda document: document["piano"].update(key_force_limit=0.5))
     result = run("--robot", robot, "--policy", str(policy), "--song", str(song), "--video", "none")
@@ -70,6 +77,7 @@ def test_a_key_that_is_touched_too_hard_fails_the_run(run: Run, policy: Path, so
             ["--song", "twinkl"],
             "--song: unknown song 'twinkl' (did you mean 'twinkle'?); known: black_keys, ",
         ),
+        (["--song", "random:x"], "--song: is 'random:x', expected random:N, N a whole number of at most 9 digits"),
         ([], "--song: is missing; "),
         (["--song", "twinkle", "--motion", "wave"], "--motion and --song: both are given, expected one of them"),
         (["--song", "HIGH"], "is between D1 and G7, where 'lite_piano' reaches; prepare --song --transpose moves it"),

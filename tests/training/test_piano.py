@@ -3,63 +3,111 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import onnxruntime
 import pytest
 
 from humanoid_sim.assets import PIANO_POLICY
-from humanoid_sim.evaluation.key_poses import KeyPoses
+from humanoid_sim.evaluation.key_poses import ABOVE, PRESSED, KeyPoses
+from humanoid_sim.evaluation.piano_player import PianoPlayer
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.training.piano.hands import BOTTOM, FAR, HOVERING, LEVELS, QUARTERS, Motion, pose_grid
+from humanoid_sim.training.piano.hands import FAR, NONE, Motion, Moves, home, moves_of, player_of
 from humanoid_sim.training.piano.trace import piano_run
 
 OFFSETS = (0, *range(1, 13), *range(14, 31, 2), *range(35, 61, 5))
-
-
-def steps(place: int, level: int, target: int, wait: float, left: float, count: int) -> list[tuple[int, int]]:
-    found = []
-    for i in range(count):
-        there, moved = Motion().step(
-            np.array(place), np.array(level), np.array(target), np.array(max(wait - i, 0.0)), np.array(left - i)
-        )
-        place, level = int(there), int(moved)
-        found.append((place, level))
-    return found
-
-
-def test_a_hand_goes_to_its_key_lifted_and_presses_it_in_time() -> None:
-    way = steps(0, HOVERING, 28, wait=20.0, left=30.0, count=34)
-    places, levels = [place for place, _ in way], [level for _, level in way]
-    assert places == sorted(places)
-    assert places[-1] == 28
-    assert min(levels) == 1, "lifted in between"
-    assert levels[13] == HOVERING, "over its key, and waits"
-    assert levels[14:18] == [5, 6, 7, BOTTOM], "from six steps before the note"
-    assert levels[27] == BOTTOM
-    assert levels[28:30] == [6, HOVERING], "up from two steps before its end"
-
-
-def test_a_hand_leaves_a_key_before_it_goes_elsewhere() -> None:
-    way = steps(8, BOTTOM, 16, wait=FAR, left=FAR, count=8)
-    assert way[:3] == [(8, 6), (8, HOVERING), (12, 3)]
-    assert way[-1] == (16, HOVERING)
+KEYS = range(28, 60)
+"""Some that both hands have, and where each is at home."""
+IntArray = npt.NDArray[np.int64]
 
 
 @pytest.fixture(scope="module")
-def poses() -> KeyPoses:
-    return KeyPoses.of(load_robot("lite_piano"), range(28, 60))
+def player() -> PianoPlayer:
+    robot = load_robot("lite_piano")
+    return player_of(robot, KeyPoses.of(robot, KEYS))
 
 
-def test_the_grid_is_the_player_s_poses(poses: KeyPoses) -> None:
-    low = poses.keys[0][0]
-    grid = pose_grid(poses, 0)
-    assert grid.shape == ((poses.keys[0][-1] - low) * QUARTERS + 1, len(LEVELS), 7)
-    for key in poses.keys[0]:
-        place = (key - low) * QUARTERS
-        assert grid[place, 0] == pytest.approx(poses.table[0, 0, key])
-        assert grid[place, HOVERING] == pytest.approx(poses.table[0, 1, key])
-        assert grid[place, BOTTOM] == pytest.approx(poses.table[0, 3, key])
-    assert np.abs(np.diff(grid[:, : HOVERING + 1], axis=0)).max() < 0.1  # rad from one place to the next
+@pytest.fixture(scope="module")
+def moves(player: PianoPlayer) -> tuple[Moves, Moves]:
+    return moves_of(player, 0), moves_of(player, 1)
+
+
+def steps(
+    moves: tuple[Moves, Moves], pointed: IntArray, wait: float, left: float, count: int, rows: IntArray | None = None
+) -> IntArray:
+    """The rows of both hands, shape (count, S, 2), that are pointed at keys, shape (S, 2)."""
+    rows = np.tile(home(moves), (len(pointed), 1)) if rows is None else rows
+    found = []
+    for step in range(count):
+        waits, lasts = (np.full(pointed.shape, max(value - step, 0.0)) for value in (wait, left))
+        rows = Motion().step(moves, rows, pointed, waits, lasts)
+        found.append(rows)
+    return np.array(found)
+
+
+def test_a_hand_goes_to_its_key_and_presses_it_in_time(moves: tuple[Moves, Moves]) -> None:
+    own = moves[0]
+    rows = steps(moves, np.array([[37, NONE]]), wait=30.0, left=50.0, count=60)[:, 0, 0]
+    assert (own.key[rows] == 37).all(), "from its first step on it says where it goes"
+    assert own.origin[rows].tolist() == [30] * 6 + [37] * 54
+    assert np.flatnonzero(own.is_over[rows]).tolist() == [*range(6, 24), *range(52, 60)]
+    assert np.flatnonzero(own.depth[rows] > 0.0).tolist() == list(range(24, 52)), "from six steps before the note"
+    assert np.flatnonzero(own.depth[rows] == 1.0).tolist() == list(range(31, 50)), "up from a step before its end"
+    assert rows[-1] == own.over[37 - 28]
+
+
+def test_a_hand_leaves_a_key_before_it_goes_elsewhere(moves: tuple[Moves, Moves]) -> None:
+    own = moves[0]
+    begun = np.array([[own.press[2] + own.busy[own.press[2]], home(moves)[1]]])
+    assert own.is_down[begun[0, 0]]
+    rows = steps(moves, np.array([[40, NONE]]), wait=30.0, left=50.0, count=14, rows=begun)[:, 0, 0]
+    assert own.depth[rows].tolist() == pytest.approx([1.0, 2 / 3, 1 / 3, *[0.0] * 11])
+    assert own.key[rows].tolist() == [30] * 4 + [40] * 10
+
+
+def test_hands_keep_apart_wherever_they_are_pointed(moves: tuple[Moves, Moves]) -> None:
+    """From every pair of keys that they may be over to every pair, whichever note comes first."""
+    left, right = moves
+    pairs = [(a, b) for a in KEYS[::3] for b in KEYS[::3]]
+    starts = [(a, b) for a, b in pairs if b - a >= 5 and right.lowest <= b and a <= left.highest]
+    cases = np.array([(*start, *aim) for start in starts for aim in pairs])
+    rows = np.stack([left.over[cases[:, 0] - left.lowest], right.over[cases[:, 1] - right.lowest]], axis=-1)
+    rng = np.random.default_rng(0)
+    wait = rng.integers(0, 40, (len(cases), 2)).astype(float)
+    for _ in range(40):
+        rows = Motion().step(moves, rows, cases[:, 2:], wait, np.full(wait.shape, FAR))
+        far = np.maximum(left.key[rows[:, 0]], left.origin[rows[:, 0]])
+        near = np.minimum(right.key[rows[:, 1]], right.origin[rows[:, 1]])
+        assert (near - far).min() >= 5
+        wait = np.maximum(wait - 1.0, 0.0)
+    assert len(cases) == len(starts) * 121
+
+
+def test_a_hand_moves_as_the_player_does(player: PianoPlayer, moves: tuple[Moves, Moves]) -> None:
+    poses = player.poses
+    for hand, own in enumerate(moves):
+        keys = np.arange(own.lowest, own.highest + 1)
+        assert own.command[own.over] == pytest.approx(poses.table[hand, ABOVE, keys])
+        bottom = own.follows[own.press + own.busy[own.press]]
+        assert own.command[bottom] == pytest.approx(poses.table[hand, PRESSED, keys])
+        way = own.way[0, 9]
+        assert own.command[way : way + own.busy[way] + 1] == pytest.approx(player.way(hand, keys[0], keys[9])[1:])
+
+
+def test_the_last_command_tells_what_a_hand_does(moves: tuple[Moves, Moves]) -> None:
+    """In the precision of the graph, and however its commands are rounded on the way through an action."""
+    for hand, own in enumerate(moves):
+        default = own.command[home(moves)[hand]]
+        table = own.command.astype(np.float32)
+        action = (table - default.astype(np.float32)).astype(np.float32)
+        seen = (action + default.astype(np.float32)).astype(np.float32)
+        chosen = np.arange(0, len(table), 7)
+        found = np.concatenate(
+            [np.square(seen[part, None] - table).sum(axis=2).argmin(axis=1) for part in np.array_split(chosen, 40)]
+        )
+        for what in (own.key, own.origin, own.busy, own.is_down):
+            np.testing.assert_array_equal(what[found], what[chosen])
+        assert len(chosen) > 800
 
 
 def observed(last: np.ndarray, table: np.ndarray, frame: int) -> np.ndarray:
@@ -75,18 +123,17 @@ def test_the_shipped_policy_strikes_what_a_song_asks_for() -> None:
     session = onnxruntime.InferenceSession(str(PIANO_POLICY), providers=["CPUExecutionProvider"])
     table = np.zeros((120, 88))
     table[60:80, 34] = table[70:100, 53] = 1.0
-    grids = {hand: pose_grid(KeyPoses.of(load_robot("lite_piano"), range(30, 58)), hand) for hand in (0, 1)}
     last, commands = np.zeros(14), []
     for frame in range(120):
         last = session.run(None, {"obs": observed(last, table, frame)})[0][0]
         commands.append(contract.default_joint_pos + last)
+    poses = KeyPoses.of(load_robot("lite_piano"), range(30, 58))
     down = np.zeros((120, 2), dtype=bool)
     for hand, key in ((0, 34), (1, 53)):
-        low = 30 if hand == 0 else 32
-        bottom = grids[hand][(key - low) * QUARTERS, BOTTOM]
+        bottom = poses.table[hand, PRESSED, key]
         down[:, hand] = [np.abs(command[7 * hand : 7 * hand + 7] - bottom).max() < 1e-4 for command in commands]
-    assert np.flatnonzero(down[:, 0]).tolist() == list(range(57, 78))
-    assert np.flatnonzero(down[:, 1]).tolist() == list(range(67, 97))
+    assert np.flatnonzero(down[:, 0]).tolist() == list(range(62, 78))
+    assert np.flatnonzero(down[:, 1]).tolist() == list(range(72, 98))
 
 
 def test_the_shipped_policy_carries_samples_of_its_trainers_run() -> None:

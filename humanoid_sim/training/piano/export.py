@@ -13,19 +13,18 @@ import numpy.typing as npt
 import onnx
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.evaluation.key_poses import KeyPoses
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.training.graph import Graph, write_model
-from humanoid_sim.training.piano.hands import BOTTOM, FAR, HOVERING, LEVELS, QUARTERS, Motion, home, pose_grid
+from humanoid_sim.training.piano.hands import FAR, NONE, POLICY_DT, Motion, Moves, home
 from humanoid_sim.training.piano.pointer import FEATURES, LOOKAHEAD, OFFSETS
 
-__all__ = ["OBSERVATIONS", "POLICY_DT", "export_piano_policy", "piano_contract"]
+__all__ = ["OBSERVATIONS", "export_piano_policy", "piano_contract"]
 
-POLICY_DT = 0.02
-"""s"""
+Arms = tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+
 OBSERVATIONS = ("actions", "key_pressed", "target_keys", "target_keys_future")
 _ARM = 7
 
@@ -52,7 +51,8 @@ def piano_contract(description: RobotDescription, default: FloatArray) -> Policy
 def export_piano_policy(
     path: Path,
     weights: Mapping[str, npt.NDArray[np.float32]],
-    poses: KeyPoses,
+    moves: tuple[Moves, Moves],
+    arms: Arms,
     description: RobotDescription,
     motion: Motion,
 ) -> None:
@@ -61,26 +61,26 @@ def export_piano_policy(
     Args:
         path: of the .onnx file.
         weights: of a `Pointer`, by the names of its parameters.
-        poses: of the robot.
+        moves: of both hands.
+        arms: the places of their joints, shape (7,) each, among the robot's.
         description: of the robot.
         motion: the rule by which the hands go.
 
     Raises:
         InputError: if the file cannot be written.
     """
-    grids = [pose_grid(poses, hand) for hand in (0, 1)]
     default = np.empty(description.joint_count)
-    for hand, (place, level) in enumerate(home(poses)):
-        default[poses.arms[hand]] = grids[hand][place, level]
+    for hand, row in enumerate(home(moves)):
+        default[arms[hand]] = moves[hand].command[row]
     write_model(
-        path, _graph(weights, poses, grids, default, motion), write_metadata(piano_contract(description, default))
+        path, _graph(weights, moves, arms, default, motion), write_metadata(piano_contract(description, default))
     )
 
 
 def _graph(
     weights: Mapping[str, npt.NDArray[np.float32]],
-    poses: KeyPoses,
-    grids: list[FloatArray],
+    moves: tuple[Moves, Moves],
+    arms: Arms,
     default: FloatArray,
     motion: Motion,
 ) -> onnx.GraphProto:
@@ -98,46 +98,30 @@ def _graph(
     left = g("ReduceMin", g("Add", ahead, g("Mul", far, g("Sub", one, ends))), axes=[1], keepdims=0)
 
     command = g("Add", g.columns("obs", 0, joints), g.constant(default))
-    tables = [g.constant(grid.reshape(-1, _ARM), f"poses.{hand}") for hand, grid in enumerate(grids)]
-    places, levels = [], []
-    for hand, grid in enumerate(grids):
-        table = g.constant(_told_apart(grid).reshape(-1, _ARM))
-        arm = g("Gather", command, g.constant(poses.arms[hand], dtype=np.int64), axis=1)
-        error = g("Sub", table, g.reshape(arm, -1, 1, _ARM))
-        distance = g("ReduceSum", g("Mul", error, error), g.constant([2], dtype=np.int64), keepdims=0)
-        index = g("ArgMin", distance, axis=1, keepdims=1)
-        count = g.constant(len(LEVELS), dtype=np.int64)
-        places.append(g("Cast", g("Div", index, count), to=onnx.TensorProto.FLOAT))
-        levels.append(g("Cast", g("Mod", index, count), to=onnx.TensorProto.FLOAT))
-
-    answer = _pointed(g, weights, wait, left, g.columns("obs", joints, seen_from), places, levels, poses)
-    actions = []
+    tables = [g.constant(own.command.T, f"commands.{hand}") for hand, own in enumerate(moves)]
+    rows = []
     for hand, table in enumerate(tables):
-        keys = poses.keys[hand]
-        own = g.columns(answer, hand, hand + 1)
-        points = g("Less", own, g.constant(KEY_COUNT, dtype=np.int64))
-        low, high = (g.constant(keys[i], dtype=np.int64) for i in (0, -1))
-        key = g("Min", g("Max", own, low), high)
-        begin, end = (g("Where", points, g("GatherElements", part, key, axis=1), far) for part in (wait, left))
-        quarters = g.constant(float(QUARTERS))
-        over = g("Mul", g("Cast", g("Sub", key, low), to=onnx.TensorProto.FLOAT), quarters)
-        resting = g("Mul", g("Round", g("Div", places[hand], quarters)), quarters)
-        there, level = _moved(g, motion, places[hand], levels[hand], g("Where", points, over, resting), begin, end)
-        index = g("Add", g("Mul", there, g.constant(float(len(LEVELS)))), level)
-        last = g.constant(float(grids[hand].shape[0] * len(LEVELS) - 1))
-        index = g("Cast", g("Clip", index, g.constant(0.0), last), to=onnx.TensorProto.INT64)
-        pose = g.reshape(g("Gather", table, index, axis=0), -1, _ARM)
-        actions.append(g("Sub", pose, g.constant(default[poses.arms[hand]])))
-    order = np.argsort(np.concatenate(poses.arms))
+        arm = g("Gather", command, g.constant(arms[hand], dtype=np.int64), axis=1)
+        error = g("Sub", table, g.reshape(arm, -1, _ARM, 1))
+        distance = g("ReduceSumSquare", error, axes=[1], keepdims=0)
+        rows.append(g("ArgMin", distance, axis=1, keepdims=1))
+
+    answer = _pointed(g, weights, wait, left, g.columns("obs", joints, seen_from), moves, rows)
+    actions = []
+    for hand, row in enumerate(_moved(g, motion, moves, rows, answer, wait, left)):
+        pose = g("Transpose", g.reshape(g("Gather", tables[hand], row, axis=1), _ARM, -1), perm=[1, 0])
+        actions.append(g("Sub", pose, g.constant(default[arms[hand]])))
+    order = np.argsort(np.concatenate(arms))
     g("Gather", g("Concat", *actions, axis=1), g.constant(order, dtype=np.int64), axis=1, name="actions")
     return g.build("lite_piano", obs=width, actions=joints)
 
 
-def _told_apart(grid: FloatArray) -> FloatArray:
-    """The grid, with poses on a key only over its middle: beside it they are the same, and no hand is there."""
-    places = grid.copy()
-    places[np.arange(len(grid)) % QUARTERS != 0, HOVERING + 1 :] = FAR
-    return places
+def _of_row(g: Graph, values: npt.NDArray[np.generic], row: str, to: int = onnx.TensorProto.INT64) -> str:
+    """What a table has in the rows (B, 1); integers are stored as small as they are."""
+    small = values.astype(np.uint8 if values.max() < 256 else np.int32) if values.dtype.kind in "iu" else values
+    dtype = np.float32 if small.dtype.kind == "f" else small.dtype.type
+    found = g("Gather", g.constant(small, dtype=dtype), row, axis=0)
+    return found if small.dtype == np.bool_ else g("Cast", found, to=to)
 
 
 def _pointed(
@@ -146,11 +130,10 @@ def _pointed(
     wait: str,
     left: str,
     pressed: str,
-    places: list[str],
-    levels: list[str],
-    poses: KeyPoses,
+    moves: tuple[Moves, Moves],
+    rows: list[str],
 ) -> str:
-    """The key of each hand, (B, 2), 88 for none: `key_features` and `Pointer`."""
+    """The key of each hand, (B, 2), `NONE` for none: `key_features` and `Pointer`."""
     most, keys = g.constant(60.0), g.constant(np.arange(KEY_COUNT))
     near, soon = g("Min", wait, most), g("Min", left, most)
     zeros = g("Mul", wait, g.constant(0.0))
@@ -158,10 +141,12 @@ def _pointed(
     def fading(value: str, steps: float) -> str:
         return g("Exp", g("Div", value, g.constant(-steps)))
 
-    away = []
-    for hand, place in enumerate(places):
-        over = g("Add", g("Div", place, g.constant(float(QUARTERS))), g.constant(float(poses.keys[hand][0])))
-        away.append(g("Div", g("Sub", keys, over), g.constant(20.0)))
+    real = onnx.TensorProto.FLOAT
+    away, busy, depth = [], [], []
+    for own, row in zip(moves, rows, strict=True):
+        away.append(g("Div", g("Sub", keys, _of_row(g, own.key, row, real)), g.constant(20.0)))
+        busy.append(g("Add", zeros, g("Div", _of_row(g, own.busy, row, real), g.constant(10.0))))
+        depth.append(g("Add", zeros, _of_row(g, own.depth, row, real)))
     columns = [
         g("Cast", g("Equal", wait, g.constant(0.0)), to=onnx.TensorProto.FLOAT),
         fading(near, 6.0),
@@ -172,7 +157,8 @@ def _pointed(
         g("Add", zeros, g.constant(np.arange(KEY_COUNT) / 44.0 - 1.0)),
         *away,
         *(g("Abs", distance) for distance in away),
-        *(g("Add", zeros, g("Div", level, g.constant(8.0))) for level in levels),
+        *busy,
+        *depth,
         pressed,
     ]
     features = g("Concat", *(g.reshape(column, -1, KEY_COUNT, 1) for column in columns), axis=2)
@@ -189,23 +175,43 @@ def _pointed(
     return g("ArgMax", g("Concat", scores, none, axis=1), axis=1, keepdims=0)
 
 
-def _moved(g: Graph, motion: Motion, place: str, level: str, target: str, wait: str, left: str) -> tuple[str, str]:
-    """`Motion.step` of one hand, (B, 1) each."""
-    zero, hovering = g.constant(0.0), g.constant(float(HOVERING))
-    way = g("Sub", target, place)
-    fastest = float(motion.fastest)
-    part = g("Clip", g("Round", g("Mul", way, g.constant(motion.gain))), g.constant(-fastest), g.constant(fastest))
-    part = g("Where", g("LessOrEqual", g("Abs", way), g.constant(2.0)), way, part)
-    there = g("Add", place, g("Where", g("LessOrEqual", level, hovering), part, zero))
-    steps = g("Ceil", g("Div", g("Abs", g("Sub", target, there)), g.constant(float(motion.near))))
-    lifted = g("Sub", hovering, g("Min", steps, hovering))
-    in_time = g("LessOrEqual", wait, g.constant(float(motion.lead)))
-    lasts = g("Greater", left, g.constant(float(motion.stops)))
-    presses = g("And", g("Equal", way, zero), g("And", in_time, lasts))
-    over = g("Where", g("Greater", level, hovering), hovering, lifted)
-    goal = g("Where", presses, g.constant(float(BOTTOM)), over)
-    release = g.constant(float(motion.release))
-    rise = g("Where", g("GreaterOrEqual", level, hovering), g.constant(float(motion.press)), release)
-    up = g("Min", g("Add", level, rise), goal)
-    down = g("Max", g("Sub", level, release), goal)
-    return there, g("Where", g("Greater", goal, level), up, down)
+def _moved(
+    g: Graph, motion: Motion, moves: tuple[Moves, Moves], rows: list[str], answer: str, wait: str, left: str
+) -> list[str]:
+    """The next row of each hand, (B, 1): `Motion.step`."""
+    far, none = g.constant(FAR), g.constant(NONE, dtype=np.int64)
+    here = [_of_row(g, own.key, row) for own, row in zip(moves, rows, strict=True)]
+    points, aim = [], []
+    begins: list[str] = []
+    ends: list[str] = []
+    for hand, own in enumerate(moves):
+        pointed = g.columns(answer, hand, hand + 1)
+        points.append(g("Less", pointed, none))
+        in_song = g("Min", pointed, g.constant(KEY_COUNT - 1, dtype=np.int64))
+        for found, part in ((begins, wait), (ends, left)):
+            found.append(g("Where", points[hand], g("GatherElements", part, in_song, axis=1), far))
+        lowest, highest = (g.constant(key, dtype=np.int64) for key in (own.lowest, own.highest))
+        aim.append(g("Min", g("Max", g("Where", points[hand], pointed, here[hand]), lowest), highest))
+    yields = g("Less", begins[1], begins[0]), g("LessOrEqual", begins[0], begins[1])
+    found = []
+    for hand, own in enumerate(moves):
+        row, key, other = rows[hand], here[hand], 1 - hand
+        nearer, farther, apart = ("Min", "Max", -motion.apart) if hand == 0 else ("Max", "Min", motion.apart)
+        coming = g("Where", yields[hand], aim[other], here[other])
+        taken = g(nearer, g(nearer, _of_row(g, moves[other].origin, rows[other]), here[other]), coming)
+        to = g(nearer, aim[hand], g("Add", taken, g.constant(apart, dtype=np.int64)))
+        bound = own.lowest if hand == 0 else own.highest
+        to = g(farther, to, g.constant(bound, dtype=np.int64))
+        lasts = g("And", g("Equal", aim[hand], key), g("Greater", ends[hand], g.constant(float(motion.stops))))
+        lasts = g("And", points[hand], lasts)
+        in_time = g("LessOrEqual", begins[hand], g.constant(float(motion.sounds)))
+        still = _of_row(g, own.may_press, row)
+        follows, index = _of_row(g, own.follows, row), g("Sub", key, g.constant(own.lowest, dtype=np.int64))
+        stays = g("Where", g("And", still, g("And", lasts, in_time)), _of_row(g, own.press, index), follows)
+        count = g.constant(len(own.over), dtype=np.int64)
+        way = g("Add", g("Mul", index, count), g("Sub", to, g.constant(own.lowest, dtype=np.int64)))
+        goes = g("Where", g("Equal", to, key), stays, _of_row(g, own.way.ravel(), way))
+        leaves = g("Where", lasts, follows, _of_row(g, own.release, index))
+        free = g("Where", _of_row(g, own.is_over, row), goes, follows)
+        found.append(g("Where", _of_row(g, own.is_down, row), leaves, free))
+    return found

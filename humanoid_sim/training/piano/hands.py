@@ -1,102 +1,245 @@
-"""Where the hands of the piano policy can be, and how they go from there: a grid of poses, and one rule.
+"""What the hands of the piano policy can do, and the rule for what each does next.
 
-A hand is over a quarter of a key, at one of nine levels: lifted, over the keys, down to the bottom of one. Its last
-command says where it is, so the policy remembers nothing.
+A hand is over a key, on its bottom, or on a course between two such places, which it always ends: the courses are the
+open-loop player's, with its leads, so that the arm is where it should be and is still when it strikes. Each policy step
+of each course is a row of commands of its own. The last command says which row a hand is in, so the policy remembers
+nothing.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.evaluation.key_poses import ABOVE, LIFTED, KeyPoses
-from humanoid_sim.evaluation.piano_player import HOME
+from humanoid_sim.evaluation.key_poses import ABOVE, PRESSED, KeyPoses
+from humanoid_sim.evaluation.piano_player import APART, HOME, PianoPlayer, Timing
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["BOTTOM", "FAR", "HOVERING", "LEVELS", "QUARTERS", "Motion", "home", "pose_grid", "quarter_of"]
+__all__ = ["FAR", "NONE", "POLICY_DT", "TIMING", "Motion", "Moves", "home", "moves_of"]
 
 IntArray = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
 
-QUARTERS = 4
-"""Places a key."""
-LEVELS = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
-"""Lifted is -1, over the keys 0, on the bottom of one 1."""
-HOVERING, BOTTOM = 4, 8
-"""Levels over the keys, and on the bottom of one."""
+POLICY_DT = 0.02
+"""s"""
+TIMING = Timing(press=0.16, per_key=0.0105)
+"""A long way is slower than the player's, which the motors of an arm that is stretched out cannot follow: it would dip
+onto the keys that it passes."""
 FAR = 1000.0
 """Steps that stand for never."""
+NONE = 88
+"""Stands for no key."""
+_MARK = 2e-4
+"""rad by which a hand that waits for its arm to come to rest is told from one that has waited: 0.03 mm at the tip."""
 
 
-def pose_grid(poses: KeyPoses, hand: int) -> FloatArray:
-    """The commands of a hand, shape (places, 9, 7), rad: from its lowest key to its highest, a quarter a place."""
-    low, high = poses.keys[hand][0], poses.keys[hand][-1]
-    places = (high - low) * QUARTERS + 1
-    grid = np.empty((places, len(LEVELS), 7))
-    numbered = poses.numbered[hand]
-    lifted, above = poses.table[hand, LIFTED], poses.table[hand, ABOVE]
-    for place in range(places):
-        key, part = low + place // QUARTERS, (place % QUARTERS) / QUARTERS
-        beside = min(key + 1, high)
-        over, up = (row[key] + part * (row[beside] - row[key]) for row in (above, lifted))
-        nearest = key if part < 0.5 else key + 1
-        for level, height in enumerate(LEVELS):
-            grid[place, level] = over - height * (up - over)
-            if height > 0.0:  # only over a key's middle
-                mixture = poses.stroke(nearest, float(height))
-                grid[place, level] = sum(share * numbered[number] for number, share in mixture.items())
-    return grid
+@dataclass(frozen=True, slots=True, eq=False)
+class Moves:
+    """All that one hand can do: R rows, one a policy step."""
+
+    command: FloatArray
+    """Shape (R, 7), rad."""
+    follows: IntArray
+    """Shape (R,): the row after each, unless the hand begins something else."""
+    origin: IntArray
+    """Shape (R,): the key that it comes from, and"""
+    key: IntArray
+    """shape (R,): the one that it is over, or goes to."""
+    busy: IntArray
+    """Shape (R,): steps until it can do anything but follow."""
+    depth: FloatArray
+    """Shape (R,): 0 over a key, 1 on its bottom."""
+    is_over: Flags
+    """Shape (R,): whether it can go to another key."""
+    may_press: Flags
+    """Shape (R,): whether it can press its key: it is over it, and its arm is still."""
+    is_down: Flags
+    """Shape (R,): whether it is on the bottom of its key, which it can leave."""
+    way: IntArray
+    """Shape (K, K): the row in which a way from one of its keys to another begins; itself on the diagonal."""
+    press: IntArray
+    """Shape (K,): the row in which it begins to press a key, and"""
+    release: IntArray
+    """shape (K,): to release it."""
+    over: IntArray
+    """Shape (K,): the row in which it waits over a key."""
+
+    @property
+    def lowest(self) -> int:
+        """The first of its K keys."""
+        return int(self.key[self.over[0]])
+
+    @property
+    def highest(self) -> int:
+        """The last of its K keys."""
+        return int(self.key[self.over[-1]])
 
 
-def quarter_of(poses: KeyPoses, hand: int, key: int) -> int:
-    """The place of a hand over a key."""
-    return (key - poses.keys[hand][0]) * QUARTERS
+class _Rows:
+    """Collects the rows of a hand."""
+
+    def __init__(self) -> None:
+        self.commands: list[FloatArray] = []
+        self.rows: list[tuple[int, int, int, int, float, bool, bool, bool]] = []
+
+    def add(
+        self,
+        command: FloatArray,
+        origin: int,
+        key: int,
+        follows: int | None = None,
+        *,
+        busy: int = 0,
+        depth: float = 0.0,
+        over: bool = False,
+        press: bool = False,
+        down: bool = False,
+    ) -> int:
+        row = len(self.rows)
+        self.commands.append(command)
+        self.rows.append((row if follows is None else follows, origin, key, busy, depth, over, press, down))
+        return row
+
+    def course(self, commands: FloatArray, origin: int, key: int, then: int, depths: FloatArray) -> int:
+        """Its first row; at its end a hand is free again."""
+        first, last = len(self.rows), len(commands) - 1
+        for step, command in enumerate(commands):
+            free, down = step == last, depths[-1] == 1.0
+            self.add(
+                command,
+                key if free else origin,
+                key,
+                then if free else first + step + 1,
+                busy=last - step,
+                depth=float(depths[step]),
+                over=free and not down,
+                down=free and down,
+            )
+        return first
 
 
-def home(poses: KeyPoses) -> IntArray:
-    """Shape (2, 2): place and level of each hand before the first step."""
-    return np.array([[quarter_of(poses, hand, HOME[hand]), HOVERING] for hand in (0, 1)])
+def moves_of(player: PianoPlayer, hand: int, keys: Collection[int] | None = None) -> Moves:
+    """All that a hand can do, at the player's pace; it takes a few seconds.
+
+    Args:
+        player: of the robot, at `POLICY_DT`.
+        hand: 0 is the left one.
+        keys: next to each other, if not all that it reaches.
+    """
+    poses, rows = player.poses, _Rows()
+    own = [key for key in poses.keys[hand] if keys is None or key in keys]
+    above, pressed = poses.table[hand, ABOVE], poses.table[hand, PRESSED]
+    over = {key: rows.add(above[key], key, key, over=True, press=True) for key in own}
+    bottom = {key: rows.add(pressed[key], key, key, depth=1.0, down=True) for key in own}
+    arrived = dict(over)
+    for wait in range(1, player.settling):
+        for key in own:
+            marked = above[key].copy()
+            marked[-1] += _MARK * wait
+            arrived[key] = rows.add(marked, key, key, arrived[key], over=True)
+    press, release = [], []
+    for key in own:
+        course = player.press(hand, key)[1:]
+        press.append(rows.course(course, key, key, bottom[key], np.arange(1.0, len(course) + 1.0) / len(course)))
+        course = player.release(hand, key)  # from its start: without the lead the finger drags along the key
+        release.append(rows.course(course, key, key, over[key], 1.0 - np.arange(len(course)) / (len(course) - 1.0)))
+    way = np.empty((len(own), len(own)), dtype=np.int64)
+    for i, origin in enumerate(own):
+        for j, key in enumerate(own):
+            if i == j:
+                way[i, j] = over[key]
+                continue
+            course = player.way(hand, origin, key)[1:]
+            way[i, j] = rows.course(course, origin, key, arrived[key], np.zeros(len(course)))
+    follows, origins, ends, busy, depth, is_over, may_press, is_down = (
+        np.array(column) for column in zip(*rows.rows, strict=True)
+    )
+    return Moves(
+        np.array(rows.commands),
+        follows,
+        origins,
+        ends,
+        busy,
+        depth,
+        is_over,
+        may_press,
+        is_down,
+        way,
+        np.array(press),
+        np.array(release),
+        np.array(list(over.values())),
+    )
+
+
+def home(moves: tuple[Moves, Moves]) -> IntArray:
+    """Shape (2,): the row of each hand before the first step."""
+    return np.array([own.over[HOME[hand] - own.lowest] for hand, own in enumerate(moves)])
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The rule by which a hand goes on, in policy steps of 20 ms, quarters of a key and levels."""
+    """The rule for what a hand does next, in policy steps of 20 ms."""
 
-    lead: int = 6
+    sounds: int = 6
     """Steps before a note's start at which its key is pressed: so long it takes until it sounds."""
-    stops: int = 2
+    stops: int = 1
     """Steps before a note's end at which its key is released."""
-    gain: float = 0.45
-    """Part of the way to a key in one step."""
-    fastest: int = 8
-    """Quarters a step."""
-    near: int = 4
-    """Quarters of the way for which a hand is lifted by a level."""
-    press: int = 1
-    """Levels a step, on the way down to the bottom of a key."""
-    release: int = 2
-    """Levels a step, on every other way up or down."""
+    apart: int = APART
+    """Semitones that hands keep from each other."""
 
     def step(
-        self, place: IntArray, level: IntArray, target: IntArray, wait: FloatArray, left: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """Place and level after a step; all arrays have one shape.
+        self, moves: tuple[Moves, Moves], rows: IntArray, pointed: IntArray, wait: FloatArray, left: FloatArray
+    ) -> IntArray:
+        """The rows of both hands after a step; all arrays have the shape (S, 2).
+
+        A hand goes to the key that it is pointed at, or as far as the other leaves room: where that is, where it goes
+        to, and the key that it is pointed at, if its note begins first. Then it presses the key in time.
 
         Args:
-            place: over which the hand is.
-            level: of it.
-            target: place of its next note.
-            wait: steps until that begins; 0 if it has begun.
+            moves: of both hands.
+            rows: that the hands are in.
+            pointed: at which key each is pointed, `NONE` for none.
+            wait: steps until the note of that key begins; 0 if it has begun.
             left: steps until it ends.
         """
-        way = target - place
-        part = np.clip(np.round(self.gain * way), -self.fastest, self.fastest)
-        part = np.where(np.abs(way) <= 2, way, part)
-        there = np.where((level <= HOVERING) & (way != 0), place + part, place).astype(np.int64)
-        lifted = HOVERING - np.minimum(-(-np.abs(target - there) // self.near), HOVERING)
-        presses = (way == 0) & (wait <= self.lead) & (left > self.stops)
-        goal = np.where(presses, BOTTOM, np.where(level > HOVERING, HOVERING, lifted))
-        rise = np.where(level >= HOVERING, self.press, self.release)
-        moved = np.where(goal > level, np.minimum(level + rise, goal), np.maximum(level - self.release, goal))
-        return there, moved.astype(np.int64)
+        points = pointed < NONE
+        wait, left = np.where(points, wait, FAR), np.where(points, left, FAR)
+        here = np.stack([own.key[rows[:, hand]] for hand, own in enumerate(moves)], axis=-1)
+        aim = np.where(points, pointed, here)
+        aim = np.stack([np.clip(aim[:, hand], own.lowest, own.highest) for hand, own in enumerate(moves)], axis=-1)
+        yields = np.stack([wait[:, 1] < wait[:, 0], wait[:, 0] <= wait[:, 1]], axis=-1)
+        found = np.empty_like(rows)
+        for hand, own in enumerate(moves):
+            row, key, other = rows[:, hand], here[:, hand], 1 - hand
+            comes_from, theirs = moves[other].origin[rows[:, other]], here[:, other]
+            coming = np.where(yields[:, hand], aim[:, other], theirs)
+            if hand == 0:
+                room = np.minimum(np.minimum(comes_from, theirs), coming) - self.apart
+                to = np.minimum(aim[:, hand], room)
+            else:
+                room = np.maximum(np.maximum(comes_from, theirs), coming) + self.apart
+                to = np.maximum(aim[:, hand], room)
+            to = np.clip(to, own.lowest, own.highest)
+            lasts = points[:, hand] & (aim[:, hand] == key) & (left[:, hand] > self.stops)
+            presses = lasts & (wait[:, hand] <= self.sounds) & own.may_press[row]
+            follows = own.follows[row]
+            goes = np.where(
+                to != key,
+                own.way[key - own.lowest, to - own.lowest],
+                np.where(presses, own.press[key - own.lowest], follows),
+            )
+            found[:, hand] = np.where(
+                own.is_down[row],
+                np.where(lasts, follows, own.release[key - own.lowest]),
+                np.where(own.is_over[row], goes, follows),
+            )
+        return found
+
+
+def player_of(description: RobotDescription, poses: KeyPoses) -> PianoPlayer:
+    """Whose courses the policy's hands follow."""
+    return PianoPlayer(description, POLICY_DT, poses=poses, timing=TIMING)

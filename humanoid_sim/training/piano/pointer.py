@@ -1,7 +1,8 @@
 """What the network sees of a song and of the hands, and the network: it points each hand at a key, or at none.
 
-Of each key that the next second asks for it sees when it begins and ends, how far it is from each hand, and whether it
-is down; what it makes of all of them is pooled, so that it sees each among the others. The keys' order plays no part.
+Of each key that the next second asks for it sees when it begins and ends, how far it is from each hand, how soon that
+is free, and whether the key is down; what it makes of all of them is pooled, so that it sees each among the others. The
+keys' order plays no part.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ import torch
 from torch import nn
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.training.piano.hands import FAR, QUARTERS
+from humanoid_sim.training.piano.hands import FAR
 
 __all__ = ["FEATURES", "LOOKAHEAD", "OFFSETS", "Pointer", "key_features", "times"]
 
 LOOKAHEAD = (*range(1, 13), *range(14, 31, 2), *range(35, 61, 5))
 """Steps ahead at which the goals are seen: all of the near ones, few of the far ones."""
 OFFSETS = np.array([0, *LOOKAHEAD], dtype=np.float64)
-FEATURES = 14
+FEATURES = 16
 _WIDTH = 48
 
 
@@ -38,22 +39,18 @@ def times(seen: npt.NDArray[np.floating]) -> tuple[FloatArray, FloatArray]:
     return wait, (ahead + FAR * (1.0 - released)).min(axis=-2)
 
 
-def key_features(
-    wait: FloatArray, left: FloatArray, pressed: FloatArray, place: FloatArray, level: FloatArray, lowest: FloatArray
-) -> FloatArray:
+def key_features(wait: FloatArray, left: FloatArray, pressed: FloatArray, hands: FloatArray) -> FloatArray:
     """What the network sees of each key, shape (..., 88, FEATURES).
 
     Args:
         wait: shape (..., 88), steps until it begins.
         left: shape (..., 88), steps until it ends.
         pressed: shape (..., 88), 1 where it is down.
-        place: shape (..., 2), of the hands, in quarters from their lowest keys.
-        level: shape (..., 2), of the hands.
-        lowest: shape (2,), the lowest key of each hand.
+        hands: shape (..., 2, 3), of each hand: the key that it is over or goes to, the steps until it is free to do
+            anything else, and how deep it is, from 0 over the key to 1 on its bottom.
     """
     keys = np.arange(88.0)
-    over = place / QUARTERS + lowest
-    away = (keys[:, None] - over[..., None, :]) / 20.0
+    away = (keys[:, None] - hands[..., None, :, 0]) / 20.0
     near = np.minimum(wait, 60.0)
     columns = [
         wait == 0.0,
@@ -63,12 +60,10 @@ def key_features(
         np.exp(-np.minimum(left, 60.0) / 6.0),
         np.minimum(left, 60.0) / 60.0,
         np.broadcast_to(keys / 44.0 - 1.0, wait.shape),
-        away[..., 0],
-        away[..., 1],
-        np.abs(away[..., 0]),
-        np.abs(away[..., 1]),
-        np.broadcast_to(level[..., :1] / 8.0, wait.shape),
-        np.broadcast_to(level[..., 1:] / 8.0, wait.shape),
+        *(away[..., hand] for hand in (0, 1)),
+        *(np.abs(away[..., hand]) for hand in (0, 1)),
+        *(np.broadcast_to(hands[..., hand, 1, None] / 10.0, wait.shape) for hand in (0, 1)),
+        *(np.broadcast_to(hands[..., hand, 2, None], wait.shape) for hand in (0, 1)),
         pressed,
     ]
     return np.stack([np.asarray(column, dtype=np.float64) for column in columns], axis=-1)

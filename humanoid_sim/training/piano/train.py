@@ -18,8 +18,8 @@ from humanoid_sim.policy.random_songs import random_song
 from humanoid_sim.policy.song import Note, Song, goals
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.training import TrainPianoConfig
-from humanoid_sim.training.piano.export import POLICY_DT, export_piano_policy
-from humanoid_sim.training.piano.hands import FAR, HOVERING, QUARTERS, Motion, home
+from humanoid_sim.training.piano.export import export_piano_policy
+from humanoid_sim.training.piano.hands import FAR, NONE, POLICY_DT, TIMING, Motion, Moves, home, moves_of, player_of
 from humanoid_sim.training.piano.pointer import OFFSETS, Pointer, key_features, times
 
 __all__ = ["hands_of_notes", "train_piano"]
@@ -28,16 +28,16 @@ _SECONDS = 14.0
 _CANDIDATES = 8
 """Keys that are looked at while training, the soonest; no song asks for more."""
 _BATCH = 2048
-_SOUNDS = 6
-"""Level from which on a key is taken for down while training."""
-_TRAVEL, _PER_KEY = 4, 0.5
-"""Steps of a way to another key, and beyond them for each semitone."""
-_READY = 0.25
-"""s from the end of a note to the start of the next of the same hand, on another key, at least."""
+_SOUNDS = 0.85
+"""Depth from which on a key is taken for down while training."""
+_READY = 0.2
+"""s from the end of a note to the start of the next of the same hand, on another key, at least, beside the way."""
 _BESIDE = 0.3
 """s after its last note for which a hand is in the other's way."""
 _IMPOSSIBLE, _CROSSED, _LATE = 1e5, 1e3, 200.0
 """What it costs, in semitones of way, that a hand cannot reach a key, is beyond the other, is late by a second."""
+_PRACTICE = Motion(sounds=7, stops=2)
+"""How hands move in training: a step sooner than the exported policy's, so that they learn to be early."""
 _CUT = 5
 """Steps by which a note ends sooner at most, for its hand to be in time for the next."""
 
@@ -60,13 +60,14 @@ def train_piano(config: TrainPianoConfig) -> int:
     torch.set_num_threads(1)  # more are little faster, and sum in another order
     rng = np.random.default_rng(config.seed)
     description = load_robot("lite_piano")
-    poses = KeyPoses.of(description)
-    lesson = _lesson(description, rng, config.songs)
-    network, motion = Pointer(), Motion()
+    player = player_of(description, KeyPoses.of(description))
+    moves = moves_of(player, 0), moves_of(player, 1)
+    network, motion = Pointer(), _PRACTICE
+    lesson = _lesson(description, rng, config.songs, moves, motion)
     collected: list[tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]] = []
     optimiser = torch.optim.Adam(network.parameters(), lr=2e-3)
     for number in range(config.rounds):
-        collected.append(_walk(lesson, poses, motion, network if number else None, rng))
+        collected.append(_walk(lesson, moves, motion, network if number else None, rng))
         features, asked, target = (np.concatenate(part) for part in zip(*collected, strict=True))
         x, mask = torch.from_numpy(features.astype(np.float32)), torch.from_numpy(asked.astype(np.float32))
         y = torch.from_numpy(target)
@@ -76,7 +77,7 @@ def train_piano(config: TrainPianoConfig) -> int:
             loss, right = _epoch(network, optimiser, x, mask, y)
             print(f"round {number + 1}, epoch {epoch + 1}: loss {loss:.4f}, {100.0 * right:.2f} % right", flush=True)
     weights = {name: value.detach().numpy() for name, value in network.state_dict().items()}
-    export_piano_policy(output, weights, poses, description, motion)
+    export_piano_policy(output, weights, moves, player.poses.arms, description, Motion())
     print(f"{output}: {sum(value.size for value in weights.values())} weights")
     return 0
 
@@ -97,7 +98,9 @@ def _epoch(
     return total / count, right / count
 
 
-def _lesson(description: RobotDescription, rng: np.random.Generator, count: int) -> _Lesson:
+def _lesson(
+    description: RobotDescription, rng: np.random.Generator, count: int, moves: tuple[Moves, Moves], motion: Motion
+) -> _Lesson:
     assert description.piano is not None
     hands = description.piano.hands
     frames = round(_SECONDS / POLICY_DT) + 2
@@ -111,7 +114,7 @@ def _lesson(description: RobotDescription, rng: np.random.Generator, count: int)
         seen = table[np.minimum(np.arange(frames)[:, None] + OFFSETS.astype(int), frames - 1)]
         wait[i], left[i] = times(seen)
         for hand, own in enumerate(hands_of_notes(song, hands)):
-            target[i, :, hand] = _targets(own, frames)
+            target[i, :, hand] = _targets(own, frames, moves[hand], motion)
     return _Lesson(wait, left, target)
 
 
@@ -132,7 +135,7 @@ def hands_of_notes(song: Song, reach: Sequence[Collection[int]]) -> tuple[list[N
             side, other = (1 if hand == 0 else -1), 1 - hand
             cost = 0.0 if note.key in reach[hand] else _IMPOSSIBLE
             way = abs(note.key - over[hand])
-            cost += way + _LATE * max(_READY + _PER_KEY * POLICY_DT * way - (note.start - free[hand]), 0.0)
+            cost += way + _LATE * max(_READY + TIMING.travel + TIMING.per_key * way - (note.start - free[hand]), 0.0)
             if free[other] > note.start - _BESIDE and side * (over[other] - note.key) < APART:
                 cost += _CROSSED
             for coming in song.notes[i + 1 : i + 3]:
@@ -145,26 +148,32 @@ def hands_of_notes(song: Song, reach: Sequence[Collection[int]]) -> tuple[list[N
     return taken
 
 
-def _targets(own: Sequence[Note], frames: int) -> npt.NDArray[np.int64]:
+def _targets(own: Sequence[Note], frames: int, moves: Moves, motion: Motion) -> npt.NDArray[np.int64]:
     """The key of the note that a hand should be at or on its way to, shape (F,); it leaves in time for the next."""
-    motion = Motion()
     found = np.full(frames, -1, dtype=np.int64)
     frame = 0
     for note, following in zip(own, [*own[1:], None], strict=True):
         start, end = round(note.start / POLICY_DT), round(note.end / POLICY_DT)
-        leaves = max(end, start + 1)
+        leaves = max(end - motion.stops, start + 1)
         if following is not None:
-            way = 0.0 if following.key == note.key else _TRAVEL + _PER_KEY * abs(following.key - note.key)
-            must = round(following.start / POLICY_DT - way) - motion.lead - 2 + motion.stops
+            needed = _needed(note.key, following.key, moves, motion)
+            must = round(following.start / POLICY_DT) - needed
             leaves = min(leaves, max(must, (start + end) // 2, end - _CUT))
         first = max(frame, start - int(OFFSETS[-1]))
-        frame = max(frame, leaves - motion.stops)
+        frame = max(frame, leaves)
         found[first:frame] = note.key
     return found
 
 
+def _needed(key: int, following: int, moves: Moves, motion: Motion) -> int:
+    """Steps from when a hand begins to leave a key until it sounds the next."""
+    a, b = (min(max(k, moves.lowest), moves.highest) - moves.lowest for k in (key, following))
+    way = 0 if a == b else int(moves.busy[moves.way[a, b]]) + 1
+    return int(moves.busy[moves.release[a]]) + way + round(TIMING.settle / POLICY_DT) + motion.sounds
+
+
 def _walk(
-    lesson: _Lesson, poses: KeyPoses, motion: Motion, network: Pointer | None, rng: np.random.Generator
+    lesson: _Lesson, moves: tuple[Moves, Moves], motion: Motion, network: Pointer | None, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
     """Go through all songs at once, led by the lesson, or by the network; what was seen, and what would be right.
 
@@ -172,19 +181,23 @@ def _walk(
         Features (M, C, FEATURES), asked (M, C), and right answers (M, 2): a candidate, or C for none.
     """
     count, frames = lesson.wait.shape[:2]
-    lowest = np.array([keys[0] for keys in poses.keys], dtype=np.float64)
-    highest = np.array([keys[-1] for keys in poses.keys])
-    hands = np.tile(home(poses), (count, 1, 1))
+    hands = np.tile(home(moves), (count, 1))
     rows = np.arange(count)
     found: list[tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]] = []
     for frame in range(frames):
         wait, left = (part[:, frame].astype(np.float64) for part in (lesson.wait, lesson.left))
-        place, level = hands[..., 0], hands[..., 1]
+        states = np.stack(
+            [
+                np.stack([own.key[hands[:, i]], own.busy[hands[:, i]], own.depth[hands[:, i]]], axis=-1)
+                for i, own in enumerate(moves)
+            ],
+            axis=1,
+        ).astype(np.float64)
         pressed = np.zeros((count, 88))
         for hand in (0, 1):
-            key = (place[:, hand] // QUARTERS + int(lowest[hand])).astype(int)
-            pressed[rows, key] = np.maximum(pressed[rows, key], level[:, hand] >= _SOUNDS)
-        features = key_features(wait, left, pressed, place.astype(float), level.astype(float), lowest)
+            key = states[:, hand, 0].astype(int)
+            pressed[rows, key] = np.maximum(pressed[rows, key], states[:, hand, 2] >= _SOUNDS)
+        features = key_features(wait, left, pressed, states)
         soonest = np.argsort(wait, axis=1, kind="stable")[:, :_CANDIDATES]
         chosen = features[rows[:, None], soonest]
         asked = (wait[rows[:, None], soonest] < FAR).astype(np.float64)
@@ -200,30 +213,12 @@ def _walk(
                 scores = network(*(torch.from_numpy(part.astype(np.float32)) for part in (chosen, asked)))
             answer = scores.argmax(dim=1).numpy()
         elif frame % 7 == 0:  # now and then a hand is elsewhere
-            strays = (rng.random((count, 2)) < 0.05) & (level <= HOVERING)
-            strayed = np.where(strays, place + rng.integers(-16, 17, (count, 2)), place)
-            hands[..., 0] = np.clip(strayed, 0, (highest - lowest.astype(int)) * QUARTERS)
-        for hand in (0, 1):
-            own, reach = hands[:, hand], (int(lowest[hand]), int(highest[hand]))
-            hands[:, hand] = _advance(motion, own, answer[:, hand], soonest, wait, left, reach)
+            strays = rng.random((count, 2)) < 0.05
+            for hand, own in enumerate(moves):
+                strayed = own.over[rng.integers(len(own.over), size=count)]
+                hands[:, hand] = np.where(strays[:, hand] & ~own.is_down[hands[:, hand]], strayed, hands[:, hand])
+        pointed = np.where(answer < _CANDIDATES, soonest[rows[:, None], np.minimum(answer, _CANDIDATES - 1)], NONE)
+        begins, ends = (part[rows[:, None], np.minimum(pointed, NONE - 1)] for part in (wait, left))
+        hands = motion.step(moves, hands, pointed, begins, ends)
     features_all, asked_all, right_all = zip(*found, strict=True)
     return np.concatenate(features_all), np.concatenate(asked_all), np.concatenate(right_all)
-
-
-def _advance(
-    motion: Motion,
-    hand: npt.NDArray[np.int64],
-    answer: npt.NDArray[np.int64],
-    soonest: npt.NDArray[np.int64],
-    wait: FloatArray,
-    left: FloatArray,
-    reach: tuple[int, int],
-) -> npt.NDArray[np.int64]:
-    """Place and level, shape (S, 2), of a hand that was pointed at a candidate (S,), or at none."""
-    rows = np.arange(len(hand))
-    points = answer < soonest.shape[1]
-    key = np.clip(soonest[rows, np.minimum(answer, soonest.shape[1] - 1)], *reach)
-    resting = np.round(hand[:, 0] / QUARTERS).astype(np.int64) * QUARTERS
-    target = np.where(points, (key - reach[0]) * QUARTERS, resting)
-    begins, ends = (np.where(points, part[rows, key], FAR) for part in (wait, left))
-    return np.stack(motion.step(hand[:, 0], hand[:, 1], target, begins, ends), axis=-1)
