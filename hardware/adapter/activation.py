@@ -99,7 +99,8 @@ def _find_positions(wiring: Wiring, motors: RobotMotors, joints: Sequence[int], 
         elif name not in wrong:
             joint = wiring.direction[i] * (position[i] + 2.0 * np.pi * turns[i] - wiring.offset[i])
             counts = f" ({turns[i]:+.0f} turn)" if turns[i] else ""
-            checks.passed(name, f"at {round(joint, 3) + 0.0:.3f} rad{counts}")
+            degrees = round(float(np.rad2deg(joint)), 1) + 0.0
+            checks.passed(name, f"at {round(joint, 3) + 0.0:.3f} rad = {degrees:.1f}°{counts}")
     return np.where(np.isin(np.arange(wiring.count), list(joints)), turns, np.nan)
 
 

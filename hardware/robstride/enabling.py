@@ -45,6 +45,7 @@ _POLL = 0.001
 """s"""
 _FLOAT32 = 1e-6
 """Relative; values travel as float32."""
+_LIMITS = {"limit_torque": "torque limit", "limit_cur": "current limit"}
 _RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
 
 
@@ -230,8 +231,8 @@ def _write_limit(
             checks.warn(motor, f"{name} reads {found:g} {parameter.unit}: the motor allows no {wanted:g}")
         else:
             asked = limits[joint]
-            sheet = f", its data sheet's peak, not {asked:g}" if wanted < asked else ""
-            checks.passed(motor, f"at most {found:g} {parameter.unit}{sheet}")
+            sheet = f" (data sheet; robot file says {asked:g})" if wanted < asked else ""
+            checks.passed(motor, f"{_LIMITS[name]} {found:g} {parameter.unit}{sheet}")
 
 
 def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:

@@ -97,7 +97,8 @@ class RobstrideSession(RobstrideLink):
             here = self.motors.on_channel(channel)
             volts = [v for i in here if isinstance(v := found[i], float)]
             if volts:
-                checks.passed(source, f"supply {min(volts):.1f} to {max(volts):.1f} V at its motors")
+                least, most = f"{min(volts):.1f}", f"{max(volts):.1f}"
+                checks.passed(source, f"supply {least if least == most else f'{least} to {most}'} V at its motors")
             elif here:
                 checks.warn(source, "no motor tells its supply voltage")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,8 @@ _SYSFS = Path("/sys/class/net")
 _RULES = Path("udev/rules.d/70-humanoid-can.rules")
 """Before udev's own 80-net-setup-link.rules, which name what has no name yet."""
 _HIGHEST_PORT = 15
+_PLACEHOLDER = "SERIAL"
+"""What help and pages write for a serial number."""
 _NOT_TRIED = "No real adapter was there to try this on: look at what --check says, and at your adapter's own manual."
 _HEADING = """\
 # CAN interfaces of a robot. Written by `python -m humanoid_sim.hardware bring-up`.
@@ -96,6 +98,12 @@ def _adapters(texts: Sequence[str], names: Sequence[str]) -> dict[str, Adapter]:
                 f"--adapter: is '{text}', expected NAME=SERIAL or NAME=SERIAL/PORT, such as can_left=0042/1"
             )
         name, adapter = match[1], Adapter(match[2], None if match[3] is None else int(match[3]))
+        if adapter.serial == _PLACEHOLDER:
+            there = "; ".join(_plugged_in()) or "none"
+            raise InputError(
+                f"--adapter: is '{text}', where {_PLACEHOLDER} stands for the adapter's serial number; "
+                f"plugged in: {there}"
+            )
         if name not in names:
             raise InputError(f"--adapter: '{text}' names no channel; the channels are {', '.join(names)}")
         if name in adapters:
@@ -199,10 +207,16 @@ def _content(path: Path) -> str | None:
 
 def _print_adapters() -> None:
     """The serial numbers of the adapters that are plugged in, for --adapter."""
+    for adapter in _plugged_in():
+        print(f"# plugged in: {adapter}")
+
+
+def _plugged_in() -> Iterator[str]:
+    """Each interface that is there, and the option that names it."""
     for name in can_interfaces():
         adapter = _adapter_of(name)
         told = "tells no serial number" if adapter is None else f"--adapter NAME={adapter.serial}/{adapter.port or 0}"
-        print(f"# plugged in: {name}, {told}")
+        yield f"{name}, {told}"
 
 
 def _adapter_of(name: str) -> Adapter | None:

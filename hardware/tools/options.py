@@ -248,7 +248,8 @@ class Emulate:
     robot: str = "lite"
     """A shipped robot ({robots}), or its YAML file."""
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A fault to inject, KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name or CAN id, times in s:
+    """A fault to inject, KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name or CAN id, times in s, START
+    from when the emulation begins:
     `over_temperature:left_elbow_pitch@5+2`, `lost=0.2`, `silent:14`. May be repeated."""
     firmware: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A firmware, JOINT=VERSION or MODEL=VERSION, such as `rs-02=0.2.2.11`. May be repeated; else the newest."""
@@ -322,6 +323,7 @@ class SetId:
     """Our own id on the bus."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "the only motor on the bus becomes 11"),)
+    SURPLUS: ClassVar[str] = "set-id takes the new id only; the motor's old id is found"
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def parse(
 
         print(help_page(command, brief=_HELP[1] not in words))
         raise SystemExit(0)
-    _check_names(command, words)
+    _check_names(command, words, getattr(specification, "OF_ANOTHER_PROGRAM", {}))
     return _read(specification, command, words, positional)
 
 
@@ -111,8 +111,10 @@ def description_of(program: Callable[[Sequence[str] | None], int]) -> Command | 
     return None
 
 
-def _check_names(command: Command, words: Sequence[str]) -> None:
+def _check_names(command: Command, words: Sequence[str], elsewhere: Mapping[str, str]) -> None:
     """Refuse options and choices that do not exist, with the nearest ones that do, and options that are given twice.
+
+    `elsewhere` has options that people look for here, and what has them instead.
 
     Raises:
         InputError: naming the first.
@@ -132,6 +134,8 @@ def _check_names(command: Command, words: Sequence[str]) -> None:
         given = options.get("-" + name[1:].replace("_", "-"))
         if given is None and not word.startswith("--"):  # a negative number
             continue
+        if given is None and name in elsewhere:
+            raise InputError(f"unknown option '{name}' ({elsewhere[name]})")
         if given is None:
             unknown = _unknown_option(name, options)
             raise InputError(f"{unknown}; '{command.invocation} --help' lists all")
@@ -193,7 +197,10 @@ def _read(specification: type[Any], command: Command, words: Sequence[str], posi
     except SystemExit as stop:
         if not stop.code:
             raise
-        raise InputError(_told(complaint.getvalue(), command)) from None
+        line, surplus = _told(complaint.getvalue(), command), getattr(specification, "SURPLUS", "")
+        if surplus and line.startswith(_SURPLUS):
+            line = f"{line.partition(';')[0]}; {surplus}"
+        raise InputError(line) from None
     finally:
         if columns is None:
             del os.environ["COLUMNS"]
@@ -227,11 +234,12 @@ def _is_named(option: Option, line: str) -> bool:
     return option.flags[0] in line if option.flags else option.help in filled(line)
 
 
+_SURPLUS = "unexpected: "
 _OURS = tuple(
     (re.compile(pattern), ours)
     for pattern, ours in (
         (r"^Error parsing ", ""),
-        (r"^Unrecognized options: ", "unexpected: "),
+        (r"^Unrecognized options: ", _SURPLUS),
         (r"^Missing value for argument '(\S+)'.*$", r"\1: its value is missing"),
         (r"^(\S+): could not convert string to float: (.*)$", r"\1: is \2, expected a number"),
         (r"^(\S+): invalid literal for int\(\).*: (.*)$", r"\1: is \2, expected a whole number"),

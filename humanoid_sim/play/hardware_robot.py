@@ -60,7 +60,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
     is_virtual = [address.interface == "virtual" for address in addresses]
     if any(is_virtual) and not all(is_virtual):
         raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
-    offsets, notices = _homing_offsets(config, description, emulated=all(is_virtual))
+    offsets, notices = _homing_offsets(config, description, addresses)
     motors = _emulated(description, addresses, offsets) if all(is_virtual) else None
     keyboard: MidiKeyboard | None = None
 
@@ -111,10 +111,11 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
 
 
 def _homing_offsets(
-    config: PlayConfig, description: RobotDescription, *, emulated: bool
+    config: PlayConfig, description: RobotDescription, addresses: Sequence[BusAddress]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """The homing offset of every joint, rad, motor frame, and what an operator should know about them."""
-    if config.calibration is None and emulated:
+    interfaces = {address.interface for address in addresses}
+    if config.calibration is None and interfaces == {"virtual"}:
         return dict.fromkeys(description.joint_names, 0.0), ("emulated motors, assembled without offsets",)
     if config.calibration == "none":
         return dict.fromkeys(description.joint_names, 0.0), (
@@ -122,9 +123,10 @@ def _homing_offsets(
         )
     path = Path(CALIBRATION if config.calibration is None else config.calibration)
     if config.calibration is None and not path.exists():
+        none = ", or add --calibration none for motors of hardware emulate" if interfaces == {"udp_multicast"} else ""
         raise InputError(
             f"--calibration: is missing, and there is no {CALIBRATION} here; without it nobody knows where the joints "
-            "are: run python -m humanoid_sim.hardware calibrate"
+            f"are: run python -m humanoid_sim.hardware calibrate{none}"
         )
     calibration = load_calibration(path, description)
     return calibration.homing_offsets(description), (f"calibration {path}", *calibration.warnings)

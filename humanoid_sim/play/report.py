@@ -332,7 +332,7 @@ def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
         table.add_row("ticks began late by", _three(loop["jitter"], ""))
         table.add_row("", "\n".join(_bars(loop["jitter"]["histogram"])))
     if loop["measures"]:
-        table.add_row("for punctuality", "\n".join(loop["measures"]))
+        table.add_row("real-time settings", "\n".join(loop["measures"]))
     table.add_row("policy steps", str(loop["inferences"]))
     table.add_row("largest joint effort", escape(describe_effort(effort)))
     return table

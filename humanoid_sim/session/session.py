@@ -195,7 +195,7 @@ class Session:
                 self._sinks.start(self._header, stack)
             measures = stack.enter_context(real_time()) if self._settings.punctual else ()
             if measures:
-                self._sinks.event(f"for punctuality: {'; '.join(measures)}")
+                self._sinks.event(f"real-time settings: {'; '.join(measures)}")
             self._robot.activate()
             try:
                 self._loop()

@@ -96,6 +96,14 @@ HELP = "--help' says what is accepted"
             "--robot: the default, 'lite', is used, and this policy is for another robot: add --robot lite_biped; ",
         ),
         (("play", "--script"), "--script: its value is missing; "),
+        (
+            ("play", "--fault", "silent:14"),
+            "unknown option '--fault' (hardware emulate --fault injects faults into emulated motors)",
+        ),
+        (
+            ("hardware", "set-id", "can0", "127", "14"),
+            "unexpected: 14; set-id takes the new id only; the motor's old id is found",
+        ),
         (("play", "x.onnx"), f"unexpected: x.onnx; 'python -m humanoid_sim.play {HELP}"),
         (("play", "--robot", "lite_bipd"), "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, "),
         (("play", "--motion", "wve"), "--motion: unknown motion 'wve' (did you mean 'wave'?); known: circle, "),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -51,3 +52,18 @@ def test_options_for_the_motors_reach_the_adapter(options: dict[str, Any], messa
     with pytest.raises(InputError) as refused:
         real_robot(config, load_robot("lite"), 0.02)
     assert str(refused.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("channel", "end"),
+    [
+        ("can0", "hardware calibrate"),
+        ("udp_multicast:239.74.163.9", "hardware calibrate, or add --calibration none for motors of hardware emulate"),
+    ],
+)
+def test_where_motors_may_be_emulated_it_says_how_to_do_without_a_calibration(
+    channel: str, end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"^--calibration: is missing, .* {end}$"):
+        real_robot(PlayConfig(hardware=channel), load_robot("lite"), 0.02)

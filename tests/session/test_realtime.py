@@ -113,7 +113,7 @@ def test_a_session_takes_them_before_the_robot_is_activated_and_until_it_is_clos
     result = session(robot, duration=0.1, punctual=True, sinks=[sink]).run()
     assert min(seen) > 1000
     assert len(result.measures) == 4
-    assert sink.events[0] == f"for punctuality: {'; '.join(result.measures)}"
+    assert sink.events[0] == f"real-time settings: {'; '.join(result.measures)}"
     assert gc.get_freeze_count() == 0
     assert priorities == ([30, 50] if result.measures[2] == "SCHED_FIFO, priority 50" else [0, 0])
     assert session(FakeRobot(), duration=0.1).run().measures == ()

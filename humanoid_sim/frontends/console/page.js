@@ -11,6 +11,7 @@ let heard = -Infinity;
 let age = 0;
 let ended = false;
 let jointNames = [];
+let marking = false; // an answer to a mark is awaited
 
 // Of what is not an intent; without a connection nothing is sent.
 function tell(message) {
@@ -20,6 +21,8 @@ function tell(message) {
 }
 
 function ask(word) {
+  marking = marking || word === "mark";
+  if (word === "mark") get("mark-answer").textContent = "marking …";
   if (!tell({ ask: word })) showAnswer({ granted: false, text: `${word}: not sent, there is no connection` });
 }
 
@@ -70,9 +73,17 @@ function show(told) {
   for (const [, time, text] of told.events) {
     const line = document.createElement("li");
     line.textContent = `${time.toFixed(2)} s  ${text}`;
-    get("events").prepend(line);
+    line.dataset.time = time;
+    insertEvent(line, time);
   }
   while (get("events").childElementCount > MOST_EVENTS) get("events").lastChild.remove();
+}
+
+// The newest on top: an event may be told before a tick that is older.
+function insertEvent(line, time) {
+  let below = get("events").firstChild;
+  while (below && Number(below.dataset.time) > time) below = below.nextSibling;
+  get("events").insertBefore(line, below);
 }
 
 function showStandby(standby) {
@@ -84,7 +95,7 @@ function showStandby(standby) {
 }
 
 function showIntents(intents) {
-  for (const [word, { name, refusal, note }] of Object.entries(intents)) {
+  for (const [word, { name, refusal, why, note }] of Object.entries(intents)) {
     if (word === "damp") continue; // it has its place, and is never dimmed
     let button = document.querySelector(`#intents [data-ask="${word}"]`);
     if (!button) {
@@ -93,7 +104,7 @@ function showIntents(intents) {
       button.append(name, document.createElement("small"));
       get("intents").append(button);
     }
-    const requirement = refusal.replace(`${name} refused: `, "") || note || "";
+    const requirement = why || note || "";
     button.classList.toggle("refused", refusal !== "");
     button.title = refusal;
     if (button.lastChild.textContent !== requirement) button.lastChild.textContent = requirement;
@@ -135,6 +146,8 @@ function showSafety(statuses) {
 }
 
 function showAnswer({ granted, text }) {
+  if (marking) get("mark-answer").textContent = text; // beside its button, which may be far from the other answers
+  marking = false;
   get("answer").className = granted ? "" : "refused";
   get("answer").textContent = text;
 }

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
-from humanoid_sim.controllers.fsm import RULES, merge_safety, transition
+from humanoid_sim.controllers.fsm import RULES, describe_safety, merge_safety, transition
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyStatus, SessionHeader, TickRecord
 from humanoid_sim.session.reactivation import REACTIVATE, reactivation_refusal
 
@@ -80,11 +80,18 @@ def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
         },
         "safety": [_safety(status) for status in record.input.safety],
         "intents": {
-            intent.value: {"name": intent.name, "refusal": refusal}
+            intent.value: _offered(intent.name, refusal, record)
             for intent, refusal in refusals(record, available).items()
         }
-        | {REACTIVATE: {"name": REACTIVATE.upper(), "refusal": reactivation_refusal(control.mode), "note": _AFRESH}},
+        | {REACTIVATE: _offered(REACTIVATE.upper(), reactivation_refusal(control.mode), record) | {"note": _AFRESH}},
     }
+
+
+def _offered(name: str, refusal: str, record: TickRecord) -> dict[str, str]:
+    """What a button shows; `why` leaves out what the page has elsewhere: the button's name, and the safety statuses."""
+    safety = describe_safety(merge_safety(record.input.safety))
+    why = refusal.removeprefix(f"{name} refused: ").replace(safety, "see Safety below")
+    return {"name": name, "refusal": refusal, "why": why}
 
 
 def _safety(status: SafetyStatus) -> dict[str, Any]:

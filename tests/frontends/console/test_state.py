@@ -85,6 +85,7 @@ def test_safety_is_explained(local: LocalSession) -> None:
         }
     ]
     assert told["intents"]["load_a"]["refusal"].startswith("LOAD_A refused: safety FAULT BUS_OFF|MOTOR_FAULT from can0")
+    assert told["intents"]["load_a"]["why"] == "see Safety below"
     assert told["intents"]["damp"]["refusal"] == ""
 
 

@@ -106,10 +106,11 @@ def test_no_limit_is_written_beyond_the_peak_of_the_motors_data_sheet(
     assert [_parameter(left, "limit_torque"), _parameter(left, "limit_cur")] == [17.0, 23.0]
     assert [_parameter(right, "limit_torque"), _parameter(right, "limit_cur")] == [14.0, 15.5]
     lines = {check.subject: str(check) for check in robot.checks}
-    assert (
-        "at most 17 N·m, its data sheet's peak, not 170; at most 23 A, its data sheet's peak, not 27" in lines["left"]
+    limits = (
+        "torque limit 17 N·m (data sheet; robot file says 170); current limit 23 A (data sheet; robot file says 27)"
     )
-    assert "at most 14 N·m; at most 15.5 A, its data sheet's peak, not 16" in lines["right"]
+    assert limits in lines["left"]
+    assert "torque limit 14 N·m; current limit 15.5 A (data sheet; robot file says 16)" in lines["right"]
     assert not _warnings(robot)
 
 
@@ -121,13 +122,13 @@ def test_the_list_says_what_was_verified(robot: HardwareRobot) -> None:
         "rs-02, firmware 0.2.3.9, uid 0102030405060708",
         "run_mode 0",
         "stops 100 ms after the last command",
-        "at most 17 N·m; at most 23 A",
-        "at -0.250 rad",
+        "torque limit 17 N·m; current limit 23 A",
+        "at -0.250 rad = -14.3°",
     ):
         assert part in lines["left"]
     assert all(check.passed for check in robot.checks)
     assert not _warnings(robot)
-    assert any("supply 48.0 to 48.0 V" in line for line in lines.values())
+    assert any("supply 48.0 V at" in line for line in lines.values())
 
 
 def test_preparing_does_everything_but_enabling(robot: HardwareRobot, left: ScriptedMotor) -> None:
@@ -514,7 +515,7 @@ def test_a_turn_at_power_on_is_counted(robot: HardwareRobot, right: ScriptedMoto
     right.position = 2.0 * math.pi - 0.1
     robot.activate()
     assert robot.read()[0].joint_position[1] == pytest.approx(-0.1, abs=4e-4)
-    assert any("at -0.100 rad (-1 turn)" in str(check) for check in robot.checks)
+    assert any("at -0.100 rad = -5.7° (-1 turn)" in str(check) for check in robot.checks)
     assert right.commands[-1].position == pytest.approx(2.0 * math.pi - 0.1, abs=4e-4), "in the motor's own count"
 
 

@@ -47,7 +47,7 @@ def test_a_walk_up_and_down_over_the_bus(run: Play, quick: str) -> None:
     checks = result.out.index("Checks, before anything is enabled")
     assert checks < result.out.index("ZERO_TORQUE")
     for name in load_robot("lite").joint_names:
-        assert checks < result.out.index(f"{name}  motor ") < result.out.index("for punctuality: garbage collector")
+        assert checks < result.out.index(f"{name}  motor ") < result.out.index("real-time settings: garbage collector")
     loop, hardware = result.summary["loop"], result.summary["hardware"]
     assert loop["control_period"] == pytest.approx(0.02)  # the hardware's 50 Hz
     assert loop["realtime"]

@@ -178,6 +178,10 @@ def test_the_check_is_a_verdict_and_an_exit_status(run: Run, monkeypatch: pytest
         ("virtual:a", "channels: 'virtual:a' is no network interface; expected names such as can0 or can_left"),
         ("can$0", "channels: 'can$0' has characters that udev reads otherwise"),
         ("can_left --adapter can_left", "--adapter: is 'can_left', expected NAME=SERIAL or NAME=SERIAL/PORT"),
+        (
+            "can_left --adapter can_left=SERIAL/0",
+            "--adapter: is 'can_left=SERIAL/0', where SERIAL stands for the adapter's serial number; plugged in: ",
+        ),
         ("can_left --adapter 'can_left=1\", RUN+=\"x'", "--adapter: is "),
         ("can_left --adapter can_left=1/99", "--adapter: is 'can_left=1/99', expected"),
         ("can_left --adapter left=1", "--adapter: 'left=1' names no channel; the channels are can_left"),
