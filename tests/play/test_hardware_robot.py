@@ -57,13 +57,16 @@ def test_options_for_the_motors_reach_the_adapter(options: dict[str, Any], messa
 @pytest.mark.parametrize(
     ("channel", "end"),
     [
-        ("can0", "hardware calibrate"),
-        ("udp_multicast:239.74.163.9", "hardware calibrate, or add --calibration none for motors of hardware emulate"),
+        ("can0", r"humanoid_sim\.hardware calibrate"),
+        (
+            "udp_multicast:239.74.163.9",
+            r"humanoid_sim\.hardware calibrate, or add --calibration none for motors of hardware emulate",
+        ),
     ],
 )
 def test_where_motors_may_be_emulated_it_says_how_to_do_without_a_calibration(
     channel: str, end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=f"^--calibration: is missing, .* {end}$"):
+    with pytest.raises(InputError, match=rf"^--calibration: is missing, .*{end}$"):
         real_robot(PlayConfig(hardware=channel), load_robot("lite"), 0.02)

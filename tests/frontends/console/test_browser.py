@@ -45,11 +45,16 @@ def test_an_operator_clicks_through_the_modes(page: Any, browser: Any, played: A
     page.click('[data-ask="start_locomotion"]')
     in_mode(page, "LOCOMOTION")
     in_mode(watching, "LOCOMOTION")
+    times = page.eval_on_selector_all("#events li", "lines => lines.map(line => Number(line.dataset.time))")
+    assert len(times) > 3
+    assert times == sorted(times, reverse=True)
     assert not watching.locator("#damp, #mark, #intents button").locator("visible=true").count()
     watching.keyboard.press("Space")
     watching.wait_for_selector("#answer.refused")
     assert watching.inner_text("#answer") == "this address is for watching only"
     page.click("#mark")
+    assert page.inner_text("#mark-answer") in ("marking …", "marked")
+    page.wait_for_selector("#mark-answer:text-is('marked')")
     watching.wait_for_selector("text=moment 1")
     in_mode(page, "LOCOMOTION")
     page.click("#damp")
