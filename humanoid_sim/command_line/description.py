@@ -114,8 +114,8 @@ def describe(specification: Specification, words: tuple[str, ...], *, positional
 
     A dataclass may have `EXAMPLES`, pairs of words and what they do, `GROUPS`, the names of fields by heading, and
     `CALLED_ELSEWHERE`, other programs' flags for its fields, which are then suggested. For messages it may have
-    `OF_ANOTHER_PROGRAM`, options that are looked for here, with the program that has them, and `SURPLUS`, what to say of
-    words too many.
+    `OF_ANOTHER_PROGRAM`, options that are looked for here, with the program that has them, and `SURPLUS`, what to say
+    of words too many.
 
     Args:
         specification: of its options.
