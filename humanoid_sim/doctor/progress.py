@@ -1,4 +1,4 @@
-"""How far a search is, and how long it will take: a bar on a terminal, a line for each stage anywhere else."""
+"""How far a search is, and how long it will take: a bar on a terminal, a line now and then anywhere else."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from humanoid_sim.doctor.search import Plan
 
 __all__ = ["SearchProgress"]
 
+_EVERY = 10.0
+"""s between two lines where nobody watches."""
+
 
 class SearchProgress:
     """Told of every trial by the search; a context."""
@@ -21,7 +24,7 @@ class SearchProgress:
         self._ranking = ranking
         self._plan = plan
         self._stage = ""
-        self._started = 0.0
+        self._said = 0.0
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -43,23 +46,26 @@ class SearchProgress:
         self._bar.stop()
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Take in that so many of a stage's hypotheses have been tried."""
+        """Take in that so many of a stage's changes have been tried."""
         seconds = self._ranking.seconds
         if not self._stage:
-            self._say(f"single changes: {total - 1}, about {self._ranking.expected:.0f} s{self._limit()}")
+            self._say(f"single changes: {total}, always all tried, about {self._ranking.expected:.0f} s{self._limit()}")
         if stage != self._stage:
-            self._stage, self._started = stage, seconds
+            self._stage = stage
         self._bar.update(self._task, description=stage, completed=done, total=total)
-        if done == total and not self._console.is_terminal:
-            self._say(f"{stage}: {total} tried, {seconds:.0f} s so far")
+        if self._console.is_terminal or (done < total and seconds - self._said < _EVERY):
+            return
+        self._said = seconds
+        tried = f"{total}" if done == total else f"{done} of {total}"
+        self._say(f"{stage}: {tried} tried, {seconds:.0f} s so far")
 
     def _limit(self) -> str:
         budget = self._plan.budget
         if budget is None or not self._plan.pairs:
             return ""
         if self._ranking.expected > budget:
-            return f", more than --budget {budget:g}: pairs of them will hardly be tried"
-        return f"; with pairs of them at most {budget:g} s"
+            return f": longer than --budget {budget:g}, so no pairs of them; Ctrl-C shows what is known"
+        return f"; then pairs of them, to --budget {budget:g} s"
 
     def _say(self, text: str) -> None:
         self._console.print(text, style="dim", markup=False, highlight=False, soft_wrap=True)

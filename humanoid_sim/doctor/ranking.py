@@ -90,6 +90,8 @@ class Ranking:
     """s of wall time that the single changes will take, by the first trial; 0 before it."""
     seconds: float = 0.0
     """s of wall time that the search has taken."""
+    single_seconds: float = 0.0
+    """s of wall time that the single changes have taken; 0 until they have all been tried."""
     pairs_known: int = 0
     """Pairs that are worth trying."""
     pairs_tried: int = 0

@@ -79,8 +79,9 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
     console.print(escape(conclusion(ranking)), style="bold", soft_wrap=True)
     if ranking.pairs_tried < ranking.pairs_known:
         console.print(
-            f"[dim]{ranking.pairs_tried} of {ranking.pairs_known} pairs of changes were tried in {ranking.seconds:.0f} "
-            "s; --budget gives them more time[/dim]",
+            f"[dim]pairs of changes: {ranking.pairs_tried} of {ranking.pairs_known} tried in {ranking.seconds:.0f} s, of "
+            f"which single changes, always all tried, took {ranking.single_seconds:.0f} s; a larger --budget gives pairs "
+            "more time[/dim]",
             soft_wrap=True,
         )
     finding = ranking.finding

@@ -27,7 +27,7 @@ from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
 __all__ = ["Plan", "Progress", "make_plan", "search"]
 
 Progress = Callable[[str, int, int], None]
-"""Told the stage, and how many of how many hypotheses it has tried."""
+"""Told the stage, and how many of how many changes it has tried; the contract as it is is none."""
 
 _PROMOTED = 16
 """Causes whose best edit is tried at length."""
@@ -139,6 +139,7 @@ class _Search:
         promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
         chosen = [unchanged, *_with_rivals(promising[:_PROMOTED], ranking)]
         self._stage("the best of them", chosen, plan.thorough, ranking)
+        ranking.single_seconds = ranking.seconds
         wanted, together = _pairs(contract, changed, ranking, plan.pairs), Ranking()
         ranking.pairs_known = len(wanted)
         if len(wanted) > _PROMOTED_GLANCES:
@@ -165,12 +166,14 @@ class _Search:
     ) -> None:
         """Try some hypotheses; with `until` only while no more than that share of the budget is used up."""
         # One after the other: most of a trial is Python's, so threads would only wait for each other.
-        for done, hypothesis in enumerate(hypotheses, 1):
+        done, total = 0, sum(bool(hypothesis.edits) for hypothesis in hypotheses)
+        for hypothesis in hypotheses:
             if until is not None and self._plan.budget is not None and self._elapsed > until * self._plan.budget:
                 return
             into.add(Verdict(hypothesis, self._outcomes(hypothesis, trials), trials is self._plan.thorough))
             self._ranking.seconds = self._elapsed
-            self._progress(title, done, len(hypotheses))
+            done += bool(hypothesis.edits)
+            self._progress(title, done, total)
 
     def _outcomes(self, hypothesis: Hypothesis, trials: tuple[Trial, ...]) -> tuple[Outcome, ...]:
         outcomes = tuple(self._runner.run(hypothesis.contract, trial) for trial in trials)

@@ -13,25 +13,29 @@ def lines(plan: Plan, *, terminal: bool = False) -> list[str]:
     stream = io.StringIO()
     ranking = Ranking(expected=14.2)
     with SearchProgress(Console(file=stream, width=100, force_terminal=terminal), ranking, plan) as progress:
-        for done in (1, 2, 3):
-            ranking.seconds = 1.0 * done
+        for done in (0, 1, 2, 3):
+            ranking.seconds = 1.0 + 6.0 * done
             progress("single changes", done, 3)
         progress("the best of them", 1, 1)
     return stream.getvalue().splitlines()
 
 
-def test_where_there_is_no_terminal_every_stage_is_a_line() -> None:
+def test_where_there_is_no_terminal_every_stage_is_a_line_and_so_are_ten_seconds() -> None:
     assert lines(Plan((), (), 100, 60.0)) == [
-        "single changes: 2, about 14 s; with pairs of them at most 60 s",
-        "single changes: 3 tried, 3 s so far",
-        "the best of them: 1 tried, 3 s so far",
+        "single changes: 3, always all tried, about 14 s; then pairs of them, to --budget 60 s",
+        "single changes: 2 of 3 tried, 13 s so far",
+        "single changes: 3 tried, 19 s so far",
+        "the best of them: 1 tried, 19 s so far",
     ]
 
 
 def test_what_is_promised_depends_on_the_budget() -> None:
-    assert lines(Plan((), (), 100, 10.0))[0].endswith("more than --budget 10: pairs of them will hardly be tried")
-    assert lines(Plan((), (), 0, 60.0))[0] == "single changes: 2, about 14 s"
-    assert lines(Plan((), (), 100))[0] == "single changes: 2, about 14 s"
+    assert lines(Plan((), (), 100, 10.0))[0] == (
+        "single changes: 3, always all tried, about 14 s: longer than --budget 10, so no pairs of them; "
+        "Ctrl-C shows what is known"
+    )
+    assert lines(Plan((), (), 0, 60.0))[0] == "single changes: 3, always all tried, about 14 s"
+    assert lines(Plan((), (), 100))[0] == "single changes: 3, always all tried, about 14 s"
 
 
 def test_on_a_terminal_there_is_a_bar_instead() -> None:

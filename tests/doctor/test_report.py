@@ -148,5 +148,8 @@ def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better() -> None:
 def test_pairs_that_were_left_out_are_told() -> None:
     result = ranking((0.3, 2.0), (1.0, 2.0))
     assert "pairs of changes" not in printed(result)
-    result.pairs_known, result.pairs_tried, result.seconds = 300, 120, 118.6
-    assert "120 of 300 pairs of changes were tried in 119 s; --budget gives them more time" in printed(result)
+    result.pairs_known, result.pairs_tried, result.seconds, result.single_seconds = 300, 120, 118.6, 40.2
+    assert (
+        "pairs of changes: 120 of 300 tried in 119 s, of which single changes, always all tried, took 40 s; a larger "
+        "--budget gives pairs more time"
+    ) in printed(result)

@@ -76,7 +76,7 @@ def examine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Ranking]:
         stages: list[str] = []
 
         def progress(stage: str, done: int, total: int) -> None:
-            assert 1 <= done <= total
+            assert 0 <= done <= total
             stages.append(stage)
 
         plan = make_plan(contract, motion_seconds=10.0, pairs=pairs)
@@ -238,7 +238,11 @@ def test_a_budget_ends_the_pairs_and_nothing_else(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(module, "TrialRunner", Invented(right_only(right)))
     result = Ranking()
     plan = make_plan(wrong, motion_seconds=9.0, budget=1e-3)
-    search(Patient(wrong), FACTS, plan, result, lambda *_: None)  # type: ignore[arg-type]
+    told: list[tuple[str, int, int]] = []
+    search(Patient(wrong), FACTS, plan, result, lambda *known: told.append(known))  # type: ignore[arg-type]
+    count = len(singles(wrong, FACTS))
+    assert told[: count + 1] == [("single changes", done, count) for done in range(count + 1)]
+    assert 0.0 < result.single_seconds <= result.seconds
     assert result.is_complete
     assert result.pairs_known > 100
     assert result.pairs_tried == 0
