@@ -79,9 +79,9 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
     console.print(escape(conclusion(ranking)), style="bold", soft_wrap=True)
     if ranking.pairs_tried < ranking.pairs_known:
         console.print(
-            f"[dim]pairs of changes: {ranking.pairs_tried} of {ranking.pairs_known} tried in {ranking.seconds:.0f} s, of "
-            f"which single changes, always all tried, took {ranking.single_seconds:.0f} s; a larger --budget gives pairs "
-            "more time[/dim]",
+            f"[dim]pairs of changes: {ranking.pairs_tried} of {ranking.pairs_known} tried in {ranking.seconds:.0f} s, "
+            f"{ranking.single_seconds:.0f} s of it for single changes, which are always all tried; a larger --budget "
+            "gives pairs more time[/dim]",
             soft_wrap=True,
         )
     finding = ranking.finding

@@ -44,6 +44,12 @@ _POLICIES: Mapping[TaskName, tuple[str, str]] = {
     "piano": ("piano", "one that plays songs"),
 }
 """By task of a suite: the `task_type` of its policies, and those in words."""
+_USE_INSTEAD = {
+    "tracking": "--suite lite_tracking",
+    "locomotion": "--suite velocity --robot lite_biped",
+    "piano": "--suite lite_piano",
+}
+"""By task_type of a policy."""
 _NAMES = ("name", "summary", "robot", "cases")
 _INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
 
@@ -191,7 +197,8 @@ def prepare_policy(
     wanted, described = _POLICIES[suite.task]
     if contract.task_type != wanted:
         raise InputError(
-            f"{path}: is a policy for task_type {contract.task_type}, the suite '{suite.name}' is for {described}"
+            f"{path}: is a policy for task_type {contract.task_type}, the suite '{suite.name}' is for {described}; use "
+            f"{_USE_INSTEAD[contract.task_type]}"
         )
     assert isinstance(checkpoint.policy, OnnxPolicy)  # load_checkpoint makes no other
     policy = BatchedPolicy(checkpoint.policy)

@@ -71,6 +71,9 @@ def show_run(console: Console, results: Results, run: PolicyRun) -> None:
         numbers = (sum(values) / len(values), min(values), max(values)) if values else (None, None, None)
         table.add_row(metric.name, *(quantity(number, metric.unit) for number in numbers))
     console.print(table)
+    whole = len(run.episodes) - len(run.failures)
+    if whole and any(episode.metrics[metric.name] is None for episode in run.failures for metric in results.metrics):
+        console.print(f"Errors are of the {whole} episodes that did not fail.")
     _show_trouble(console, None, Candidate(run=run, passed=True))
 
 
@@ -96,13 +99,14 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
             quantity(comparison.candidate, unit),
             *_change(comparison, unit),
         )
-    console.print(table)
-    lines = [f"{c.metric}: {c.reasons}" for c in candidate.comparisons if c.reasons]
     without: dict[str, list[str]] = {}
     for comparison in candidate.comparisons:
         if comparison.left_out:
             without.setdefault(describe_left_out(comparison), []).append(comparison.metric)
-    lines += [f"without {text}: {', '.join(names)}" for text, names in without.items()]
+    for text, names in without.items():
+        console.print(f"without {text}: {', '.join(names)}", markup=False, highlight=False, soft_wrap=True)
+    console.print(table)
+    lines = [f"{c.metric}: {c.reasons}" for c in candidate.comparisons if c.reasons]
     if not paired:
         lines.append("other seeds than the baseline's: compared case by case, not pair by pair")
     for line in lines:

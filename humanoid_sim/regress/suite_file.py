@@ -22,7 +22,10 @@ from humanoid_sim.regress.suite import AXES, Suite
 from humanoid_sim.simulation.batch.randomisation import LONGEST_DELAY
 from humanoid_sim.strict_yaml import read_yaml
 
-__all__ = ["chosen_suite", "load_suite", "shipped_suites"]
+__all__ = ["SUITE_OF", "chosen_suite", "load_suite", "shipped_suites"]
+
+SUITE_OF = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "velocity", "piano": "lite_piano"}
+"""The shipped suite for a task of the environments."""
 
 _SEEDS = 2**31
 _PLACE = re.compile(r"^(?P<problem>.*?)(?: - at `\$\.?(?P<place>.*?)`)?$", re.DOTALL)
@@ -43,7 +46,11 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     """
     known = shipped_suites()
     if name_or_path not in known and not is_file(name_or_path):
-        raise InputError(f"--suite: {known_names('suite', name_or_path, known)}; or a suite's YAML file that exists")
+        meant = SUITE_OF.get(name_or_path)
+        named = known_names("suite", name_or_path, known)
+        if meant is not None:
+            named = f"unknown suite '{name_or_path}' (did you mean '{meant}'?); known: {', '.join(known)}"
+        raise InputError(f"--suite: {named}; or a suite's YAML file that exists")
     path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in known else Path(name_or_path)
     document = read_yaml(path)
     if not isinstance(document, dict):

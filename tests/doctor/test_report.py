@@ -150,6 +150,6 @@ def test_pairs_that_were_left_out_are_told() -> None:
     assert "pairs of changes" not in printed(result)
     result.pairs_known, result.pairs_tried, result.seconds, result.single_seconds = 300, 120, 118.6, 40.2
     assert (
-        "pairs of changes: 120 of 300 tried in 119 s, of which single changes, always all tried, took 40 s; a larger "
-        "--budget gives pairs more time"
+        "pairs of changes: 120 of 300 tried in 119 s, 40 s of it for single changes, which are always all tried; a "
+        "larger --budget gives pairs more time"
     ) in printed(result)

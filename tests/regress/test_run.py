@@ -238,7 +238,8 @@ def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, caps
     walker = standing_policy(tmp_path / "walker.onnx")
     line = complaint(capsys, str(walker), "--suite", suite, "--robot", "lite_biped")
     assert line == (
-        f"{walker}: is a policy for task_type locomotion, the suite 'short' is for a policy that follows motions"
+        f"{walker}: is a policy for task_type locomotion, the suite 'short' is for a policy that follows motions; "
+        "use --suite velocity --robot lite_biped"
     )
     line = complaint(capsys, str(SAMPLE), "--suite", "velocity", "--robot", "lite")
     assert line == "robot 'lite': has a fixed base, a velocity suite expects a floating one"

@@ -114,6 +114,8 @@ def test_a_bad_suite_is_one_line(tmp_path: Path, text: str, message: str) -> Non
 
 
 def test_no_such_suite(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--suite: unknown suite 'walking' \(did you mean 'velocity'\?\); known: "):
+        load_suite("walking")
     with pytest.raises(InputError, match="--suite: unknown suite 'nowhere'; known: lite_piano, lite_tracking, v"):
         load_suite("nowhere")
     with pytest.raises(InputError, match="or a suite's YAML file that exists"):

@@ -8,18 +8,15 @@ from pathlib import Path
 from humanoid_sim.errors import InputError
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.run import regress
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite_file import SUITE_OF, load_suite
 from humanoid_sim.training.ppo.subject import Subject
 
-__all__ = ["SUITES", "measure"]
-
-SUITES = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "velocity", "piano": "lite_piano"}
-"""The shipped suite of `regress` for a task."""
+__all__ = ["measure"]
 
 
 def measure(subject: Subject, policy: Path, folder: Path) -> bool:
     """Run the suite for the task, and leave its figures in `regress.json`; False where Ctrl-C left that out."""
-    name = SUITES.get(subject.task)
+    name = SUITE_OF.get(subject.task)
     if name is None:
         print(f"regress: no suite ships for the task {subject.task}", file=sys.stderr)
         return True
