@@ -73,6 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Commands(
             "Look into a recording, recover one that was cut off or damaged, or export it for other programs.",
             {"info": Info, "recover": Recover, "export": Export},
+            for_file="info",
         ),
         "record",
         arguments,

@@ -24,6 +24,8 @@ __all__ = ["Commands", "description_of", "parse"]
 
 _Options = TypeVar("_Options")
 _HELP = ("-h", "--help")
+_MANY = 8
+"""Options of a command beyond which a message does not list them."""
 _only_described: ContextVar[bool] = ContextVar("_only_described", default=False)
 
 
@@ -84,7 +86,10 @@ def parse(
         name = words.pop(0)
         if name not in specification.by_name:
             what = "option" if name.startswith("-") else "command"
-            raise InputError(f"{' '.join(command.words)}: {known_names(what, name, specification.by_name)}")
+            meant = ""
+            if specification.for_file and (os.path.splitext(name)[1] or os.path.exists(name)):
+                meant = f"; did you mean '{' '.join((*command.words, specification.for_file, name))}'?"
+            raise InputError(f"{' '.join(command.words)}: {known_names(what, name, specification.by_name)}{meant}")
         specification = specification.by_name[name]
         command = next(inner for inner in command.subcommands if inner.words[-1] == name)
     if isinstance(specification, Commands) or any(word in _HELP for word in words):
@@ -137,8 +142,10 @@ def _check_names(command: Command, words: Sequence[str], elsewhere: Mapping[str,
         if given is None and name in elsewhere:
             raise InputError(f"unknown option '{name}' ({elsewhere[name]})")
         if given is None:
-            unknown = _unknown_option(name, options)
-            raise InputError(f"{unknown}; '{command.invocation} --help' lists all")
+            few = [flag for flag in options if flag.startswith("--")]
+            listed = f"known: {', '.join(few)}; " if len(few) <= _MANY else ""
+            says = "says what they do" if listed else "lists all"
+            raise InputError(f"{_unknown_option(name, options)}; {listed}'{command.invocation} --help' {says}")
         if not has_value:
             value = words[i + 1] if i + 1 < len(words) else ""
         if given.choices and not given.takes_many and value not in ("", *given.choices):

@@ -32,6 +32,8 @@ class Commands:
     purpose: str
     """Of all of them."""
     by_name: Mapping[str, Specification]
+    for_file: str = ""
+    """The one that is meant where a file stands in its place; '' for none."""
 
 
 ARGUMENTS = "arguments"

@@ -12,16 +12,26 @@ import numpy as np
 import yaml
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.hypotheses import same_value
 from humanoid_sim.policy.contract_json import plain_value
-from humanoid_sim.policy.readers.contract_yaml import CONTRACT_FILE
+from humanoid_sim.policy.readers.contract_yaml import own_contract
 from humanoid_sim.strict_yaml import read_yaml
 
 __all__ = ["Pasting", "change_lines", "overrides", "pasting_for"]
 
+_MANY = 3
+"""Lists that have all moved from which on they are not shown one by one."""
 _LINE = 110
 """Width of the YAML, in characters."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Default:
+    """A value that nobody gave."""
+
+    value: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +85,7 @@ def pasting_for(checkpoint: Path, contract_file: Path | None) -> Pasting:
         InputError: the file cannot be read.
     """
     if contract_file is None:
-        return Pasting(checkpoint.with_name(CONTRACT_FILE))
+        return Pasting(own_contract(checkpoint))
     document = read_yaml(contract_file)
     return Pasting(contract_file, (document or {}).get("override") or {})
 
@@ -100,11 +110,21 @@ def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]
 def change_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
     """What differs, one line each: the field, its value before, and after; long lists cut."""
     pairs = [(path, _at(present, path), value) for path, value in _flat("", overrides(present, wanted))]
-    return [
-        f"{path}: {_short(before)} → {_short(after)}"
-        for path, before, after in pairs
-        if after not in (before, [before])  # a section is overridden as a whole, what stays in it too
-    ]
+    # A section is overridden as a whole, what stays in it too.
+    changed = [(path, before, after) for path, before, after in pairs if after not in (before, [before])]
+    moved = {path for path, before, after in changed if _is_reordered(before, after)}
+    lines = [f"{path}: {_short(before)} → {_short(after)}" for path, before, after in changed]
+    if len(moved) < _MANY:
+        return lines
+    others = [line for line, (path, _, _) in zip(lines, changed, strict=True) if path not in moved]
+    return ["all lists per joint reordered", *others]
+
+
+def _is_reordered(before: Any, after: Any) -> bool:
+    """Whether two lists hold the same in another order."""
+    if not isinstance(before, list) or not isinstance(after, list):
+        return False
+    return sorted(map(str, before)) == sorted(map(str, after))
 
 
 def _at(contract: PolicyContract, path: str) -> Any:
@@ -112,6 +132,8 @@ def _at(contract: PolicyContract, path: str) -> Any:
     if path.startswith("terms."):
         name, _, option = path.removeprefix("terms.").rpartition(".")
         (term,) = (term for term in contract.terms if term.name == name)
+        if option == "relative" and term.relative is None:
+            return _Default(TERM_KINDS[term.name].is_relative(term))
         return _plain(option, getattr(term, option))
     name, _, part = path.partition(".")
     value = getattr(contract, name)
@@ -143,6 +165,8 @@ def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, _Default):
+        return f"{_short(value.value)} (default)"
     if not isinstance(value, list):
         return (
             f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)

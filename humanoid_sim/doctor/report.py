@@ -65,6 +65,8 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
     table = Table(
         title="by time up, then by quality (smaller is better); unlikely causes rank lower",
         title_justify="left",
+        caption=_quality(best),
+        caption_justify="left",
     )
     table.add_column("", justify="right")
     table.add_column("hypothesis")
@@ -92,6 +94,14 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
     others = [verdict.hypothesis.name for verdict in ranking.alternatives(finding) if verdict.stays_up]
     if others:
         console.print(f"[dim]of the same cause, and up as well: {escape(', '.join(others))}[/dim]", soft_wrap=True)
+
+
+def _quality(best: list[Verdict]) -> str | None:
+    """What the column is made of; it depends on what the policy is to do."""
+    parts = list(best[0].parts) if best else []
+    if not parts:
+        return None
+    return f"quality: the sum of {', '.join(parts)}; each is about 1 where an onlooker would begin to notice it"
 
 
 def _row(rank: int, verdict: Verdict, contract: PolicyContract) -> tuple[str, ...]:

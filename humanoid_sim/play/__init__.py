@@ -16,6 +16,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     refuse_old_names(sys.argv[1:] if arguments is None else arguments)
     config = parse(PlayConfig, "play", arguments)
 
+    from humanoid_sim.play.early import refuse_early  # noqa: PLC0415
+
+    refuse_early(config)
     from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
 
     check_environment()  # before MuJoCo is imported, which would fail with a traceback

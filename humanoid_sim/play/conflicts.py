@@ -98,12 +98,13 @@ def _refuse_policy_seconds(config: PlayConfig) -> None:
     """Refuse it where something else decides how long the policy runs, or none runs."""
     if config.policy_seconds is None:
         return
+    if config.duration is not None:
+        raise InputError("--policy-seconds and --duration: give either --policy-seconds or --duration, not both")
     for option, given in (
         ("--manual", config.manual),
         ("--script", config.script is not None),
         ("--hardware", config.hardware is not None),
         ("--remote", config.remote != "none"),
-        ("--duration", config.duration is not None),
     ):
         if given:
             raise InputError(f"--policy-seconds: means nothing with {option}, which decides how long a policy runs")

@@ -97,7 +97,7 @@ class ConsoleSink(WorkerSink):
             self._print(f"[dim]{escape(control.status_message)}[/dim]")
         elif record.input.intents:
             names = ", ".join(intent.name for intent in record.input.intents)
-            self._print(f"[dim]{names}: {control.mode.name} already[/dim]")
+            self._print(f"[dim]{names}: already in {control.mode.name}[/dim]")
         self._status = control.status_message
         is_reached = _is_reached(output)
         if is_reached and not self._is_reached:

@@ -24,10 +24,11 @@ from humanoid_sim.play.conflicts import (
     refuse_unheard_keys,
     refuse_without_effect,
 )
+from humanoid_sim.play.early import checkpoint_path
 from humanoid_sim.play.front_ends import has_keys, operated_by, require_gamepad, wanted_front_ends, with_keyboard
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
-from humanoid_sim.play.policies import PolicyChoice, checkpoint_path, choose_policy, parse_branch
+from humanoid_sim.play.policies import PolicyChoice, choose_policy, parse_branch
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.complete import UnnamedJointsError
@@ -202,7 +203,11 @@ def _policy_on_robot(
     try:
         policy = choose_policy(config, description, injector.policy)
     except InputError as error:
-        raise InputError(f"{hint if is_default and _goes_by_places(config) else ''}{error}") from None
+        count = _count_of_places(config) if is_default else None
+        if count is None:
+            raise
+        has = f"; the policy has {count} joints, the default robot '{DEFAULT_ROBOT}' {description.joint_count}"
+        raise InputError(f"{hint}{error}{f'{has}: give --robot' if count else ''}") from None
     contract = policy.loaded.contract
     try:
         resolve_action(contract, description.joint_names)
@@ -219,15 +224,18 @@ def _policy_on_robot(
     return policy, change(description, contract)
 
 
-def _goes_by_places(config: PlayConfig) -> bool:
-    """Whether the policy gives its joints by their places on its robot: then another robot cannot but refuse it."""
+def _count_of_places(config: PlayConfig) -> int | None:
+    """The joints of a policy that gives them by their places on its robot, 0 where their number is not known.
+
+    None for any other policy: one by places any other robot cannot but refuse.
+    """
     try:
         read_contract(checkpoint_path(config) or Path(), None if config.contract is None else Path(config.contract))
-    except UnnamedJointsError:
-        return True
+    except UnnamedJointsError as error:
+        return error.count
     except InputError:
-        return False
-    return False
+        return None
+    return None
 
 
 def _robot(

@@ -13,13 +13,13 @@ from humanoid_sim.assets import (
     SAMPLE_POLICY,
     SAMPLE_SONG,
     motion_path,
-    policy_path,
     sample_policy,
     song_path,
 )
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
+from humanoid_sim.play.early import checkpoint_path
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
@@ -41,7 +41,6 @@ from humanoid_sim.simulation.push import parse_pushes
 
 __all__ = [
     "PolicyChoice",
-    "checkpoint_path",
     "choose_policy",
     "parse_branch",
     "with_recorded_options",
@@ -113,18 +112,6 @@ def choose_policy(
         motion_source=str(file),
     )
     return PolicyChoice(loaded, checkpoint, motion, file, warning, notices)
-
-
-def checkpoint_path(config: PlayConfig) -> Path | None:
-    """The file of the checkpoint that the options name; None for the sample policy and for the placeholder.
-
-    Raises:
-        InputError: it is neither a shipped policy nor a file's name.
-    """
-    if config.checkpoint in (None, PLACEHOLDER):
-        return None
-    option = "--policy" if config.shadow is None else "--shadow"
-    return policy_path(config.checkpoint or "", option, also=(PLACEHOLDER,))
 
 
 def _is_sample(config: PlayConfig) -> bool:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from humanoid_sim.bounds import ONNX_BYTES, ONNX_SECONDS
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import regular_file
+from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.policy.external_tensors import check_tensors, why_not_loaded
 
 __all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "onnx_runtime", "read_header"]
@@ -174,12 +174,24 @@ def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     return metadata, outputs
 
 
+_OF_TRAINERS = {
+    ".pt": ("a PyTorch checkpoint", "export it to ONNX first"),
+    ".pth": ("a PyTorch checkpoint", "export it to ONNX first"),
+    ".zip": ("a stable-baselines3 checkpoint", "give the policy.onnx beside it"),
+}
+"""By a file's suffix: what trainers call so, and what to do."""
+
+
 def check_file(path: Path) -> None:
     """Refuse what cannot be an ONNX file.
 
     Raises:
-        InputError: if there is no such file, or it is empty, a directory, a pipe or a device.
+        InputError: if there is no such file, or it is empty, a directory, a pipe, a device, or a trainer's own format.
     """
+    own, instead = _OF_TRAINERS.get(path.suffix.lower(), ("", ""))
+    if own:
+        what = f"is {own}" if is_file(path) else "no such file"
+        raise InputError(f"{path}: {what}, expected an ONNX file: {instead}")
     if regular_file(path, "an ONNX file", ONNX_BYTES).stat().st_size == 0:
         raise InputError(f"{path}: is empty, expected an ONNX file")
 

@@ -65,14 +65,16 @@ class Finding:
     joint: str = ""
     value: float | None = None
     limit: float | None = None
+    is_decisive: bool = False
+    """Shown before the others of its severity."""
 
     def __str__(self) -> str:
         return f"{self.field}{f' of {self.joint}' if self.joint else ''}: {self.message}"
 
 
 def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """The worst first, otherwise in the order in which they were found."""
-    return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
+    """The worst first, of a severity what is decisive, otherwise in the order in which they were found."""
+    return tuple(sorted(findings, key=lambda finding: (SEVERITIES.index(finding.severity), not finding.is_decisive)))
 
 
 def joint_findings(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
@@ -82,7 +84,7 @@ def joint_findings(contract: PolicyContract, description: RobotDescription) -> I
     for name in policy:
         if name not in robot:
             meant = near_miss(name, surplus, _ALIKE)
-            hint = f", which has '{meant}': rename it in a contract.yaml" if meant else ""
+            hint = f", which has '{meant}': rename it in x.contract.yaml" if meant else ""
             yield Finding("error", "joint_names", f"is not a joint of '{description.name}'{hint}", joint=name)
     meant_ones = {near_miss(name, surplus, _ALIKE) for name in policy if name not in robot}
     for name in surplus:
@@ -113,7 +115,7 @@ def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -
         yield Finding("info", field, f"keep: both act: {what}")
     else:
         doubled = any(kd > 0.0 for kd, _ in pairs)
-        message = f"nobody decides, so both act: {what}; `{field}: keep` or `drop` in a contract.yaml decides"
+        message = f"nobody decides, so both act: {what}; `{field}: keep` or `drop` in x.contract.yaml decides"
         yield Finding("warning" if doubled else "info", field, message)
 
 
@@ -148,7 +150,7 @@ def naming_findings(contract: PolicyContract, description: RobotDescription) -> 
     if is_from_robot(source):
         message = (
             f"are those of '{description.name}' ({source}): nothing in the checkpoint names its joints, so any robot "
-            "with as many would be taken; joint_names in a contract.yaml, or a stamp, names them"
+            "with as many would be taken; joint_names in x.contract.yaml, or a stamp, names them"
         )
         yield Finding("warning", "joint_names", message)
 

@@ -63,7 +63,7 @@ def suspicious_findings(
     for line in field_lines(contract):
         if is_assumed(line.source):
             yield Finding(
-                "warning", line.name, f"{line.value}: {line.source}, no source states it; a contract.yaml can"
+                "warning", line.name, f"{line.value}: {line.source}, no source states it; x.contract.yaml can"
             )
 
 
@@ -130,7 +130,7 @@ def _rounding(contract: PolicyContract) -> Iterator[Finding]:
             continue
         joints = contract.action_joint_names if field == "action_scale" else contract.joint_names
         joint = joints[int(np.argmin(np.where(fine, values, np.inf)))]
-        message += f", {100.0 * relative:.2g} % for {joint}; a contract.yaml can hold the trainer's own"
+        message += f", {100.0 * relative:.2g} % for {joint}; x.contract.yaml can hold the trainer's own"
         yield Finding("warning" if relative > _ROUNDING else "info", field, message, value=smallest)
 
 
@@ -159,7 +159,13 @@ def _observation(contract: PolicyContract) -> Iterator[Finding]:
         elif ((scale > 0.0) & ((scale < _FACTORS[0]) | (scale > _FACTORS[1]))).any():
             message = f"has the scale {float(scale.max()):g}, expected {_FACTORS[0]:g} to {_FACTORS[1]:g}"
             yield Finding("warning", field, message, value=float(scale.max()))
-        if (np.atleast_1d(term.scale) < 0.0).any():
+        if term.name == "projected_gravity" and np.ndim(term.scale) == 0 and float(term.scale) < 0.0:
+            factor = float(term.scale)
+            message = (
+                f"scale is {factor:g}: gravity would be fed as (0, 0, {-factor:g}) when upright; almost always wrong"
+            )
+            yield Finding("warning", term.name, message, value=factor, is_decisive=True)
+        elif (np.atleast_1d(term.scale) < 0.0).any():
             yield Finding("warning", field, "has a negative scale", value=float(np.min(term.scale)))
         if term.clip is not None and (term.clip[0] == term.clip[1] or term.clip[0] > 0.0 or term.clip[1] < 0.0):
             message = f"is clipped to {term.clip[0]:g} to {term.clip[1]:g}, which does not hold 0"

@@ -95,13 +95,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Commands(
             "Look into a checkpoint, check it against a robot, complete it, or find out what is wrong with it.",
             {"show": Show, "check": Check, "stamp": Stamp, "doctor": DoctorConfig},
+            for_file="show",
         ),
         "policy",
         arguments,
     )
     command = replace(command, checkpoint=policy_path(command.checkpoint, "CHECKPOINT"))
-    from humanoid_sim.policy.onnx_policy import has_onnxruntime  # noqa: PLC0415
+    from humanoid_sim.policy.onnx_policy import check_file, has_onnxruntime  # noqa: PLC0415
 
+    check_file(command.checkpoint)
     if not has_onnxruntime():
         raise InputError("policy: needs onnxruntime, which cannot be imported: pip install onnxruntime")
     match command:

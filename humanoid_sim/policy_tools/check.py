@@ -197,7 +197,7 @@ def _answers(checkpoint: Checkpoint, width: int) -> Iterator[Finding]:
     elif action.max() > (limit := action_limit_of(checkpoint.contract)):
         worst = int(np.argmax(action))
         message = f"answers an observation of zeros with {action[worst]:g}, expected at most {limit:g}"
-        message += ": action_limit in a contract.yaml raises it"
+        message += ": action_limit in x.contract.yaml raises it"
         yield Finding("error", "model", message, joints[worst], float(action[worst]), limit)
 
 

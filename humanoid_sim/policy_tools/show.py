@@ -32,7 +32,7 @@ from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 from humanoid_sim.policy.readers.complete import IncompleteContractError, UnnamedJointsError, UnnamedRobot
-from humanoid_sim.policy.readers.contract_yaml import find_contract
+from humanoid_sim.policy.readers.contract_yaml import find_contract, own_contract
 from humanoid_sim.policy.readers.partial import Given, is_assumed
 from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
@@ -138,7 +138,7 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
     if error.known or error.terms:
         console.print(_field_table("known so far, and where it came from", known_lines(error.known, error.terms)))
     if options.skeleton is None:
-        told = "give it in a contract.yaml, which --skeleton FILE begins"
+        told = f"write them into {file or own_contract(path)}, which --skeleton FILE begins (docs/contract.md)"
     else:
         told = f"fill it in, in {options.skeleton}"
     missing = f"missing: {', '.join(error.missing)}; {told}"

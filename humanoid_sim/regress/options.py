@@ -97,9 +97,13 @@ def with_files(config: RegressConfig) -> RegressConfig:
     """The options with the files of policies that are given by their names.
 
     Raises:
-        InputError: there is no such policy.
+        InputError: there is no such policy, or its file cannot be an ONNX file.
     """
+    from humanoid_sim.policy.onnx_policy import check_file  # noqa: PLC0415 - NumPy stays out of `--help`
+
     policies = tuple(str(policy_path(policy, "POLICIES")) for policy in config.policies)
+    for path in policies:
+        check_file(Path(path))
     baseline = config.baseline and str(policy_path(config.baseline, "--baseline"))
     return replace(config, policies=policies, baseline=baseline)
 

@@ -25,7 +25,7 @@ from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_s
 from humanoid_sim.regress.executors import LOCAL, Executor, LocalExecutor, RayExecutor
 from humanoid_sim.regress.files import json_of, junit_xml, matching_baseline, read_baseline
 from humanoid_sim.regress.margins import measure_margins, planned_levels
-from humanoid_sim.regress.options import RegressConfig, check_outputs, with_files
+from humanoid_sim.regress.options import RegressConfig, check_outputs
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
 from humanoid_sim.regress.progress import EpisodeProgress
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
@@ -49,7 +49,6 @@ def regress(config: RegressConfig) -> int:
     Raises:
         InputError: if what was given cannot be used.
     """
-    config = with_files(config)
     check_outputs(config)
     if config.report is not None:
         require_report()

@@ -17,9 +17,10 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file, regular_file
+from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.completion import bounded, completed, is_partial
-from humanoid_sim.robots.public import PREFIX, public_mjcf
+from humanoid_sim.robots.public import PREFIX, public_mjcf, public_name
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
 
@@ -99,7 +100,9 @@ def _find(name_or_path: str) -> tuple[Path, str]:
             f"{name_or_path}: is a folder, expected a robot's YAML file, an MJCF or one of: {', '.join(known)}"
         )
     if not os.path.exists(path):
-        raise InputError(f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists")
+        unknown = f"{known_names('robot', name_or_path, known)}, {PREFIX}NAME; or a file that exists"
+        public = "" if near_miss(name_or_path, known) else public_name(name_or_path)
+        raise InputError(f"{unknown}; did you mean {public}?" if public else unknown)
     return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
 
 

@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 
 from humanoid_sim.errors import InputError, MissingPackageError, known_names, reason_of
+from humanoid_sim.names import near_miss
 
-__all__ = ["PREFIX", "public_mjcf", "public_robots"]
+__all__ = ["PREFIX", "public_mjcf", "public_name", "public_robots"]
 
 PREFIX = "robot_descriptions:"
 _MJCF, _URDF = "_mj_description", "_description"
@@ -23,6 +24,21 @@ def public_robots() -> tuple[str, ...]:
         MissingPackageError: it is not installed.
     """
     return tuple(sorted(name.removesuffix(_MJCF) for name in _modules() if name.endswith(_MJCF)))
+
+
+def public_name(name: str) -> str:
+    """The public robot that was probably meant by a name without the prefix, with it; '' for none.
+
+    Also '' where robot_descriptions is not installed: nobody knows its names then.
+    """
+    try:
+        known = public_robots()
+    except MissingPackageError:
+        return ""
+    parts = name.lower().replace("-", "_").split("_")
+    without_vendor = ("_".join(parts[i:]) for i in range(len(parts)))
+    found = next((short for short in without_vendor if short in known), "") or near_miss(name, known)
+    return f"{PREFIX}{found}" if found else ""
 
 
 def public_mjcf(name: str) -> Path:

@@ -27,6 +27,7 @@ __all__ = [
     "parse_velocity",
     "remote_problem",
     "velocity_key_help",
+    "velocity_numbers",
 ]
 
 
@@ -179,12 +180,7 @@ def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
     Raises:
         InputError: if there are not three finite numbers, or one is outside of its range.
     """
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != 3 or not all(math.isfinite(value) for value in values):
-        raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
+    values = velocity_numbers(text)
     for i, (name, unit, largest, doubt) in enumerate(_VELOCITY_AXES):
         low, high = (-largest, largest) if ranges is None else ranges[i]
         if not low <= values[i] <= high:
@@ -192,6 +188,21 @@ def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
             accepted = f"{low:.4g} to {high:.4g} {unit}; {why}"
             raise InputError(f"--command: {name} is {values[i]:g} {unit}, expected {accepted}")
     return np.array(values)
+
+
+def velocity_numbers(text: str) -> list[float]:
+    """The three numbers of `vx,vy,wz`, whatever a policy knows.
+
+    Raises:
+        InputError: if there are not three finite numbers.
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 3 or not all(math.isfinite(value) for value in values):
+        raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
+    return values
 
 
 _VELOCITY_AXES = (

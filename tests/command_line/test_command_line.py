@@ -24,6 +24,19 @@ HELP = "--help' says what is accepted"
             "policy: unknown command 'chek' (did you mean 'check'?); known: show, check, stamp, doctor",
         ),
         (
+            ("policy", "/tmp/x.onnx"),
+            "policy: unknown command '/tmp/x.onnx'; known: show, check, stamp, doctor; did you mean 'policy show "
+            "/tmp/x.onnx'?",
+        ),
+        (
+            ("record", "run.mcap"),
+            "record: unknown command 'run.mcap'; known: info, recover, export; did you mean 'record info run.mcap'?",
+        ),
+        (
+            ("record", "export", "run.mcap", "--png", "x.png"),
+            "unknown option '--png'; known: --urdf, --csv, --mp4, --rerun, --robot, --overwrite",
+        ),
+        (
             ("hardware", "param", "gett"),
             "hardware param: unknown command 'gett' (did you mean 'get'?); known: get, set, ",
         ),
@@ -109,7 +122,7 @@ HELP = "--help' says what is accepted"
         (("play", "--motion", "wve"), "--motion: unknown motion 'wve' (did you mean 'wave'?); known: circle, "),
         (("play", "--policy", "placeholder", "--script", "dmap"), "--script: "),
         (
-            ("regress", "x.onnx", "--suite", "velocty"),
+            ("regress", "lite_tracking", "--suite", "velocty"),
             "--suite: unknown suite 'velocty' (did you mean 'velocity'?); known: ",
         ),
         (("policy", "check", "x.onnx"), f"missing: --robot ROBOT; 'python -m humanoid_sim.policy check {HELP}"),

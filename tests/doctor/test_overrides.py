@@ -187,6 +187,18 @@ def test_changes_show_the_value_before_and_after() -> None:
     assert change_lines(contract, changed["action scale 0.5"]) == ["action_scale: [0.5, 0.6, … 4 in all] → 0.5"]
 
 
+def test_a_whole_reordering_is_one_line_and_a_default_says_so() -> None:
+    contract = tracker()
+    changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
+    moved = next(name for name in changed if name.startswith("joint order") and name.endswith("values move along"))
+    assert change_lines(contract, changed[moved]) == ["all lists per joint reordered"]
+    absolute = replace(
+        contract,
+        observation=tuple(replace(t, relative=False) if t.name == "joint_pos" else t for t in contract.terms),
+    )
+    assert change_lines(contract, absolute) == ["terms.joint_pos.relative: true (default) → false"]
+
+
 def test_what_stays_as_it_is_in_a_section_that_is_written_whole_is_no_change() -> None:
     longer = replace(one_foot(), phase=replace(one_foot().phase, period=0.8))
     assert change_lines(one_foot(), longer) == ["phase.period: 0.7 → 0.8"]

@@ -25,6 +25,13 @@ LONG = "x" * 300
 
 BAD: list[tuple[tuple[str, ...], str]] = [
     (("--policy", "no.onnx"), "no.onnx: no such file, expected an ONNX file"),
+    (("--policy", "no.pt"), "no.pt: no such file, expected an ONNX file: export it to ONNX first"),
+    (("--command", "0.5"), "--command: is '0.5', expected vx,vy,wz: three numbers in m/s, m/s and rad/s"),
+    (("--contract", "no.yaml"), "no.yaml: no such file, expected a YAML file"),
+    (
+        ("--policy-seconds", "1", "--duration", "1"),
+        "--policy-seconds and --duration: give either --policy-seconds or --duration, not both",
+    ),
     (("--policy", "sub"), "sub: is a directory, expected an ONNX file"),
     (("--policy", "empty"), "empty: is empty, expected an ONNX file"),
     (("--policy", "text.onnx"), "text.onnx: is not a model that ONNX Runtime can load: "),

@@ -120,7 +120,7 @@ def test_an_intent_that_changes_nothing_is_answered() -> None:
         with_intents(record(1, Mode.DAMPING, "DAMP requested"), Intent.DAMP),
         record(2, Mode.DAMPING, "DAMP requested"),
     )
-    assert text.splitlines()[1:] == ["   0.500 s  DAMP: DAMPING already"]
+    assert text.splitlines()[1:] == ["   0.500 s  DAMP: already in DAMPING"]
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_every_field_says_where_it_comes_from() -> None:
 def test_two_sources_that_contradict_each_other_are_both_shown() -> None:
     assert refusal(source(), *yaml(policy_dt=0.04)) == (
         "policy_dt: 0.02 in metadata contradicts 0.04 in contract.yaml; "
-        "if one of them is wrong, write the right one under override: in a contract.yaml, "
+        "if one of them is wrong, write the right one under override: in x.contract.yaml, "
         "or leave out a source that is wrong as a whole with ignore:"
     )
 
@@ -148,7 +148,7 @@ def test_everything_that_is_missing_is_named_with_what_was_read() -> None:
     lacking = source(WHOLE, "metadata", "policy_dt", "action_scale")
     assert refusal(lacking, *yaml(action_clip=10)) == (
         "the contract lacks action_scale, policy_dt; read: metadata (joint_names, joint_stiffness, joint_damping, "
-        "default_joint_pos, observation); contract.yaml (action_clip); give what is missing in a contract.yaml"
+        "default_joint_pos, observation); contract.yaml (action_clip); give what is missing in x.contract.yaml"
     )
 
 
@@ -207,7 +207,7 @@ def test_places_need_a_robot() -> None:
     placed = source({**WHOLE, "joint_places": (1, 0)}, "deploy.yaml", "joint_names")
     assert refusal(placed) == (
         "joint_names: deploy.yaml gives the joints by their places on the robot, and no robot is known; "
-        "name the robot, or give joint_names in a contract.yaml"
+        "name the robot, or give joint_names in x.contract.yaml"
     )
     assert merge([placed], MODEL, ("knee", "hip")).joint_names == ("hip", "knee")
     assert merge([placed, *yaml(joint_names=["hip", "knee"])], MODEL).joint_names == ("hip", "knee")

@@ -57,7 +57,7 @@ def test_damping_of_the_model_beside_the_contracts() -> None:
     finding = found(model_damping_findings(wiring, OWN), "warning", "model_joint_damping")
     assert str(finding) == (
         "model_joint_damping: nobody decides, so both act: the contract's K_d + the model's own damping, N·m·s/rad: "
-        f"{PAIRS}; `model_joint_damping: keep` or `drop` in a contract.yaml decides"
+        f"{PAIRS}; `model_joint_damping: keep` or `drop` in x.contract.yaml decides"
     )
     for decision in ("keep", "drop"):
         decided = contract(joint_damping=[1.5, 1.5, 3.0, 3.0], model_joint_damping=decision)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.robot_check import Finding, effort_findings, naming_findings, range_findings
+from humanoid_sim.policy.robot_check import Finding, effort_findings, naming_findings, range_findings, sorted_findings
+from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.policy_tools.check import check_checkpoint
 from humanoid_sim.policy_tools.stamp import add_metadata
 from humanoid_sim.robots.description import RobotDescription
@@ -150,6 +152,19 @@ def test_joints_whose_torque_nothing_limits_are_named(robot: RobotDescription) -
         in (str(some))
     )
     assert list(effort_findings(contract(effort_limit=25.0), robot)) == []
+
+
+def test_gravity_that_points_up_stands_first(robot: RobotDescription) -> None:
+    terms = contract().terms
+    upside_down = contract(
+        observation=tuple(replace(term, scale=-1.0) if term.name == "projected_gravity" else term for term in terms),
+        policy_dt=1.0,
+    )
+    findings = sorted_findings(suspicious_findings(upside_down, robot))
+    assert str(findings[0]) == (
+        "projected_gravity: scale is -1: gravity would be fed as (0, 0, 1) when upright; almost always wrong"
+    )
+    assert "policy_dt" in [finding.field for finding in findings[1:]], "an equal that was found earlier"
 
 
 def test_a_robot_that_is_weaker_than_the_one_of_the_training_is_named(lite: RobotDescription) -> None:

@@ -180,7 +180,8 @@ def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path: Path, walk
     (tmp_path / "contract.yaml").write_text(PARTLY)
     status, out, error = cli("show", bare)
     assert (status, error) == (1, "")
-    assert "missing: default_joint_pos, action_scale, policy_dt; give it in a contract.yaml" in out
+    assert "missing: default_joint_pos, action_scale, policy_dt; write them into " in out
+    assert f"into {tmp_path / 'contract.yaml'}, which --skeleton FILE begins (docs/contract.md)" in out
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if line.startswith("│")]
     assert ["1", "left_knee", "41.5", "1.25"] in rows
     assert ["observation.projected_gravity.scale", "-1", "contract.yaml"] in rows
@@ -285,7 +286,7 @@ def test_a_complete_checkpoint_shows_the_same_from_its_thirteen_keys(cli, tmp_pa
     np.testing.assert_array_equal(outputs[0]["joint_damping"], plain.joint_damping)
 
 
-def test_the_doctor_is_reached(cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_is_reached(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     heard = []
 
     def doctor(config: DoctorConfig) -> int:
@@ -293,5 +294,7 @@ def test_the_doctor_is_reached(cli, monkeypatch: pytest.MonkeyPatch) -> None:
         return 3
 
     monkeypatch.setitem(sys.modules, "humanoid_sim.doctor.run", SimpleNamespace(doctor=doctor))
-    assert cli("doctor", "x.onnx", "--robot", "lite", "--top", "3")[0] == 3
-    assert heard == [DoctorConfig(Path("x.onnx"), "lite", top=3)]
+    path = tmp_path / "x.onnx"
+    path.write_bytes(b"a model")
+    assert cli("doctor", path, "--robot", "lite", "--top", "3")[0] == 3
+    assert heard == [DoctorConfig(path, "lite", top=3)]

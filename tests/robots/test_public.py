@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from humanoid_sim.errors import InputError
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.public import public_name
+
 pytest.importorskip("robot_descriptions")
 
 SCENE = """<mujoco model="g1"><worldbody><body name="pelvis"><freejoint/><geom size="0.1" mass="3"/>
@@ -67,6 +71,23 @@ def test_a_robot_is_fetched_once_and_then_there(repository: tuple[Path, str], tm
     origin.rename(tmp_path / "gone")
     again = loaded("robot_descriptions:g1", origin, commit, cache)
     assert (again.returncode, again.stdout) == (0, "g1 hip True\n"), again.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("g1", "robot_descriptions:g1"),
+        ("unitree_g1", "robot_descriptions:g1"),
+        ("Unitree-G1", "robot_descriptions:g1"),
+        ("talso", "robot_descriptions:talos"),
+        ("mine", ""),
+    ],
+)
+def test_the_public_robot_that_was_meant(name: str, meant: str) -> None:
+    assert public_name(name) == meant
+    with pytest.raises(InputError) as caught:
+        load_robot(name)
+    assert str(caught.value).endswith(f"; or a file that exists; did you mean {meant}?" if meant else "that exists")
 
 
 @pytest.mark.parametrize(

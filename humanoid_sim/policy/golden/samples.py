@@ -143,7 +143,11 @@ class GoldenSamples:
         """What the samples are worth, in words."""
         if self.origin == "own":
             return f"{len(self)} samples, drift only: made by this program, they show change, not wrong wiring"
-        targets = "" if self.target_origin == "trainer" else "; its joint targets: drift only"
+        targets = (
+            ""
+            if self.target_origin == "trainer"
+            else "; the trace holds no joint targets, so scale and offset are not proved"
+        )
         return f"{len(self)} samples of the trainer's run ({self.source}){targets}"
 
 

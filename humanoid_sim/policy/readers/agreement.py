@@ -130,7 +130,7 @@ def contradiction(name: str, first: Given, second: Given, kinds: Kinds = _BY_NAM
             a, b = float(a[place]), float(b[place])
         what = f"{shown(a)} in {first.source} contradicts {shown(b)} in {second.source}"
     return (
-        f"{name}: {what}; if one of them is wrong, write the right one under override: in a contract.yaml, "
+        f"{name}: {what}; if one of them is wrong, write the right one under override: in x.contract.yaml, "
         "or leave out a source that is wrong as a whole with ignore:"
     )
 

@@ -152,7 +152,7 @@ def _joint_names(known: Mapping[str, Given], places: Given, robot_joints: tuple[
         raise UnnamedJointsError(
             1 + max(places.value) if isinstance(places.value, tuple) else size,
             f"joint_names: {places.source} gives the joints by their places on the robot, and no robot is known; "
-            "name the robot, or give joint_names in a contract.yaml",
+            "name the robot, or give joint_names in x.contract.yaml",
         )
     if isinstance(places.value, slice):
         return from_robot(robot_joints[places.value])

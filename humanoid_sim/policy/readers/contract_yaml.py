@@ -115,9 +115,14 @@ ContractFile = _struct(
 """A whole file: fields that have to agree with the other sources, fields that override them, sources to leave out."""
 
 
+def own_contract(checkpoint: Path) -> Path:
+    """Where a checkpoint's contract belongs: `<checkpoint's stem>.contract.yaml` in its folder."""
+    return checkpoint.with_name(f"{checkpoint.stem}.{CONTRACT_FILE}")
+
+
 def find_contract(checkpoint: Path) -> Path | None:
     """`<checkpoint's stem>.contract.yaml`, or else `contract.yaml`, in the checkpoint's folder; None without one."""
-    places = (checkpoint.with_name(f"{checkpoint.stem}.{CONTRACT_FILE}"), checkpoint.with_name(CONTRACT_FILE))
+    places = (own_contract(checkpoint), checkpoint.with_name(CONTRACT_FILE))
     return next((place for place in places if is_file(place)), None)
 
 

@@ -52,7 +52,7 @@ def merge(
         read = "; ".join(f"{partial.source} ({', '.join(partial.fields)})" for partial in partials if partial.fields)
         raise IncompleteContractError(
             f"{where}: the contract lacks {', '.join(missing)}; read: {read or 'no source'}; "
-            "give what is missing in a contract.yaml",
+            "give what is missing in x.contract.yaml",
             tuple(missing),
             known,
             terms,
