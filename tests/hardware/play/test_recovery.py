@@ -74,3 +74,38 @@ def test_reactivate_leads_back_to_motion(
     assert last.output.standby.is_finished
     assert result.status == 1  # there was a fault that nobody asked `play` for
     assert run_program(replay.main, ["r.mcap"]) == 0
+
+
+def test_a_reactivation_that_fails_says_all_of_it_and_replays(
+    run: Callable[..., Result], quick: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motors: list[VirtualMotors] = []
+    answers: list[int] = []
+
+    def emulated(*arguments: Any, **options: Any) -> VirtualMotors:
+        motors.append(VirtualMotors(*arguments, **options))
+        return motors[0]
+
+    def operator() -> None:
+        while os.getpid() not in [session.process for session in running_sessions()]:
+            time.sleep(0.01)
+        answers.append(send("damp"))
+        motors[0].inject(parse_fault("silent:left_elbow_pitch", load_robot("lite")))
+        time.sleep(0.5)
+        answers.append(send("reactivate"))
+        time.sleep(0.3)
+        answers.append(send("quit"))
+
+    monkeypatch.setattr(hardware_robot, "VirtualMotors", emulated)
+    thread = threading.Thread(target=operator)
+    thread.start()
+    result = run("--robot", quick, "--hardware", "virtual:refused", "--policy", "placeholder")
+    thread.join()
+    assert answers[:2] == [0, 1]
+    assert result.reasons[-1] == "no motor is driven: reactivate failed"
+    assert result.modes[-1] == "ZERO_TORQUE"
+    told = [item["message"] for item in result.summary["safety"]]
+    assert told[0].endswith("silent: left_elbow_pitch; check its plug, then press e (or: mode reactivate)")
+    assert "no motor is driven: not enabled, 2 problems: left_elbow_pitch: motor 14 does not answer" in told[-1]
+    assert told[-1].endswith("does not confirm that it is disabled; fix that, then press e (or: mode reactivate)")
+    assert run_program(replay.main, ["r.mcap"]) == 0
