@@ -13,15 +13,16 @@ _WORTH = 0.15
 """Share of the cost that a second change must save: two changes explain anything a little better than one."""
 _LONGER = 0.05
 """Share of the time that it must keep the robot up for longer instead, and not less."""
-_NOTICED = 1.0
-"""A part of the quality from which on an onlooker notices something."""
+_NOTICED = 1.1
+"""A part of the quality from which on an onlooker notices something. Measured: a policy that is wired right and walks
+tilts by 1.04."""
 _SLIGHT = 0.15
 """Share of the cost below which an improvement may be chance."""
-_TELLING = 0.5 * _NOTICED
+_TELLING = 0.5
 """What a change must save of a run in which there is nothing to notice. Measured: published policies that observe no
 velocity still walk and dance so, and the right wiring saves 0.54 and 0.59; a policy that stands well saves 0.23 with
 smaller actions."""
-_WORSENED = 0.05 * _NOTICED
+_WORSENED = 0.05
 """By which it must make no part of such a run worse: with half of its actions a policy that walks well rocks less, and
 falls short of its velocity."""
 
