@@ -27,8 +27,6 @@ def walk(run: Any, policy: str, *options: str, seconds: float, step: str = "0.00
         step,
         "--script",
         script,
-        "--summary",
-        "s.json",
         *options,
     )
 
