@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +17,9 @@ from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.errors import InputError
-from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples
+from humanoid_sim.policy.golden.verify import golden_problem
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription
@@ -43,6 +46,9 @@ class ExaminedPolicy:
     """m, of the base at the start; None: such that the robot stands on the floor."""
     actuation: BatchActuation = "affine"
     """How the motors are simulated."""
+    contradicts: Callable[[PolicyContract], bool] | None = None
+    """Whether the trainer's samples in the checkpoint, which agree with the contract as it is, do not with another;
+    None where there are none, or they do not agree."""
 
     @property
     def motion_seconds(self) -> float:
@@ -111,7 +117,29 @@ def load_examined(
         raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
     chosen = (given or checkpoint.motion) if follows else None
     load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
-    return ExaminedPolicy(contract, checkpoint.policy, description, chosen, given is None, base_height, actuation)
+    return ExaminedPolicy(
+        contract,
+        checkpoint.policy,
+        description,
+        chosen,
+        given is None,
+        base_height,
+        actuation,
+        _contradicts(checkpoint),
+    )
+
+
+def _contradicts(checkpoint: Checkpoint) -> Callable[[PolicyContract], bool] | None:
+    """See `ExaminedPolicy.contradicts`."""
+    if GOLDEN_KEY not in checkpoint.metadata:
+        return None
+    try:
+        samples = decode_samples(checkpoint.metadata[GOLDEN_KEY], checkpoint.source)
+    except InputError:  # whatever is wrong with them, the search needs none
+        return None
+    if samples.origin != "trainer" or golden_problem(checkpoint, samples):
+        return None
+    return lambda contract: bool(golden_problem(replace(checkpoint, contract=contract), samples))
 
 
 def _resampled(motion: Motion, policy_dt: float) -> Motion:

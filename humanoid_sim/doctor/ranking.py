@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.hypotheses import Hypothesis
 from humanoid_sim.doctor.trials import Outcome
 
@@ -86,6 +88,9 @@ class Ranking:
 
     verdicts: dict[str, Verdict] = field(default_factory=dict)
     """By the hypothesis's name, the latest of each."""
+    contradicts: Callable[[PolicyContract], bool] | None = None
+    """Whether the trainer's samples, which agree with the contract as it is, do not with another; None: there are
+    none."""
     is_complete: bool = False
     expected: float = 0.0
     """s of wall time that the single changes will take, by the first trial; 0 before it."""
@@ -111,7 +116,8 @@ class Ranking:
         """The change that cures the contract, as far as is known; None: none does, or there is nothing to cure.
 
         Where the contract as it is lets nobody notice anything, a change that is only a little better, or better in one
-        part of the quality and worse in another, is none: some change suits every healthy policy.
+        part of the quality and worse in another, is none: some change suits every healthy policy. Where it stays up at
+        all, a change that the trainer's samples contradict is none either.
         """
         present = self.present
         for verdict in self.best():
@@ -121,7 +127,22 @@ class Ranking:
                 return verdict
         return None
 
+    @property
+    def ruled_out(self) -> Verdict | None:
+        """The best change before the contract as it is that the trainer's samples contradict; None: there is none."""
+        for verdict in self.best():
+            if not verdict.hypothesis.edits:
+                return None
+            if verdict.stays_up and self._is_contradicted(verdict):
+                return verdict
+        return None
+
+    def _is_contradicted(self, verdict: Verdict) -> bool:
+        return self.contradicts is not None and self.contradicts(verdict.hypothesis.contract)
+
     def _cures(self, verdict: Verdict, present: Verdict) -> bool:
+        if present.stays_up and self._is_contradicted(verdict):
+            return False
         if not present.is_inconspicuous:
             return True
         return present.cost - verdict.cost >= _TELLING and not verdict.worsens(present)

@@ -45,6 +45,12 @@ def _nothing_wrong(ranking: Ranking, present: Verdict) -> str:
     if ranking.is_slight(better):
         is_best = ranking.best()[0] is present
         return nothing + ("the contract as it is does best." if is_best else "no change does clearly better.")
+    ruled_out = ranking.ruled_out
+    if ruled_out is not None:
+        return (
+            f"{nothing}the wiring agrees with the trainer's samples, which rule out '{ruled_out.hypothesis.name}', "
+            f"{ranking.saved(ruled_out):.0%} better; small gains like these come from an immature policy."
+        )
     if not present.is_inconspicuous:
         return (
             f"Nothing is certain. '{better.hypothesis.name}' does {ranking.saved(better):.0%} better, but such a "

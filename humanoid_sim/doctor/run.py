@@ -53,7 +53,7 @@ def doctor(config: DoctorConfig) -> int:
         budget=config.budget,
     )
     pasting = pasting_for(config.checkpoint, config.contract or find_contract(config.checkpoint))
-    ranking = Ranking()
+    ranking = Ranking(contradicts=examined.contradicts)
     interrupted = False
     with SearchProgress(Console(stderr=True), ranking, plan) as progress:
         try:

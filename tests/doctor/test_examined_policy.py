@@ -93,3 +93,15 @@ def test_a_tracking_policy_without_a_motion_is_refused() -> None:
     assert not found.in_policy_order
     assert found.motion_seconds > 5.0
     assert found.base_reference() is None
+
+
+def test_the_trainer_s_samples_tell_wiring_and_never_gains(tmp_path: Path) -> None:
+    examined = load_examined(SAMPLE_POLICY, load_robot("lite"), motion="wave")
+    right = examined.contract
+    assert examined.contradicts is not None
+    assert not examined.contradicts(right)
+    assert examined.contradicts(replace(right, action_scale=0.5 * right.action_scale))
+    assert not examined.contradicts(replace(right, joint_stiffness=0.5 * right.joint_stiffness))
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("override: {terms: {joint_pos: {relative: false}}}\n")
+    assert load_examined(SAMPLE_POLICY, load_robot("lite"), wrong, "wave").contradicts is None

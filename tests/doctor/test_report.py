@@ -153,3 +153,19 @@ def test_pairs_that_were_left_out_are_told() -> None:
         "pairs of changes: 120 of 300 tried in 119 s, 40 s of it for single changes, which are always all tried; a "
         "larger --budget gives pairs more time"
     ) in printed(result)
+
+
+def test_a_change_that_the_trainer_s_samples_contradict_is_no_finding_of_a_robot_that_stays_up() -> None:
+    result = ranking((1.0, 2.0), (1.0, 1.5))
+    assert not result.is_healthy
+    result.contradicts = lambda contract: contract.anchor_body == "torso"
+    assert result.is_healthy
+    assert conclusion(result) == (
+        "Nothing wrong found in this space: the wiring agrees with the trainer's samples, which rule out "
+        "'anchor body torso', 25% better; small gains like these come from an immature policy."
+    )
+    result.contradicts = lambda _: False  # such as gains, which samples never show
+    assert not result.is_healthy
+    fallen = ranking((0.3, 2.0), (1.0, 1.5))
+    fallen.contradicts = lambda contract: contract.anchor_body == "torso"
+    assert not fallen.is_healthy
