@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar, assert_never
 
 import tyro
+from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -184,19 +185,26 @@ def _timeline(summary: Summary) -> Table:
 def _joints(joints: JointUse) -> Table:
     """From the joint that used most of its limit on; where no limit is known, in the robot's order."""
     caption = describe_effort(joints.effort())
-    table = Table(title="joints", title_justify="left", caption=escape(caption), caption_justify="left")
-    table.add_column("joint", overflow="fold")
-    for heading in ("speed", "effort", "of its limit", "reached", "of its range"):
-        table.add_column(f"greatest {heading}" if heading in ("speed", "effort") else heading, justify="right")
+    table = Table(
+        title="joints, the greatest of each",
+        title_justify="left",
+        caption=escape(caption),
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,  # all columns within 80 characters
+        padding=(0, 1, 0, 0),
+    )
+    table.add_column("joint", no_wrap=True)
+    for heading in ("speed\nrad/s", "effort\nN·m", "of its\nlimit", "reached\nrad", "of its\nrange"):
+        table.add_column(heading, justify="right")
     rows = joints.rows()
     for row in sorted(rows, key=lambda row: -(row["effort"] / row["effort_limit"] if row["effort_limit"] else 0.0)):
         limit, share = row["effort_limit"], row["range_share"]
         table.add_row(
             escape(row["joint"]),
-            f"{row['speed']:.2f} rad/s",
-            f"{row['effort']:.1f} N·m",
-            "no limit known" if limit is None else f"{100.0 * row['effort'] / limit:.0f} % of {limit:g}",
-            "-" if row["lowest"] is None else f"{row['lowest']:.2f} to {row['highest']:.2f} rad",
+            f"{row['speed']:.2f}",
+            f"{row['effort']:.1f}",
+            "unknown" if limit is None else f"{100.0 * row['effort'] / limit:.0f} % of {limit:g}",
+            "-" if row["lowest"] is None else f"{row['lowest']:.2f} to {row['highest']:.2f}",
             "-" if share is None else f"{100.0 * share:.0f} %",
         )
     return table

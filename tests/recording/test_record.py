@@ -95,11 +95,15 @@ def test_info_shows_what_a_run_took_of_each_joint(path, sample, capsys, monkeypa
     lines = [line for line in table.splitlines() if "left_elbow_pitch" in line]
     assert len(lines) == 1
     assert "of 14" in lines[0]
-    assert f"{rows['left_elbow_pitch']['speed']:.2f} rad/s" in lines[0]
-    assert "greatest speed" in table
+    assert f" {rows['left_elbow_pitch']['speed']:.2f} " in lines[0]
+    assert "rad/s" in table
     assert "topics" not in table
     assert record(["info", str(path)]) == 0
     assert "ticks at an effort limit" in capsys.readouterr().out
+    monkeypatch.setenv("COLUMNS", "80")
+    assert record(["info", str(path), "--joints"]) == 0
+    narrow = capsys.readouterr().out
+    assert [name for name in header.joint_names if name not in narrow] == []
 
 
 def test_joints_of_an_unknown_robot_are_one_line(tmp_path, sample, capsys):
@@ -168,6 +172,6 @@ def test_bad_input_is_one_line_and_status_2(tmp_path, capsys, verb):
 
 
 def test_unknown_options_are_status_2(capsys):
-    for words in ([], ["info"], ["inspect", "x"], ["info", "x", "--colour"]):
+    for words in (["info"], ["inspect", "x"], ["info", "x", "--colour"]):
         assert record(words) == 2
         assert capsys.readouterr().err.count("\n") == 1
