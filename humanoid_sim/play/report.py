@@ -191,7 +191,8 @@ def _tracking_figures(tracking: TrackingSummary) -> dict[str, Any] | None:
 
 
 def _tracking(tracking: dict[str, Any]) -> Table:
-    title = f"Tracking, {tracking['samples']} policy steps, hands up to {tracking['peak_speed']:.2f} m/s"
+    speed = tracking["peak_speed"]
+    title = f"Tracking, {tracking['samples']} policy steps while the motion ran, hands up to {speed:.2f} m/s"
     errors_of = ("position RMS", "max", "orientation RMS", "max")
     table = _table(title, "body", *errors_of, right=errors_of)
     for errors in tracking["bodies"]:
