@@ -196,7 +196,7 @@ from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, Tick
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.rendering.video import VideoSink
 
-xml = '<mujoco><worldbody><body><joint/><geom size="0.1"/></body></worldbody></mujoco>''
+xml = '<mujoco><worldbody><body><joint/><geom size="0.1"/></body></worldbody></mujoco>'
 model = mujoco.MjModel.from_xml_string(xml)
 video = VideoSink(sys.argv[1], lambda: model, fps=30, size=(1920, 1080))
 output = TickOutput(MITCommand.zeros(1), ControlMode(Mode.STANDBY, "standby_controller_a"))
