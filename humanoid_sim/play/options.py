@@ -32,8 +32,8 @@ class PlayConfig:
     motion: str | None = None
     """Motion to follow: a sample motion ({motions}), or an .mcap file. Default with the sample policy: wave."""
     song: str | None = None
-    """Song of a piano policy: a sample song ({songs}), a MIDI file (.mid), or random:N, a generated song that no
-    training has seen. Default with the sample policy: ode_to_joy."""
+    """Song of a piano policy: a sample song ({songs}), a MIDI file (.mid), or random:N, a generated one.
+    Default with the sample policy: ode_to_joy."""
     again: Annotated[str | None, tyro.conf.arg(metavar="RECORDING")] = None
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
     with the same motion or command. Options override the recording's; another --policy comes with a contract of its
