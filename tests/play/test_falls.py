@@ -177,7 +177,6 @@ def test_a_fault_is_not_called_a_fall(run: Any, folder: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "with_"),
     [
-        (("--duration", "5"), "--duration"),
         (("--script", "damp"), "--script"),
         (("--remote", "gravity"), "--remote"),
         (("--hardware", "virtual:lite"), "--hardware"),
