@@ -164,7 +164,7 @@ def _observation(contract: PolicyContract) -> Iterator[Finding]:
             message = (
                 f"scale is {factor:g}: gravity would be fed as (0, 0, {-factor:g}) when upright; almost always wrong"
             )
-            yield Finding("warning", term.name, message, value=factor, is_decisive=True)
+            yield Finding("warning", field, message, value=factor, is_decisive=True)
         elif (np.atleast_1d(term.scale) < 0.0).any():
             yield Finding("warning", field, "has a negative scale", value=float(np.min(term.scale)))
         if term.clip is not None and (term.clip[0] == term.clip[1] or term.clip[0] > 0.0 or term.clip[1] < 0.0):

@@ -64,13 +64,16 @@ def test_suspicious_terms() -> None:
         observation=[
             Term("base_ang_vel", scale=0.0),
             Term("projected_gravity", scale=-1.0),
+            Term("base_lin_vel", scale=-2.0),
             Term("joint_pos", clip=(0.5, 1.0)),
             Term("joint_vel", scale=1e4),
         ]
     )
     findings = tuple(suspicious_findings(wiring))
     assert "sees zeros" in found(findings, "warning", "observation term base_ang_vel").message
-    assert "negative" in found(findings, "warning", "observation term projected_gravity").message
+    upside_down = found(findings, "warning", "observation term projected_gravity")
+    assert upside_down.message == "scale is -1: gravity would be fed as (0, 0, 1) when upright; almost always wrong"
+    assert found(findings, "warning", "observation term base_lin_vel").message == "has a negative scale"
     assert "does not hold 0" in found(findings, "warning", "observation term joint_pos").message
     assert "10000" in found(findings, "warning", "observation term joint_vel").message
 
