@@ -162,7 +162,8 @@ def test_gravity_that_points_up_stands_first(robot: RobotDescription) -> None:
     )
     findings = sorted_findings(suspicious_findings(upside_down, robot))
     assert str(findings[0]) == (
-        "observation term projected_gravity: scale is -1: gravity would be fed as (0, 0, 1) when upright; almost always wrong"
+        "observation term projected_gravity: "
+        "scale is -1: gravity would be fed as (0, 0, 1) when upright; almost always wrong"
     )
     assert "policy_dt" in [finding.field for finding in findings[1:]], "an equal that was found earlier"
 
