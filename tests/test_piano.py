@@ -111,6 +111,7 @@ def test_a_table_of_songs(capsys: pytest.CaptureFixture[str]) -> None:
             assert row[by]["score"]["steps"]["precision"] > 0.9
             assert row[by]["score"]["steps"]["f1"] > 0.8
             assert row[by]["contacts"] == []
+        assert row["policy"]["score"]["notes"]["f1"] > 0.85, "its notes begin on time"
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +20,10 @@ from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.fingers import HANDS
 from humanoid_sim.simulation.kinematics import MassMatrix
 
-__all__ = ["APART", "HOME", "Course", "Goal", "PianoPlayer", "Plan", "Timing", "goals_of"]
+__all__ = ["APART", "HOME", "Course", "Goal", "PianoPlayer", "Plan", "Timing", "goals_of", "smooth"]
 
 IntArray = npt.NDArray[np.intp]
+_Share = TypeVar("_Share", float, FloatArray)
 Course = FloatArray
 """The commands of one arm from a key to another, or down or up: shape (steps + 1, 7), rad, one row a policy step."""
 
@@ -167,16 +169,9 @@ class PianoPlayer:
         commands: FloatArray = np.clip(planned + lead / self._stiffness, self._lower, self._upper)
         return commands
 
-    @property
-    def settling(self) -> int:
-        """Steps after a way until the arm is still."""
-        return self._settle
-
-    def way(self, side: int, origin: int, key: int) -> Course:
-        """How a hand goes from over one key to over another."""
-        hand = _Hand(side, origin, {pose_number(ABOVE, origin): 1.0})
-        self._begin(hand, key, down=False, steps=max(self._way(origin, key), self._release))
-        return self._course(hand)
+    def way_steps(self, origin: int, key: int) -> int:
+        """How many the player needs from over one key to over another."""
+        return max(self._way(origin, key), self._release)
 
     def press(self, side: int, key: int) -> Course:
         """How a hand over a key presses it."""
@@ -184,10 +179,10 @@ class PianoPlayer:
         self._begin(hand, key, down=True, steps=self._press)
         return self._course(hand)
 
-    def release(self, side: int, key: int) -> Course:
-        """How a hand on a key releases it."""
+    def release(self, side: int, key: int, steps: int = 0) -> Course:
+        """How a hand on a key releases it, in so many steps if the player's are fewer."""
         hand = _Hand(side, key, {pose_number(PRESSED, key): 1.0}, down=True)
-        self._begin(hand, key, down=False, steps=self._release)
+        self._begin(hand, key, down=False, steps=max(self._release, steps))
         return self._course(hand)
 
     def _course(self, hand: _Hand) -> Course:
@@ -242,7 +237,7 @@ class PianoPlayer:
         if hand.start is None:
             return
         hand.step += 1
-        share = _smooth(hand.step / hand.steps)
+        share = smooth(hand.step / hand.steps)
         if hand.strokes:
             if hand.down:
                 share = _gentle(hand.step / hand.steps, float(self.poses.touch[hand.key]))
@@ -251,7 +246,7 @@ class PianoPlayer:
             way = abs(hand.key - hand.origin)
             # Up to the line on which hands are lifted, and down from there: between far poses lies no straight way.
             near = min(max(0.5 + (share - 0.5) * max(way / (2.0 * _LIFTED), 1.0), 0.0), 1.0)
-            lift = _smooth(min(min(share, 1.0 - share) * way / _LIFTED, 1.0))
+            lift = smooth(min(min(share, 1.0 - share) * way / _LIFTED, 1.0))
             along = hand.origin + share * (hand.key - hand.origin)
             low = min(int(along), KEY_COUNT - 2)
             hand.place = dict.fromkeys((hand.start, pose_number(ABOVE, hand.key)), 0.0)
@@ -286,7 +281,7 @@ class PianoPlayer:
             goes = bool(own) and _is_clear(hand.side, own[0].key, other.keys) and not _gives_way(hand.side, own, others)
             key = own[0].key if goes else self._aside(hand, others, other)
             if key != hand.key or hand.place == {READY: 1.0}:
-                self._begin(hand, key, down=False, steps=max(self._way(hand.key, key), self._release))
+                self._begin(hand, key, down=False, steps=self.way_steps(hand.key, key))
 
     def _way(self, a: int, b: int) -> int:
         """Steps from over one key to over another."""
@@ -358,7 +353,7 @@ def _gives_way(side: int, own: Sequence[Goal], others: Sequence[Goal]) -> bool:
     return bool(others) and others[0].start < own[0].start and not _is_clear(side, own[0].key, [others[0].key])
 
 
-def _smooth(share: float) -> float:
+def smooth(share: _Share) -> _Share:
     """From 0 to 1 with neither speed nor acceleration at the ends: least jerk (Flash and Hogan 1985)."""
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
@@ -366,8 +361,8 @@ def _smooth(share: float) -> float:
 def _gentle(time: float, touch: float) -> float:
     """The share of a stroke's way at a share of its time: the finger is almost still where it touches the key."""
     if time < _APPROACH:
-        return touch * _smooth(time / _APPROACH)
-    return touch + (1.0 - touch) * _smooth((time - _APPROACH) / (1.0 - _APPROACH))
+        return touch * smooth(time / _APPROACH)
+    return touch + (1.0 - touch) * smooth((time - _APPROACH) / (1.0 - _APPROACH))
 
 
 HOME = 30, 57

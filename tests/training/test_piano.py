@@ -9,11 +9,11 @@ import pytest
 
 from humanoid_sim.assets import PIANO_POLICY
 from humanoid_sim.evaluation.key_poses import ABOVE, PRESSED, KeyPoses
-from humanoid_sim.evaluation.piano_player import PianoPlayer
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.training.piano.hands import FAR, NONE, Motion, Moves, home, moves_of, player_of
+from humanoid_sim.training.piano.hands import FAR, NONE, Motion, Moves, home, moves_of, ways_of
 from humanoid_sim.training.piano.trace import piano_run
+from humanoid_sim.training.piano.ways import Ways
 
 OFFSETS = (0, *range(1, 13), *range(14, 31, 2), *range(35, 61, 5))
 KEYS = range(28, 60)
@@ -22,25 +22,31 @@ IntArray = npt.NDArray[np.int64]
 
 
 @pytest.fixture(scope="module")
-def player() -> PianoPlayer:
+def ways() -> Ways:
     robot = load_robot("lite_piano")
-    return player_of(robot, KeyPoses.of(robot, KEYS))
+    return ways_of(robot, KeyPoses.of(robot, KEYS))
 
 
 @pytest.fixture(scope="module")
-def moves(player: PianoPlayer) -> tuple[Moves, Moves]:
-    return moves_of(player, 0), moves_of(player, 1)
+def moves(ways: Ways) -> tuple[Moves, Moves]:
+    return moves_of(ways, 0), moves_of(ways, 1)
 
 
 def steps(
-    moves: tuple[Moves, Moves], pointed: IntArray, wait: float, left: float, count: int, rows: IntArray | None = None
+    moves: tuple[Moves, Moves],
+    pointed: IntArray,
+    wait: float,
+    left: float,
+    count: int,
+    rows: IntArray | None = None,
+    again: float = FAR,
 ) -> IntArray:
     """The rows of both hands, shape (count, S, 2), that are pointed at keys, shape (S, 2)."""
     rows = np.tile(home(moves), (len(pointed), 1)) if rows is None else rows
     found = []
     for step in range(count):
-        waits, lasts = (np.full(pointed.shape, max(value - step, 0.0)) for value in (wait, left))
-        rows = Motion().step(moves, rows, pointed, waits, lasts)
+        times = (np.full(pointed.shape, max(value - step, 0.0)) for value in (wait, left, again))
+        rows = Motion().step(moves, rows, pointed, *times)
         found.append(rows)
     return np.array(found)
 
@@ -49,10 +55,10 @@ def test_a_hand_goes_to_its_key_and_presses_it_in_time(moves: tuple[Moves, Moves
     own = moves[0]
     rows = steps(moves, np.array([[37, NONE]]), wait=30.0, left=50.0, count=60)[:, 0, 0]
     assert (own.key[rows] == 37).all(), "from its first step on it says where it goes"
-    assert own.origin[rows].tolist() == [30] * 6 + [37] * 54
-    assert np.flatnonzero(own.is_over[rows]).tolist() == [*range(6, 24), *range(52, 60)]
+    assert own.origin[rows].tolist() == [30] * 7 + [37] * 53
+    assert np.flatnonzero(own.is_over[rows]).tolist() == [*range(7, 24), *range(52, 60)]
     assert np.flatnonzero(own.depth[rows] > 0.0).tolist() == list(range(24, 52)), "from six steps before the note"
-    assert np.flatnonzero(own.depth[rows] == 1.0).tolist() == list(range(31, 50)), "up from a step before its end"
+    assert np.flatnonzero(own.depth[rows] == 1.0).tolist() == list(range(30, 50)), "up from a step before its end"
     assert rows[-1] == own.over[37 - 28]
 
 
@@ -75,7 +81,7 @@ def test_hands_keep_apart_wherever_they_are_pointed(moves: tuple[Moves, Moves]) 
     rng = np.random.default_rng(0)
     wait = rng.integers(0, 40, (len(cases), 2)).astype(float)
     for _ in range(40):
-        rows = Motion().step(moves, rows, cases[:, 2:], wait, np.full(wait.shape, FAR))
+        rows = Motion().step(moves, rows, cases[:, 2:], wait, *np.full((2, *wait.shape), FAR))
         far = np.maximum(left.key[rows[:, 0]], left.origin[rows[:, 0]])
         near = np.minimum(right.key[rows[:, 1]], right.origin[rows[:, 1]])
         assert (near - far).min() >= 5
@@ -83,15 +89,34 @@ def test_hands_keep_apart_wherever_they_are_pointed(moves: tuple[Moves, Moves]) 
     assert len(cases) == len(starts) * 121
 
 
-def test_a_hand_moves_as_the_player_does(player: PianoPlayer, moves: tuple[Moves, Moves]) -> None:
-    poses = player.poses
+def test_a_key_that_sounds_again_is_released_in_time(moves: tuple[Moves, Moves]) -> None:
+    own = moves[0]
+    begun = np.array([[own.follows[own.press[2] + own.busy[own.press[2]]], home(moves)[1]]])
+    rows = steps(moves, np.array([[30, NONE]]), wait=0.0, left=17.0, count=21, rows=begun, again=20.0)[:, 0, 0]
+    assert np.flatnonzero(own.is_down[rows]).tolist() == [*range(10), 20], "until ten steps before it"
+    assert np.flatnonzero(own.is_over[rows]).tolist() == [13]
+    assert own.depth[rows[14:]].tolist() == pytest.approx([share / 7 for share in range(1, 8)]), "at once, and in time"
+
+
+def test_a_hand_moves_as_the_player_does(ways: Ways, moves: tuple[Moves, Moves]) -> None:
+    player = ways.player
     for hand, own in enumerate(moves):
         keys = np.arange(own.lowest, own.highest + 1)
-        assert own.command[own.over] == pytest.approx(poses.table[hand, ABOVE, keys])
+        assert own.command[own.over] == pytest.approx(player.poses.table[hand, ABOVE, keys])
         bottom = own.follows[own.press + own.busy[own.press]]
-        assert own.command[bottom] == pytest.approx(poses.table[hand, PRESSED, keys])
-        way = own.way[0, 9]
-        assert own.command[way : way + own.busy[way] + 1] == pytest.approx(player.way(hand, keys[0], keys[9])[1:])
+        assert own.command[bottom] == pytest.approx(player.poses.table[hand, PRESSED, keys])
+        press, release = own.press[5], own.release[5]
+        assert own.command[press : press + own.busy[press] + 1] == pytest.approx(player.press(hand, keys[5])[1:])
+        assert own.command[release : release + own.busy[release] + 1] == pytest.approx(player.release(hand, keys[5]))
+
+
+def test_a_hand_is_slower_where_its_motors_carry_a_stretched_arm() -> None:
+    robot = load_robot("lite_piano")
+    ways = ways_of(robot, KeyPoses.of(robot, [*range(8, 32), *range(40, 44)]))
+    assert [len(ways.release(0, key)) - 1 for key in (8, 12, 30)] == [5, 4, 3]
+    pairs = (8, 9), (8, 12), (30, 26), (8, 20), (30, 18)
+    assert [len(ways(0, *pair)) for pair in pairs] == [4, 5, 5, 9, 11]
+    assert [ways.player.way_steps(*pair) for pair in pairs] == [4, 5, 5, 8, 8], "nowhere is it faster than the player"
 
 
 def test_the_last_command_tells_what_a_hand_does(moves: tuple[Moves, Moves]) -> None:
@@ -116,13 +141,13 @@ def observed(last: np.ndarray, table: np.ndarray, frame: int) -> np.ndarray:
 
 
 def test_the_shipped_policy_strikes_what_a_song_asks_for() -> None:
-    """Open loop: its commands go to the bottom of G3 and D5, each by one hand, in time, and come back."""
+    """Open loop: its commands go to the bottom of G3 and D5, each by one hand, in time, and come back; to G3 again."""
     checkpoint = load_checkpoint(PIANO_POLICY)
     contract = checkpoint.contract
     assert (contract.task_type, contract.policy_dt, contract.lookahead_steps) == ("piano", 0.02, OFFSETS[1:])
     session = onnxruntime.InferenceSession(str(PIANO_POLICY), providers=["CPUExecutionProvider"])
     table = np.zeros((120, 88))
-    table[60:80, 34] = table[70:100, 53] = 1.0
+    table[60:80, 34] = table[83:105, 34] = table[70:100, 53] = 1.0
     last, commands = np.zeros(14), []
     for frame in range(120):
         last = session.run(None, {"obs": observed(last, table, frame)})[0][0]
@@ -132,8 +157,8 @@ def test_the_shipped_policy_strikes_what_a_song_asks_for() -> None:
     for hand, key in ((0, 34), (1, 53)):
         bottom = poses.table[hand, PRESSED, key]
         down[:, hand] = [np.abs(command[7 * hand : 7 * hand + 7] - bottom).max() < 1e-4 for command in commands]
-    assert np.flatnonzero(down[:, 0]).tolist() == list(range(62, 78))
-    assert np.flatnonzero(down[:, 1]).tolist() == list(range(72, 98))
+    assert np.flatnonzero(down[:, 0]).tolist() == [*range(61, 73), *range(84, 101)]
+    assert np.flatnonzero(down[:, 1]).tolist() == list(range(71, 98))
 
 
 def test_the_shipped_policy_carries_samples_of_its_trainers_run() -> None:

@@ -95,7 +95,10 @@ def _graph(
     begins = g("ReduceMin", g("Add", ahead, g("Mul", far, silent)), axes=[1], keepdims=1)
     ends = g("Mul", silent, g("Cast", g("Greater", ahead, begins), to=onnx.TensorProto.FLOAT))
     wait = g.reshape(begins, -1, KEY_COUNT)
-    left = g("ReduceMin", g("Add", ahead, g("Mul", far, g("Sub", one, ends))), axes=[1], keepdims=0)
+    stops = g("ReduceMin", g("Add", ahead, g("Mul", far, g("Sub", one, ends))), axes=[1], keepdims=1)
+    left = g.reshape(stops, -1, KEY_COUNT)
+    asked = g("Mul", seen, g("Cast", g("Greater", ahead, stops), to=onnx.TensorProto.FLOAT))
+    again = g("ReduceMin", g("Add", ahead, g("Mul", far, g("Sub", one, asked))), axes=[1], keepdims=0)
 
     command = g("Add", g.columns("obs", 0, joints), g.constant(default))
     tables = [g.constant(own.command.T, f"commands.{hand}") for hand, own in enumerate(moves)]
@@ -106,9 +109,9 @@ def _graph(
         distance = g("ReduceSumSquare", error, axes=[1], keepdims=0)
         rows.append(g("ArgMin", distance, axis=1, keepdims=1))
 
-    answer = _pointed(g, weights, wait, left, g.columns("obs", joints, seen_from), moves, rows)
+    answer = _pointed(g, weights, (wait, left, again), g.columns("obs", joints, seen_from), moves, rows)
     actions = []
-    for hand, row in enumerate(_moved(g, motion, moves, rows, answer, wait, left)):
+    for hand, row in enumerate(_moved(g, motion, moves, rows, answer, (wait, left, again))):
         pose = g("Transpose", g.reshape(g("Gather", tables[hand], row, axis=1), _ARM, -1), perm=[1, 0])
         actions.append(g("Sub", pose, g.constant(default[arms[hand]])))
     order = np.argsort(np.concatenate(arms))
@@ -127,15 +130,15 @@ def _of_row(g: Graph, values: npt.NDArray[np.generic], row: str, to: int = onnx.
 def _pointed(
     g: Graph,
     weights: Mapping[str, npt.NDArray[np.float32]],
-    wait: str,
-    left: str,
+    times: tuple[str, str, str],
     pressed: str,
     moves: tuple[Moves, Moves],
     rows: list[str],
 ) -> str:
     """The key of each hand, (B, 2), `NONE` for none: `key_features` and `Pointer`."""
     most, keys = g.constant(60.0), g.constant(np.arange(KEY_COUNT))
-    near, soon = g("Min", wait, most), g("Min", left, most)
+    wait = times[0]
+    near, soon, later = (g("Min", part, most) for part in times)
     zeros = g("Mul", wait, g.constant(0.0))
 
     def fading(value: str, steps: float) -> str:
@@ -154,6 +157,8 @@ def _pointed(
         g("Div", near, most),
         fading(soon, 6.0),
         g("Div", soon, most),
+        fading(later, 6.0),
+        g("Div", later, most),
         g("Add", zeros, g.constant(np.arange(KEY_COUNT) / 44.0 - 1.0)),
         *away,
         *(g("Abs", distance) for distance in away),
@@ -176,7 +181,7 @@ def _pointed(
 
 
 def _moved(
-    g: Graph, motion: Motion, moves: tuple[Moves, Moves], rows: list[str], answer: str, wait: str, left: str
+    g: Graph, motion: Motion, moves: tuple[Moves, Moves], rows: list[str], answer: str, times: tuple[str, str, str]
 ) -> list[str]:
     """The next row of each hand, (B, 1): `Motion.step`."""
     far, none = g.constant(FAR), g.constant(NONE, dtype=np.int64)
@@ -184,11 +189,12 @@ def _moved(
     points, aim = [], []
     begins: list[str] = []
     ends: list[str] = []
+    repeats: list[str] = []
     for hand, own in enumerate(moves):
         pointed = g.columns(answer, hand, hand + 1)
         points.append(g("Less", pointed, none))
         in_song = g("Min", pointed, g.constant(KEY_COUNT - 1, dtype=np.int64))
-        for found, part in ((begins, wait), (ends, left)):
+        for found, part in zip((begins, ends, repeats), times, strict=True):
             found.append(g("Where", points[hand], g("GatherElements", part, in_song, axis=1), far))
         lowest, highest = (g.constant(key, dtype=np.int64) for key in (own.lowest, own.highest))
         aim.append(g("Min", g("Max", g("Where", points[hand], pointed, here[hand]), lowest), highest))
@@ -204,14 +210,14 @@ def _moved(
         to = g(farther, to, g.constant(bound, dtype=np.int64))
         lasts = g("And", g("Equal", aim[hand], key), g("Greater", ends[hand], g.constant(float(motion.stops))))
         lasts = g("And", points[hand], lasts)
-        in_time = g("LessOrEqual", begins[hand], g.constant(float(motion.sounds)))
-        still = _of_row(g, own.may_press, row)
+        once = g("Greater", repeats[hand], g.constant(float(motion.repeats)))
+        in_time = g("LessOrEqual", g("Where", once, begins[hand], repeats[hand]), g.constant(float(motion.sounds)))
         follows, index = _of_row(g, own.follows, row), g("Sub", key, g.constant(own.lowest, dtype=np.int64))
-        stays = g("Where", g("And", still, g("And", lasts, in_time)), _of_row(g, own.press, index), follows)
+        stays = g("Where", g("And", lasts, in_time), _of_row(g, own.press, index), follows)
         count = g.constant(len(own.over), dtype=np.int64)
         way = g("Add", g("Mul", index, count), g("Sub", to, g.constant(own.lowest, dtype=np.int64)))
         goes = g("Where", g("Equal", to, key), stays, _of_row(g, own.way.ravel(), way))
-        leaves = g("Where", lasts, follows, _of_row(g, own.release, index))
+        leaves = g("Where", g("And", lasts, once), follows, _of_row(g, own.release, index))
         free = g("Where", _of_row(g, own.is_over, row), goes, follows)
         found.append(g("Where", _of_row(g, own.is_down, row), leaves, free))
     return found

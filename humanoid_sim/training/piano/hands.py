@@ -1,9 +1,9 @@
 """What the hands of the piano policy can do, and the rule for what each does next.
 
-A hand is over a key, on its bottom, or on a course between two such places, which it always ends: the courses are the
-open-loop player's, with its leads, so that the arm is where it should be and is still when it strikes. Each policy step
-of each course is a row of commands of its own. The last command says which row a hand is in, so the policy remembers
-nothing.
+A hand is over a key, on its bottom, or on a course between two such places, which it always ends: a stroke of the
+open-loop player's, or one of the `Ways`. Each has the player's leads and takes as long as the motors need, so that the
+arm is where it should be and is still when it strikes. Each policy step of each course is a row of commands of its own.
+The last command says which row a hand is in, so the policy remembers nothing.
 """
 
 from __future__ import annotations
@@ -18,23 +18,21 @@ from humanoid_sim.evaluation.key_poses import ABOVE, PRESSED, KeyPoses
 from humanoid_sim.evaluation.piano_player import APART, HOME, PianoPlayer, Timing
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.training.piano.ways import Ways
 
-__all__ = ["FAR", "NONE", "POLICY_DT", "TIMING", "Motion", "Moves", "home", "moves_of"]
+__all__ = ["FAR", "NONE", "POLICY_DT", "TIMING", "Motion", "Moves", "home", "moves_of", "ways_of"]
 
 IntArray = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 POLICY_DT = 0.02
 """s"""
-TIMING = Timing(press=0.16, per_key=0.0105)
-"""A long way is slower than the player's, which the motors of an arm that is stretched out cannot follow: it would dip
-onto the keys that it passes."""
+TIMING = Timing(press=0.14)
+"""The player's, but a stroke is quicker."""
 FAR = 1000.0
 """Steps that stand for never."""
 NONE = 88
 """Stands for no key."""
-_MARK = 2e-4
-"""rad by which a hand that waits for its arm to come to rest is told from one that has waited: 0.03 mm at the tip."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,9 +52,7 @@ class Moves:
     depth: FloatArray
     """Shape (R,): 0 over a key, 1 on its bottom."""
     is_over: Flags
-    """Shape (R,): whether it can go to another key."""
-    may_press: Flags
-    """Shape (R,): whether it can press its key: it is over it, and its arm is still."""
+    """Shape (R,): whether it can press its key, or go to another."""
     is_down: Flags
     """Shape (R,): whether it is on the bottom of its key, which it can leave."""
     way: IntArray
@@ -84,7 +80,7 @@ class _Rows:
 
     def __init__(self) -> None:
         self.commands: list[FloatArray] = []
-        self.rows: list[tuple[int, int, int, int, float, bool, bool, bool]] = []
+        self.rows: list[tuple[int, int, int, int, float, bool, bool]] = []
 
     def add(
         self,
@@ -96,12 +92,11 @@ class _Rows:
         busy: int = 0,
         depth: float = 0.0,
         over: bool = False,
-        press: bool = False,
         down: bool = False,
     ) -> int:
         row = len(self.rows)
         self.commands.append(command)
-        self.rows.append((row if follows is None else follows, origin, key, busy, depth, over, press, down))
+        self.rows.append((row if follows is None else follows, origin, key, busy, depth, over, down))
         return row
 
     def course(self, commands: FloatArray, origin: int, key: int, then: int, depths: FloatArray) -> int:
@@ -122,30 +117,25 @@ class _Rows:
         return first
 
 
-def moves_of(player: PianoPlayer, hand: int, keys: Collection[int] | None = None) -> Moves:
-    """All that a hand can do, at the player's pace; it takes a few seconds.
+def moves_of(ways: Ways, hand: int, keys: Collection[int] | None = None) -> Moves:
+    """All that a hand can do; it takes a few seconds.
 
     Args:
-        player: of the robot, at `POLICY_DT`.
+        ways: of the robot, at `POLICY_DT`; the strokes are those of their player.
         hand: 0 is the left one.
         keys: next to each other, if not all that it reaches.
     """
-    poses, rows = player.poses, _Rows()
+    player, rows = ways.player, _Rows()
+    poses = player.poses
     own = [key for key in poses.keys[hand] if keys is None or key in keys]
     above, pressed = poses.table[hand, ABOVE], poses.table[hand, PRESSED]
-    over = {key: rows.add(above[key], key, key, over=True, press=True) for key in own}
+    over = {key: rows.add(above[key], key, key, over=True) for key in own}
     bottom = {key: rows.add(pressed[key], key, key, depth=1.0, down=True) for key in own}
-    arrived = dict(over)
-    for wait in range(1, player.settling):
-        for key in own:
-            marked = above[key].copy()
-            marked[-1] += _MARK * wait
-            arrived[key] = rows.add(marked, key, key, arrived[key], over=True)
     press, release = [], []
     for key in own:
         course = player.press(hand, key)[1:]
         press.append(rows.course(course, key, key, bottom[key], np.arange(1.0, len(course) + 1.0) / len(course)))
-        course = player.release(hand, key)  # from its start: without the lead the finger drags along the key
+        course = ways.release(hand, key)  # from its start: without the lead the finger drags along the key
         release.append(rows.course(course, key, key, over[key], 1.0 - np.arange(len(course)) / (len(course) - 1.0)))
     way = np.empty((len(own), len(own)), dtype=np.int64)
     for i, origin in enumerate(own):
@@ -153,9 +143,9 @@ def moves_of(player: PianoPlayer, hand: int, keys: Collection[int] | None = None
             if i == j:
                 way[i, j] = over[key]
                 continue
-            course = player.way(hand, origin, key)[1:]
-            way[i, j] = rows.course(course, origin, key, arrived[key], np.zeros(len(course)))
-    follows, origins, ends, busy, depth, is_over, may_press, is_down = (
+            course = ways(hand, origin, key)
+            way[i, j] = rows.course(course, origin, key, over[key], np.zeros(len(course)))
+    follows, origins, ends, busy, depth, is_over, is_down = (
         np.array(column) for column in zip(*rows.rows, strict=True)
     )
     return Moves(
@@ -166,7 +156,6 @@ def moves_of(player: PianoPlayer, hand: int, keys: Collection[int] | None = None
         busy,
         depth,
         is_over,
-        may_press,
         is_down,
         way,
         np.array(press),
@@ -188,11 +177,20 @@ class Motion:
     """Steps before a note's start at which its key is pressed: so long it takes until it sounds."""
     stops: int = 1
     """Steps before a note's end at which its key is released."""
+    repeats: int = 10
+    """Steps before its key is asked for again at which it is released at the latest: so long it takes until it sounds
+    once more."""
     apart: int = APART
     """Semitones that hands keep from each other."""
 
     def step(
-        self, moves: tuple[Moves, Moves], rows: IntArray, pointed: IntArray, wait: FloatArray, left: FloatArray
+        self,
+        moves: tuple[Moves, Moves],
+        rows: IntArray,
+        pointed: IntArray,
+        wait: FloatArray,
+        left: FloatArray,
+        again: FloatArray,
     ) -> IntArray:
         """The rows of both hands after a step; all arrays have the shape (S, 2).
 
@@ -205,9 +203,10 @@ class Motion:
             pointed: at which key each is pointed, `NONE` for none.
             wait: steps until the note of that key begins; 0 if it has begun.
             left: steps until it ends.
+            again: steps until that key's next note begins.
         """
         points = pointed < NONE
-        wait, left = np.where(points, wait, FAR), np.where(points, left, FAR)
+        wait, left, again = (np.where(points, steps, FAR) for steps in (wait, left, again))
         here = np.stack([own.key[rows[:, hand]] for hand, own in enumerate(moves)], axis=-1)
         aim = np.where(points, pointed, here)
         aim = np.stack([np.clip(aim[:, hand], own.lowest, own.highest) for hand, own in enumerate(moves)], axis=-1)
@@ -225,7 +224,9 @@ class Motion:
                 to = np.maximum(aim[:, hand], room)
             to = np.clip(to, own.lowest, own.highest)
             lasts = points[:, hand] & (aim[:, hand] == key) & (left[:, hand] > self.stops)
-            presses = lasts & (wait[:, hand] <= self.sounds) & own.may_press[row]
+            stays = lasts & (again[:, hand] > self.repeats)
+            soon = np.where(again[:, hand] > self.repeats, wait[:, hand], again[:, hand])
+            presses = lasts & (soon <= self.sounds)
             follows = own.follows[row]
             goes = np.where(
                 to != key,
@@ -234,12 +235,12 @@ class Motion:
             )
             found[:, hand] = np.where(
                 own.is_down[row],
-                np.where(lasts, follows, own.release[key - own.lowest]),
+                np.where(stays, follows, own.release[key - own.lowest]),
                 np.where(own.is_over[row], goes, follows),
             )
         return found
 
 
-def player_of(description: RobotDescription, poses: KeyPoses) -> PianoPlayer:
-    """Whose courses the policy's hands follow."""
-    return PianoPlayer(description, POLICY_DT, poses=poses, timing=TIMING)
+def ways_of(description: RobotDescription, poses: KeyPoses) -> Ways:
+    """Those that the policy's hands go."""
+    return Ways(PianoPlayer(description, POLICY_DT, poses=poses, timing=TIMING), description, POLICY_DT)

@@ -20,12 +20,12 @@ __all__ = ["FEATURES", "LOOKAHEAD", "OFFSETS", "Pointer", "key_features", "times
 LOOKAHEAD = (*range(1, 13), *range(14, 31, 2), *range(35, 61, 5))
 """Steps ahead at which the goals are seen: all of the near ones, few of the far ones."""
 OFFSETS = np.array([0, *LOOKAHEAD], dtype=np.float64)
-FEATURES = 16
+FEATURES = 18
 _WIDTH = 48
 
 
-def times(seen: npt.NDArray[np.floating]) -> tuple[FloatArray, FloatArray]:
-    """When each key begins and ends, in steps; `FAR` for never.
+def times(seen: npt.NDArray[np.floating]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """When each key begins, ends, and begins again, in steps; `FAR` for never.
 
     Args:
         seen: shape (..., T, 88), 0 or 1, the goals at `OFFSETS`.
@@ -36,15 +36,20 @@ def times(seen: npt.NDArray[np.floating]) -> tuple[FloatArray, FloatArray]:
     ahead = OFFSETS[:, None]
     wait = (ahead + FAR * (1.0 - seen)).min(axis=-2)
     released = (1.0 - seen) * (ahead > wait[..., None, :])
-    return wait, (ahead + FAR * (1.0 - released)).min(axis=-2)
+    left = (ahead + FAR * (1.0 - released)).min(axis=-2)
+    asked = seen * (ahead > left[..., None, :])
+    return wait, left, (ahead + FAR * (1.0 - asked)).min(axis=-2)
 
 
-def key_features(wait: FloatArray, left: FloatArray, pressed: FloatArray, hands: FloatArray) -> FloatArray:
+def key_features(
+    wait: FloatArray, left: FloatArray, again: FloatArray, pressed: FloatArray, hands: FloatArray
+) -> FloatArray:
     """What the network sees of each key, shape (..., 88, FEATURES).
 
     Args:
         wait: shape (..., 88), steps until it begins.
         left: shape (..., 88), steps until it ends.
+        again: shape (..., 88), steps until it begins once more.
         pressed: shape (..., 88), 1 where it is down.
         hands: shape (..., 2, 3), of each hand: the key that it is over or goes to, the steps until it is free to do
             anything else, and how deep it is, from 0 over the key to 1 on its bottom.
@@ -59,6 +64,8 @@ def key_features(wait: FloatArray, left: FloatArray, pressed: FloatArray, hands:
         near / 60.0,
         np.exp(-np.minimum(left, 60.0) / 6.0),
         np.minimum(left, 60.0) / 60.0,
+        np.exp(-np.minimum(again, 60.0) / 6.0),
+        np.minimum(again, 60.0) / 60.0,
         np.broadcast_to(keys / 44.0 - 1.0, wait.shape),
         *(away[..., hand] for hand in (0, 1)),
         *(np.abs(away[..., hand]) for hand in (0, 1)),

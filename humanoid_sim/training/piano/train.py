@@ -19,7 +19,7 @@ from humanoid_sim.policy.song import Note, Song, goals
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.training import TrainPianoConfig
 from humanoid_sim.training.piano.export import export_piano_policy
-from humanoid_sim.training.piano.hands import FAR, NONE, POLICY_DT, TIMING, Motion, Moves, home, moves_of, player_of
+from humanoid_sim.training.piano.hands import FAR, NONE, POLICY_DT, TIMING, Motion, Moves, home, moves_of, ways_of
 from humanoid_sim.training.piano.pointer import OFFSETS, Pointer, key_features, times
 
 __all__ = ["hands_of_notes", "train_piano"]
@@ -38,7 +38,7 @@ _IMPOSSIBLE, _CROSSED, _LATE = 1e5, 1e3, 200.0
 """What it costs, in semitones of way, that a hand cannot reach a key, is beyond the other, is late by a second."""
 _PRACTICE = Motion(sounds=7, stops=2)
 """How hands move in training: a step sooner than the exported policy's, so that they learn to be early."""
-_CUT = 5
+_CUT = 12
 """Steps by which a note ends sooner at most, for its hand to be in time for the next."""
 
 
@@ -49,6 +49,7 @@ class _Lesson:
     wait: npt.NDArray[np.int16]
     """Shape (S, F, 88), steps."""
     left: npt.NDArray[np.int16]
+    again: npt.NDArray[np.int16]
     target: npt.NDArray[np.int64]
     """Shape (S, F, 2): the key of each hand's next note, -1 for none."""
 
@@ -60,8 +61,8 @@ def train_piano(config: TrainPianoConfig) -> int:
     torch.set_num_threads(1)  # more are little faster, and sum in another order
     rng = np.random.default_rng(config.seed)
     description = load_robot("lite_piano")
-    player = player_of(description, KeyPoses.of(description))
-    moves = moves_of(player, 0), moves_of(player, 1)
+    ways = ways_of(description, KeyPoses.of(description))
+    moves = moves_of(ways, 0), moves_of(ways, 1)
     network, motion = Pointer(), _PRACTICE
     lesson = _lesson(description, rng, config.songs, moves, motion)
     collected: list[tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]] = []
@@ -77,7 +78,7 @@ def train_piano(config: TrainPianoConfig) -> int:
             loss, right = _epoch(network, optimiser, x, mask, y)
             print(f"round {number + 1}, epoch {epoch + 1}: loss {loss:.4f}, {100.0 * right:.2f} % right", flush=True)
     weights = {name: value.detach().numpy() for name, value in network.state_dict().items()}
-    export_piano_policy(output, weights, moves, player.poses.arms, description, Motion())
+    export_piano_policy(output, weights, moves, ways.player.poses.arms, description, Motion())
     print(f"{output}: {sum(value.size for value in weights.values())} weights")
     return 0
 
@@ -104,7 +105,7 @@ def _lesson(
     assert description.piano is not None
     hands = description.piano.hands
     frames = round(_SECONDS / POLICY_DT) + 2
-    wait, left = (np.empty((count, frames, 88), dtype=np.int16) for _ in range(2))
+    wait, left, again = (np.empty((count, frames, 88), dtype=np.int16) for _ in range(3))
     target = np.full((count, frames, 2), -1, dtype=np.int64)
     for i in range(count):
         song = random_song(rng, hands, seconds=_SECONDS, lead_in=float(rng.uniform(0.5, 1.2)))
@@ -112,10 +113,10 @@ def _lesson(
         rows = goals(song, POLICY_DT)[:frames]
         table[: len(rows)] = rows
         seen = table[np.minimum(np.arange(frames)[:, None] + OFFSETS.astype(int), frames - 1)]
-        wait[i], left[i] = times(seen)
+        wait[i], left[i], again[i] = times(seen)
         for hand, own in enumerate(hands_of_notes(song, hands)):
             target[i, :, hand] = _targets(own, frames, moves[hand], motion)
-    return _Lesson(wait, left, target)
+    return _Lesson(wait, left, again, target)
 
 
 def hands_of_notes(song: Song, reach: Sequence[Collection[int]]) -> tuple[list[Note], list[Note]]:
@@ -169,7 +170,7 @@ def _needed(key: int, following: int, moves: Moves, motion: Motion) -> int:
     """Steps from when a hand begins to leave a key until it sounds the next."""
     a, b = (min(max(k, moves.lowest), moves.highest) - moves.lowest for k in (key, following))
     way = 0 if a == b else int(moves.busy[moves.way[a, b]]) + 1
-    return int(moves.busy[moves.release[a]]) + way + round(TIMING.settle / POLICY_DT) + motion.sounds
+    return int(moves.busy[moves.release[a]]) + 1 + way + motion.sounds
 
 
 def _walk(
@@ -185,7 +186,7 @@ def _walk(
     rows = np.arange(count)
     found: list[tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]] = []
     for frame in range(frames):
-        wait, left = (part[:, frame].astype(np.float64) for part in (lesson.wait, lesson.left))
+        wait, left, again = (part[:, frame].astype(np.float64) for part in (lesson.wait, lesson.left, lesson.again))
         states = np.stack(
             [
                 np.stack([own.key[hands[:, i]], own.busy[hands[:, i]], own.depth[hands[:, i]]], axis=-1)
@@ -197,7 +198,7 @@ def _walk(
         for hand in (0, 1):
             key = states[:, hand, 0].astype(int)
             pressed[rows, key] = np.maximum(pressed[rows, key], states[:, hand, 2] >= _SOUNDS)
-        features = key_features(wait, left, pressed, states)
+        features = key_features(wait, left, again, pressed, states)
         soonest = np.argsort(wait, axis=1, kind="stable")[:, :_CANDIDATES]
         chosen = features[rows[:, None], soonest]
         asked = (wait[rows[:, None], soonest] < FAR).astype(np.float64)
@@ -218,7 +219,7 @@ def _walk(
                 strayed = own.over[rng.integers(len(own.over), size=count)]
                 hands[:, hand] = np.where(strays[:, hand] & ~own.is_down[hands[:, hand]], strayed, hands[:, hand])
         pointed = np.where(answer < _CANDIDATES, soonest[rows[:, None], np.minimum(answer, _CANDIDATES - 1)], NONE)
-        begins, ends = (part[rows[:, None], np.minimum(pointed, NONE - 1)] for part in (wait, left))
-        hands = motion.step(moves, hands, pointed, begins, ends)
+        song = (part[rows[:, None], np.minimum(pointed, NONE - 1)] for part in (wait, left, again))
+        hands = motion.step(moves, hands, pointed, *song)
     features_all, asked_all, right_all = zip(*found, strict=True)
     return np.concatenate(features_all), np.concatenate(asked_all), np.concatenate(right_all)
