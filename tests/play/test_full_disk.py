@@ -28,9 +28,9 @@ def in_namespace(*commands: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(tmp_path: Path) -> None:
+def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(runtime: Path) -> None:
     run = in_namespace(
-        SMALL.format(size="1m", folder=tmp_path),
+        SMALL.format(size="1m", folder=runtime),
         "mount -t tmpfs -o size=16k tmpfs /dev/shm",
         f"{PLAY} --record r.mcap; echo status $?",
         f"{sys.executable} -m humanoid_sim.replay r.mcap; echo status $?",
@@ -44,10 +44,10 @@ def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(tm
 
 
 @pytest.mark.slow
-def test_a_session_that_cannot_be_found_by_others_does_not_begin(tmp_path: Path) -> None:
+def test_a_session_that_cannot_be_found_by_others_does_not_begin(runtime: Path) -> None:
     filled = "head -c 1m /dev/zero > filler"
     run = in_namespace(
-        SMALL.format(size="16k", folder=tmp_path),
+        SMALL.format(size="16k", folder=runtime),
         f"{{ {filled} 2> nowhere; {PLAY} --record none; echo status $?; find run -type f | wc -l; }}",
     )
     assert run.stdout.endswith("status 2\n0\n"), run.stdout + run.stderr
